@@ -417,11 +417,12 @@ def way_m(truths: list[Pose2D]) -> NDArray[np.float64]:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
-def is_ever_sure(grid: GridMap, visit: Visit, first: int, reach_m: float, late: int) -> bool:
-    """Whether a robot that searches itself on a foreign map is ever sure within a distance."""
-    way = way_m(visit.truths)
-    last = int(np.searchsorted(way, way[first] + reach_m))
+def sure_after_m(grid: GridMap, visit: Visit, first: int, reach_m: float, late: int) -> float:
+    """How far a robot that searches itself on a map drives until it is sure; infinite if never."""
+    way = way_m(visit.truths[first:])
+    last = int(np.searchsorted(way, reach_m))
     localizer = Localizer(grid, [], LocalizerConfig(), 0)
-    return any(
-        one.state == "localized" for one in estimates(localizer, visit.scans[first:last], late)
-    )
+    for k, one in enumerate(estimates(localizer, visit.scans[first : first + last], late)):
+        if one.state == "localized":
+            return float(way[k])
+    return math.inf

@@ -27,7 +27,7 @@ from bench.harness.second_visits import (
     Visits,
     cropped,
     follow,
-    is_ever_sure,
+    sure_after_m,
     way_m,
 )
 
@@ -94,18 +94,20 @@ def simulated(visits: Visits, count: int, names: list[str], lates: list[int]) ->
 def foreign_maps(visits: Visits, houses: int, tries: int, lates: list[int]) -> None:
     """Search on maps of other houses, from scans all over a drive."""
     made = [visits.make(CASES[1], seed) for seed in range(houses)]
-    for reach_m, limit in ((2.0, 0), (10.0, 0.01)):
-        sure = total = 0
-        for number, visit in enumerate(made):
-            grid = made[(number + 1) % houses].grid
-            way = way_m(visit.truths)
-            starts = np.linspace(0, np.searchsorted(way, way[-1] - reach_m) - 1, tries)
-            for first in starts.astype(int):
-                late = lates[total % len(lates)]
-                sure += is_ever_sure(grid, visit, int(first), reach_m, late)
-                total += 1
-        show([at_most(f"foreign maps: sure within {reach_m:g} m, of {total}", sure,
-                      limit * total, digits=0)])  # fmt: skip
+    reaches_m = (2.0, 10.0)
+    sure_m: list[float] = []
+    for number, visit in enumerate(made):
+        grid = made[(number + 1) % houses].grid
+        way = way_m(visit.truths)
+        starts = np.linspace(0, np.searchsorted(way, way[-1] - reaches_m[-1]) - 1, tries)
+        for first in starts.astype(int):
+            late = lates[len(sure_m) % len(lates)]
+            sure_m.append(sure_after_m(grid, visit, int(first), reaches_m[-1], late))
+        print(number, [f"{m:.1f}" for m in sure_m[-tries:] if m < np.inf], flush=True)
+    for reach_m, share in zip(reaches_m, (0.0, 0.01), strict=True):
+        sure = int(np.sum(np.array(sure_m) < reach_m))
+        name = f"foreign maps: sure within {reach_m:g} m, of {len(sure_m)}"
+        show([at_most(name, sure, share * len(sure_m), digits=0)])
 
 
 def recorded(folder: Path, seeds: int, lates: list[int]) -> None:

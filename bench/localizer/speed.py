@@ -2,7 +2,8 @@
 
     python -m bench.localizer.speed [--repeats 60] [--full]
 
-400 × 400 cells at 5 cm, 2000 particles × 60 beams, one thread; the shortest time of many. Peers on
+400 × 400 cells at 5 cm, 2000 particles × 60 beams, one thread; the shortest time of many. "Cold" is
+the median with all caches overwritten before each update, as they are at 10 Hz. Peers on
 one x86-64 core, a whole update: ROS 1 AMCL 6.7 ms, Beluga 1.43 ms; the weights per particle and
 beam: AMCL 41 ns, Beluga 7.0 ns. Distance transform: AMCL 22 ms and 9.6 s.
 """
@@ -179,7 +180,7 @@ def measure_filter(repeats: int) -> list[Figure]:
         at_least("weights: times as fast as the textbook", slow_ns / fast_ns, 30.0, digits=1),
         Figure("textbook: whole update", f"{whole_slow_s * 1e3:.3f} ms"),
         Figure("ours: whole update", f"{whole_fast_s * 1e3:.3f} ms", "0.095 ms once"),
-        at_least("whole update: times as fast", whole_slow_s / whole_fast_s, 20.0, digits=1),
+        at_least("whole update: times as fast", whole_slow_s / whole_fast_s, 32.0, digits=1),
         *(
             Figure(
                 f"ours: {name}",
@@ -197,6 +198,32 @@ def whole_s(work: Callable[[], object], reset: Callable[[], object], repeats: in
         reset()
         times.append(shortest_s(work, 1))
     return min(times)
+
+
+EVICTING_MB = 96
+"""More than the caches of any processor that this runs on hold [MB]."""
+
+
+def measure_cold(repeats: int) -> list[Figure]:
+    """The whole update with hot and with cold caches: medians, since a cold one is never short."""
+    book, ours = same_scan(3)
+    waste = np.zeros(EVICTING_MB << 17)
+
+    def evict() -> None:
+        ours.take(book.poses)
+        waste[:] += 1.0
+
+    def keep() -> None:
+        ours.take(book.poses)
+
+    hot_s, cold_s = (
+        float(np.median([whole_s(ours.update, reset, 1) for _ in range(repeats)]))
+        for reset in (keep, evict)
+    )
+    return [
+        at_most("ours: whole update, hot, median", hot_s * 1e6, 100.0, "µs", 0),
+        at_most("ours: cold, times as long as hot", cold_s / hot_s, 1.6, digits=2),
+    ]
 
 
 def measure_distances(is_full: bool) -> list[Figure]:
@@ -235,7 +262,13 @@ def main() -> None:
     parser.add_argument("--full", action="store_true", help="more repeats")
     options = parser.parse_args()
     repeats = 300 if options.full else options.repeats
-    show([*measure_filter(repeats), *measure_difference(200 if options.full else 20)])
+    show(
+        [
+            *measure_filter(repeats),
+            *measure_cold(repeats),
+            *measure_difference(200 if options.full else 20),
+        ]
+    )
     show(measure_distances(options.full))
 
 

@@ -82,11 +82,13 @@ import numpy as np
 from bench.harness.figures import table
 from bench.planner.among_people import PEOPLE, is_free_blindly, recorded_rows
 from bench.planner.draw_visit import draw
-from bench.planner.situations import CELL_M, STATIC, Row, Scene
+from bench.planner.situations import CELL_M, SPEED_MPS, STATIC, Row, Scene
 from bench.planner.visit import LIDARS, Setting, Visit, drive
 
 OUT = Path(__file__).resolve().parents[2] / "out" / "home"
 FULL_SEEDS = 20
+STANDS_MPS, TURNS_RADPS = 0.05, 0.1
+"""Slower is standing, and not turning."""
 
 
 def rows_of(given: argparse.Namespace) -> list[Row]:
@@ -263,8 +265,29 @@ def line(name: str, visit: Visit) -> str:
     return (
         f"{name:27} seed {visit.seed:3} {visit.ending:20} {visit.seconds:6.1f} s of "
         f"{visit.ideal_s:5.1f}, {visit.driven_m:5.1f} m, {visit.recoveries} recoveries, "
-        f"closest {visit.closest_m:.3f} m{hits}"
+        f"closest {visit.closest_m:.3f} m{hits}; {doing(visit)}"
     )
+
+
+def doing(visit: Visit) -> str:
+    """What the robot did with its time."""
+    if len(visit.trace) < 2:
+        return "did not move"
+    poses = np.array([(pose.x, pose.y, pose.yaw) for _, pose in visit.trace])
+    times = np.maximum(np.diff([seconds for seconds, _ in visit.trace]), 1e-6)
+    moves = np.diff(poses, axis=0)
+    ahead = np.cos(poses[:-1, 2]) * moves[:, 0] + np.sin(poses[:-1, 2]) * moves[:, 1]
+    speeds = ahead / times
+    turns = np.abs((moves[:, 2] + math.pi) % (2.0 * math.pi) - math.pi) / times
+    stands = np.abs(speeds) < STANDS_MPS
+    shares = (
+        ("stood", stands & (turns < TURNS_RADPS)),
+        ("turned", stands & (turns >= TURNS_RADPS)),
+        ("backed", speeds <= -STANDS_MPS),
+        ("crept", (speeds >= STANDS_MPS) & (speeds < 0.5 * SPEED_MPS)),
+    )
+    total = float(times.sum())
+    return ", ".join(f"{what} {float(times[when].sum()) / total:.0%}" for what, when in shares)
 
 
 if __name__ == "__main__":

@@ -2,14 +2,15 @@
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from bench.planner.crowds import Crowd, Seen
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley_base.world.gaps import outline_to_point
-from trolley_base.world.simulation import OtherRobot, Simulation
+from trolley_base.world.simulation import OtherRobot
 
 PEOPLE_S = 0.02
 """People move and are judged in steps of this, a control period of base [s]."""
@@ -25,6 +26,32 @@ SOMEBODY = "somebody"
 _ANGLES = np.arange(20) * (2.0 * math.pi / 20)
 CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 """Outline of a body or a leg of radius 1; flat sides of a body of 0.2 m lie 2.5 mm inside."""
+
+
+class Placed(Protocol):
+    """Where a robot truly is."""
+
+    @property
+    def pose(self) -> Pose2D:
+        """In frame `map`."""
+        ...
+
+    @property
+    def twist(self) -> Twist2D:
+        """Its velocity."""
+        ...
+
+
+class World(Protocol):
+    """A robot that people walk around."""
+
+    def truth(self) -> Placed:
+        """Return where the robot is now."""
+        ...
+
+    def set_others(self, others: list[OtherRobot]) -> None:
+        """Stand people around the robot."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -65,7 +92,7 @@ class PeopleJudge:
         footprint: (n, 2) of the robot [m].
     """
 
-    def __init__(self, crowd: Crowd, world: Simulation, footprint: NDArray[np.float64]) -> None:
+    def __init__(self, crowd: Crowd, world: World, footprint: NDArray[np.float64]) -> None:
         self._crowd, self._world, self._footprint = crowd, world, footprint
         self._radius = float(np.hypot(*footprint.T).max())
         self._is_in_contact = np.zeros(len(crowd.at), dtype=np.bool_)

@@ -21,6 +21,7 @@ NOT_CONVERGED = "not_converged"
 EXISTS = "exists"
 OUTSIDE_MAP = "outside_map"
 IN_OBSTACLE = "in_obstacle"
+IN_PASSAGE = "in_passage"
 WRONG_MAP = "wrong_map"
 # Making maps.
 MAPPING = "mapping"
@@ -47,6 +48,7 @@ WAITING = "waiting"
 RESTARTED = "restarted"
 NOBODY = "nobody"
 PERSON_LOST = "person_lost"
+OFF_MAP = "off_map"
 # Trips.
 NOT_DRIVING = "not_driving"
 OTHER_GOAL = "other_goal"
@@ -88,6 +90,7 @@ SENTENCES: dict[str, str] = {
     EXISTS: "That name is taken; use `replace` to overwrite it.",
     OUTSIDE_MAP: "That place lies outside the map.",
     IN_OBSTACLE: "The robot does not fit there: something is in the way.",
+    IN_PASSAGE: "In that narrow place nobody gets past the robot while it stands there.",
     WRONG_MAP: "That place belongs to another map.",
     MAPPING: "A map is being made; save it or cancel it first.",
     NOT_MAPPING: "No map is being made.",
@@ -111,6 +114,7 @@ SENTENCES: dict[str, str] = {
     RESTARTED: "The service was restarted.",
     NOBODY: "The lidar sees nobody there whom the robot could follow.",
     PERSON_LOST: "The person is out of sight, so the robot no longer follows them.",
+    OFF_MAP: "The map ends here, and the way there leads further off it.",
     NOT_DRIVING: "No trip is under way.",
     OTHER_GOAL: "Somebody sent the robot elsewhere; resume the tour to continue.",
     NO_PLANNER: "The planner is not running; the trip continues when it is back.",

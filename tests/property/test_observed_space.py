@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
+from trolley.sight import SIGHT
 from trolley_base.drivers import LidarScan, MotionSample
 from trolley_base.odometry.track import OdometryTrack
 from trolley_base.safety.observed_space import PARAMS, ObservedSpace
@@ -112,7 +113,7 @@ class Twin:
         self, cell: Cell, is_seen: bool, is_echo: bool, is_dark: bool, unsure: bool, now: float
     ) -> None:
         if unsure:
-            cell.unsure_until = now + PARAMS.trail_s
+            cell.unsure_until = now + SIGHT.trail_s
         if is_seen:
             cell.seen = now
         elif is_echo:
@@ -122,9 +123,9 @@ class Twin:
             cell.seen = NEVER
 
     def knowledge(self, cell: Cell, now: float) -> str:
-        if now - cell.echo <= PARAMS.dark_s or now - max(cell.seen, cell.trail) <= PARAMS.fresh_s:
+        if now - cell.echo <= PARAMS.dark_s or now - max(cell.seen, cell.trail) <= SIGHT.fresh_s:
             return SEEN
-        if now - cell.seen <= PARAMS.memory_s or now - cell.trail <= PARAMS.trail_s:
+        if now - cell.seen <= SIGHT.memory_s or now - cell.trail <= SIGHT.trail_s:
             return FREE_BEFORE
         return UNSEEN
 

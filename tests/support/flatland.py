@@ -158,7 +158,9 @@ class Flatland:
     def odometry(self, stamp_ns: int) -> Odometry:
         return Odometry(stamp_ns=stamp_ns, pose=self.odom_T_base, twist=self.twist)
 
-    def estimate(self, stamp_ns: int, state: str = "localized") -> PoseEstimate:
+    def estimate(
+        self, stamp_ns: int, state: str = "localized", off_map: float | None = None
+    ) -> PoseEstimate:
         return PoseEstimate(
             stamp_ns=stamp_ns,
             map=self.grid.name,
@@ -167,6 +169,7 @@ class Flatland:
             state=state,  # pyright: ignore[reportArgumentType]
             match=1.0,
             spread=0.0,
+            off_map=off_map,
         )
 
     def scan(self, stamp_ns: int) -> Scan:

@@ -15,7 +15,7 @@ from trolley.cli.printing import say
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, seconds_text
 from trolley.client import Place, Robot, goal_to, person_at
-from trolley.codes import Refused
+from trolley.codes import SENTENCES, Refused
 from trolley.messages import GoalStatus, request_params
 
 
@@ -103,6 +103,8 @@ def _follow(robot: Robot, goal: str | None, timeout: float | None) -> GoalStatus
     last: GoalStatus | None = None
     try:
         for status in robot.follow(goal, timeout):
+            if status.warning and last is None:
+                say(f"Careful: {SENTENCES.get(status.warning, status.warning)}", err=True)
             last = status
             progress.show(_progress_text(status), f"{status.state} {status.reason}")
     except (KeyboardInterrupt, Refused) as error:

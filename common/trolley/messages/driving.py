@@ -19,7 +19,8 @@ class GoalStatus(Struct, frozen=True, kw_only=True):
     `pose` is the goal in `frame`; `distance_remaining` [m] along the path, `eta` and `elapsed` [s];
     `recoveries` counts attempts to get free; `blocked` are the points [m] in `frame` that are in
     the way. Of a robot that follows somebody, `person` is where they were seen last, in `frame`;
-    `pose`, the place behind them that it drives to, moves with them.
+    `pose`, the place behind them that it drives to, moves with them. `warning` is a code of what
+    speaks against the goal although the robot drives there: `in_passage`.
     """
 
     stamp_ns: StampNs
@@ -35,6 +36,7 @@ class GoalStatus(Struct, frozen=True, kw_only=True):
     recoveries: Count = 0
     blocked: list[Point] = []
     person: Point | None = None
+    warning: str = ""
 
 
 class Path(Struct, frozen=True, kw_only=True):

@@ -91,7 +91,8 @@ class PoseEstimate(Struct, frozen=True, kw_only=True):
 
     `pose` and `covariance` are null until first known. `match` is the share of beams that the map
     explains, `spread` [m] how far the hypotheses lie apart, `candidates` the places between which a
-    search cannot decide; `wants_turn` asks for a turn in place to tell them apart.
+    search cannot decide; `wants_turn` asks for a turn in place to tell them apart. `off_map` is how
+    far the robot has driven since the map ended [m], null on the map.
     """
 
     stamp_ns: StampNs
@@ -104,6 +105,7 @@ class PoseEstimate(Struct, frozen=True, kw_only=True):
     candidates: list[Candidate] = []
     wants_turn: bool = False
     message: str = ""
+    off_map: NonNegative | None = None
 
 
 class ParticleCloud(Struct, frozen=True, kw_only=True):

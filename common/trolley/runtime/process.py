@@ -137,7 +137,9 @@ class ServiceProcess:
         zenoh = self._config.zenoh
         try:
             keys = keys_for(zenoh.connect, self._config.path(zenoh.keys))
-            bus = open_bus_patiently(zenoh.connect, self._wait_for_router, keys)
+            bus = open_bus_patiently(
+                zenoh.connect, self._wait_for_router, keys, puts_apart=self._service.hears_apart
+            )
         except (KeysError, NotConnected) as error:
             self._log.error(str(error))
             return EXIT_CONFIG

@@ -85,6 +85,8 @@ class Service:
     """Whether it listens to the clocks of all robots."""
     one_per_host: ClassVar[bool] = False
     """Whether each host may run one of its own, told apart by the host's name in `health`."""
+    hears_apart: ClassVar[bool] = False
+    """Whether a flood of what it watches must not delay what it is asked, such as a stop."""
     own_time: TimeSource | None = None
     """Set in `__init__` by the service that owns robot time (`base`); the others follow `clock`."""
     parts: tuple[object, ...] = ()

@@ -168,11 +168,16 @@ class ZenohBus:
         calls_directly: call back on the threads that receive, in place of one for each subscriber
             and question. It is for callbacks that only store, in a process that ends without
             Python's own shutdown: a thread of Zenoh's that asks for Python's lock then aborts it.
+        puts_apart: give each subscriber a thread all the same: what waits for Python's lock then is
+            not received, so that a flood of one key would delay everything else by a second.
     """
 
-    def __init__(self, session: zenoh.Session, *, calls_directly: bool = False) -> None:
+    def __init__(
+        self, session: zenoh.Session, *, calls_directly: bool = False, puts_apart: bool = False
+    ) -> None:
         self._session = session
         self._calls_directly = calls_directly
+        self._puts_directly = calls_directly and not puts_apart
         self._served: dict[str, list[_Served]] = {}
         self._publishers: dict[tuple[str, str], zenoh.Publisher] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
@@ -224,7 +229,8 @@ class ZenohBus:
             payload = b"" if is_delete else _read(sample.payload)
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
 
-        subscriber = self._session.declare_subscriber(key_expr, self._handler(receive))
+        handler = zenoh.handlers.Callback(receive, indirect=not self._puts_directly)
+        subscriber = self._session.declare_subscriber(key_expr, handler)
         return _Declared(subscriber.undeclare)
 
     def newest(self, key: str) -> _Newest:
@@ -344,12 +350,16 @@ def open_bus(
 
 
 def open_bus_patiently(
-    endpoints: Sequence[str], wants_to_wait: Callable[[], bool], keys: HostKeys | None = None
+    endpoints: Sequence[str],
+    wants_to_wait: Callable[[], bool],
+    keys: HostKeys | None = None,
+    *,
+    puts_apart: bool = False,
 ) -> ZenohBus | None:
     """Wait for the router until it is there or `wants_to_wait()`, asked all the time, says no.
 
-    It is for services: the bus calls back directly (see `ZenohBus`). Opening blocks inside Zenoh,
-    where no signal reaches Python, so it runs on a thread of its own.
+    It is for services: the bus calls back directly (see `ZenohBus`, also on `puts_apart`). Opening
+    blocks inside Zenoh, where no signal reaches Python, so it runs on a thread of its own.
 
     Raises:
         NotConnected: The endpoints cannot be used at all.
@@ -361,7 +371,7 @@ def open_bus_patiently(
     def connect() -> None:
         try:
             session = zenoh.open(client_config(endpoints, keys=keys))
-            outcome.append(ZenohBus(session, calls_directly=True))
+            outcome.append(ZenohBus(session, calls_directly=True, puts_apart=puts_apart))
         except zenoh.ZError as error:
             outcome.append(error)
         ready.set()

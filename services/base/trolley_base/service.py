@@ -33,6 +33,7 @@ class BaseService(Service):
     """Owns the hardware, odometry and robot time, and decides which command is driven."""
 
     name = "base"
+    hears_apart = True
 
     def __init__(self, config: RobotConfig) -> None:
         """Read what the configuration names.

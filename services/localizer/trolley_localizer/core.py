@@ -18,7 +18,7 @@ from trolley.scanning import Reject, ScanInput, motion_since, problem_of
 from trolley_localizer.changes.change_detector import Change, ChangeDetector
 from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.estimate import CandidatePose, Estimate
-from trolley_localizer.filter.pose_estimator import PoseEstimator
+from trolley_localizer.filter.pose_estimator import AlignedPose, PoseEstimator
 from trolley_localizer.filter.scan_to_scan import PARAMS as SCANS
 from trolley_localizer.filter.scan_to_scan import LedPose, ScanToScan
 from trolley_localizer.matching.global_search import Place, SearchJob, SearchMap, is_near
@@ -31,6 +31,7 @@ from trolley_localizer.matching.map_matcher import (
     MatchScore,
     read_beams,
 )
+from trolley_localizer.resting import Rest
 from trolley_localizer.tracking_state import Evidence, TrackingMonitor, TrackingState
 
 
@@ -64,11 +65,58 @@ class LocalizerParams:
     """Time constant of that share [s]."""
     trusted_m: float = 5.0
     """A robot that comes back from further off the map must prove where it is [m]."""
+    searched_m: float = 0.5
+    """A place is believed only if a search no longer ago than this has found none beside it [m]."""
+    doubted_m: float = 3.0
+    """An estimate that has been in doubt over this distance may be wrong after all [m]."""
+    reach_devs: float = 3.0
+    reach_m: float = 0.5
+    reach_rad: float = 0.3
+    """The odometry has led the robot no farther off than so many standard deviations, and so much
+    more [m, rad]."""
+    reach_lasts_m: float = 5.0
+    """On the map for so long [m] without a place within reach, it may be anywhere."""
 
 
 PARAMS = LocalizerParams()
 
 PoseProblem = Literal["outside_map", "in_obstacle"]
+
+
+class Reach:
+    """Where a robot can be that no one has carried off: around where it was led without the map.
+
+    Args:
+        led: the pose, and how far off it may be.
+    """
+
+    def __init__(self, led: AlignedPose) -> None:
+        self._led = led
+        self._left_m = PARAMS.reach_lasts_m
+
+    def predict(self, step: Pose2D) -> None:
+        """Note an odometry step [m, m, rad]."""
+        self._led.predict(step)
+        self._left_m -= math.hypot(step.x, step.y)
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """The middle of it (3,) x, y [cells], yaw [rad]."""
+        return self._led.pose
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has led to no place for too long."""
+        return self._left_m < 0.0
+
+    def holds(self, pose: NDArray[np.float64], resolution: float) -> bool:
+        """Say whether the robot can be at a pose (3,) x, y [cells], yaw [rad]."""
+        shift, covariance = pose - self._led.pose, self._led.covariance
+        across = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+        around = math.sqrt(float(covariance[2, 2]))
+        away_m = (math.hypot(shift[0], shift[1]) - PARAMS.reach_devs * across) * resolution
+        turned = abs(math.remainder(float(shift[2]), 2.0 * math.pi)) - PARAMS.reach_devs * around
+        return away_m <= PARAMS.reach_m and turned <= PARAMS.reach_rad
 
 
 @dataclass(slots=True)
@@ -96,12 +144,16 @@ class Following:
     """It was found by a search: the odometry has not led to it."""
     is_searched: bool = False
     """Whether the whole map has been searched since the proof began."""
+    unsearched_m: float = 0.0
+    """Distance driven since the last search delivered, with turns counted in [m]."""
     driven_m: float = 0.0
     """Distance driven with this estimate, with turns counted in [m]."""
     known: float = 1.0
     """Share of beams that end on what the map knows, smoothed."""
     off_m: float = 0.0
     """Distance driven off the map since it ended [m]."""
+    doubted_m: float = 0.0
+    """Distance driven in doubt, without a break [m]."""
 
     @property
     def is_off_map(self) -> bool:
@@ -119,6 +171,8 @@ class SearchSchedule:
     """The one that runs began before the robot was carried off or put elsewhere."""
     since_s: float = math.inf
     """Robot time since the last search began [s]."""
+    unproven_m: float = 0.0
+    """Distance driven off the map or without a proof, with turns counted in [m]."""
 
 
 class Localizer:
@@ -144,18 +198,49 @@ class Localizer:
         self._mirrors = MirrorDetector(self.field)
         self.changes = ChangeDetector(self.field, config) if config.propose_changes else None
         self._state: Searching | Following = self._searching([])
+        self._reach: Reach | None = None
+        """Where the robot can be after a way off the map; None: wherever the scans say."""
         self._schedule = SearchSchedule()
+        self._rest = Rest()
+        self._stamp_ns: int | None = None
         self._last: ScanInput | None = None
+        """The newest scan that was used."""
+        self._said: Estimate | None = None
         self._beams: BeamSet | None = None
         self._map_T_odom: Pose2D | None = None
 
     # One scan.
 
     def step(self, scan: ScanInput) -> Estimate | Reject:
-        """Predict by the odometry, correct by the scan, judge whether to believe the outcome."""
-        reject = problem_of(scan, None if self._last is None else self._last.stamp_ns)
+        """Predict by the odometry, correct by the scan, judge whether to believe the outcome.
+
+        A robot that knows where it is and stands before what it saw already learns nothing: most
+        such scans are only looked at for whether that is so.
+        """
+        reject = problem_of(scan, self._stamp_ns)
         if reject is not None:
             return reject
+        self._stamp_ns = scan.stamp_ns
+        if self._rest.tells_nothing(scan) and self._is_settled and self._said is not None:
+            return self._said.held(scan)
+        self._said = self._use(scan)
+        return self._said
+
+    @property
+    def _is_settled(self) -> bool:
+        """Whether it is sure of the pose and looks for no other."""
+        following, schedule = self._state, self._schedule
+        return (
+            isinstance(following, Following)
+            and following.monitor.state == "localized"
+            and following.monitor.support >= self._config.good_support
+            and following.proof is None
+            and not following.rivals.exist
+            and not (schedule.is_wanted or schedule.is_running)
+        )
+
+    def _use(self, scan: ScanInput) -> Estimate:
+        """Learn from a scan."""
         motion = motion_since(self._last, scan, FRONT_END)
         beams = read_beams(scan, self.field.resolution, self._config.max_range_m)
         self._last, self._beams = scan, beams
@@ -202,18 +287,29 @@ class Localizer:
 
     def _predict(self, step: Pose2D) -> None:
         """Carry all that is followed through one odometry step."""
+        turned_m = PARAMS.turn_counts_m * abs(step.yaw)
+        driven_m = math.hypot(step.x, step.y) + turned_m
+        self._schedule.unproven_m += driven_m
+        if self._reach is not None:
+            self._reach.predict(step)
+            if self._reach.is_over:
+                self._reach = None
         match self._state:
             case Searching(places):
                 places.predict(step)
             case Following(rivals=rivals) as following:
                 self._estimator.predict(step)
                 rivals.predict(step)
-                turned_m = PARAMS.turn_counts_m * abs(step.yaw)
-                following.driven_m += math.hypot(step.x, step.y) + turned_m
+                following.driven_m += driven_m
+                following.unsearched_m += driven_m
                 if following.proof is not None:
                     following.proof.predict(step)
+                doubts = following.monitor.doubts
+                following.doubted_m = following.doubted_m + driven_m if doubts else 0.0
                 if following.is_off_map:
                     following.off_m += math.hypot(step.x, step.y)
+                elif following.proof is None:
+                    self._schedule.unproven_m = 0.0
 
     def _settle(self, searching: Searching, beams: BeamSet) -> None:
         """Correct the places of the last search, and follow one if it stands out."""
@@ -223,7 +319,7 @@ class Localizer:
         places.update(beams)
         winner = places.winner()
         if winner is not None:
-            self._follow_winner(winner, places.views)
+            self._follow_winner(winner, places.views, beams)
         elif searching.has_result and self._schedule.since_s > self._config.search_again_s:
             # What stands out by now may not be among the places found from where it began.
             self._schedule.is_wanted = not places.is_plausible or places.is_stale
@@ -252,12 +348,15 @@ class Localizer:
         if following.off_m > PARAMS.trusted_m and following.proof is None:
             following.proof = Proof(has_prior=True)
             following.is_proven = following.is_searched = False
+            led = AlignedPose(self.field, self._config)
+            led.reset(self._estimator.pose, self._estimator.covariance)
+            self._reach = Reach(led)
         following.off_m = 0.0
 
     def _break(self, following: Following) -> None:
         """Note that the robot may have been carried off: the odometry's word is worth nothing."""
         following.is_proven = following.is_searched = False
-        following.proof = Proof()
+        following.proof, self._reach = Proof(), None
         following.rivals = Rivals(self.field, self._matcher, self._config)
         self._schedule.is_wanted = True
         self._schedule.is_void = self._schedule.is_running
@@ -267,9 +366,16 @@ class Localizer:
         proof = following.proof
         if proof is None or beams.is_blind or following.is_off_map:
             return
-        proof.add(score)
+        if proof.is_due:
+            pinned = self._matcher.pinned(self._estimator.pose, beams)
+            if following.is_found:
+                proof.add(score.value, pinned)
+            else:
+                proof.add(score.tracked, pinned, score.known)
+        if proof.is_right and following.unsearched_m > PARAMS.searched_m:
+            following.is_searched = False  # Other places may fit better from here.
         if proof.is_right and following.is_searched and not following.rivals.exist:
-            following.proof, following.is_found = None, False
+            following.proof, following.is_found, self._reach = None, False, None
             following.is_proven = True
             following.monitor.vouch(score.tracked)
 
@@ -281,7 +387,7 @@ class Localizer:
         rivals.update(beams, self._estimator.pose, self._preferred(following, score))
         winner = rivals.winner()
         if winner is not None:
-            return self._follow_winner(winner, rivals.views)
+            return self._follow_winner(winner, rivals.views, beams)
         if not rivals.exist:
             self._confirm(following, score.value)
         return following
@@ -289,20 +395,26 @@ class Localizer:
     def _is_disproven(self, following: Following) -> bool:
         """Say whether the place that was to be proven is given up.
 
-        One that a search has found is at the first sign. One to which the odometry has led may
-        have somebody in front of it for a moment.
+        One that a search has found is at the first sign. One from before the robot may have been
+        carried off may have somebody in front of it for a moment. One to which the odometry has led
+        is kept, and the whole map searched again, until another place stands out.
         """
         proof = following.proof
         if proof is None or not following.is_searched:
+            return False
+        if proof.has_prior:
+            if proof.is_overdue:
+                following.proof, following.is_searched = Proof(has_prior=True), False
             return False
         return proof.is_overdue or (proof.is_against and following.is_found)
 
     def _doubt(self, following: Following, *, is_silent: bool) -> None:
         """Have the whole map searched again if the estimate has been in doubt for a while."""
         proof, schedule = following.proof, self._schedule
-        was_led_here = proof is None or proof.has_prior
-        if is_silent or (was_led_here and following.known < PARAMS.search_known):
+        if is_silent or (proof is None and following.known < PARAMS.search_known):
             return
+        if following.doubted_m > PARAMS.doubted_m:
+            following.is_proven, following.doubted_m = False, 0.0
         if proof is not None and not following.is_searched:
             schedule.is_wanted = True
         elif following.monitor.doubts and schedule.since_s > self._config.search_again_s:
@@ -339,6 +451,7 @@ class Localizer:
             spread=self._estimator.spread_m,
             beam_classes=classes,
             message=self._why_unsure(following, beams),
+            off_m=following.off_m if following.is_off_map else None,
         )
 
     def _why_unsure(self, following: Following, beams: BeamSet) -> str:
@@ -409,6 +522,7 @@ class Localizer:
 
     def set_mirrors(self, polylines: Sequence[NDArray[np.float64]]) -> None:
         """Replace the mirrors and panes: (n, 2) points [m] in the map frame each."""
+        self._rest.end()
         self._matcher.mirrors = make_lines(self.field, polylines)
         self._mirrors.reset()
         self._matcher.suspects = self._mirrors.lines()
@@ -447,15 +561,17 @@ class Localizer:
             )
         sane = sane_covariance(covariance)
         self._follow(self.field.to_cells(map_T_base), self.field.covariance_to_cells(sane))
-        self._schedule.is_wanted = True
+        self._schedule.is_wanted, self._reach = True, None
 
     def search(self) -> None:
         """Forget where the robot is and search the whole map with the next scan."""
+        self._reach, self._schedule.unproven_m = None, 0.0
         self._begin_search()
 
     def restart_odometry(self) -> None:
         """Take the next odometry as the beginning of a new run: no step leads to it."""
-        self._last = None
+        self._last = self._stamp_ns = None
+        self._rest.end()
         self._estimator.forget_motion()
 
     # Searches of the whole map.
@@ -468,18 +584,25 @@ class Localizer:
         if self._last is None or self._beams is None or self._beams.is_blind:
             return None
         schedule.is_wanted, schedule.is_running, schedule.since_s = False, True, 0.0
-        followed = self._estimator.pose.copy() if isinstance(self._state, Following) else None
+        followed = None
+        if isinstance(self._state, Following):
+            followed = self._estimator.pose.copy()
+        elif self._reach is not None:
+            followed = self._reach.pose.copy()
         odom_T_base = self._last.odom_T_base
         return SearchJob(self._search_map, self._matcher, self._beams, odom_T_base, followed)
 
     def finish(self, job: SearchJob) -> None:
         """Take the outcome of a search into account."""
         self._schedule.is_running = False
+        self._rest.end()
         if self._last is None or self._schedule.is_void:
             self._schedule.is_wanted, self._schedule.is_void = True, False
             return
         step = job.odom_T_base.inverse() @ self._last.odom_T_base
         places = [Place(self._carried(place.pose, step), place.support) for place in job.places]
+        if self._reach is not None:
+            places = [p for p in places if self._reach.holds(p.pose, self.field.resolution)]
         if isinstance(self._state, Searching):
             self._state = self._searching(places, has_result=True)
         elif job.followed is not None and job.support is not None:
@@ -501,7 +624,7 @@ class Localizer:
         resolution = self.field.resolution
         elsewhere = [p for p in places if not is_near(p.pose, followed, resolution)]
         here = [p for p in places if is_near(p.pose, followed, resolution)]
-        following.is_searched = True
+        following.is_searched, following.unsearched_m = True, 0.0
         own = max([score, *(p.support for p in here)], key=lambda one: one.value)
         value = self._preferred(following, own)
         best = max((p.support.value for p in elsewhere), default=0.0)
@@ -522,6 +645,9 @@ class Localizer:
 
     def _preferred(self, following: Following, score: MatchScore) -> float:
         """Return the support of the estimate, with a bonus for having been right so far."""
+        if following.proof is not None and not following.is_found:
+            # The odometry has led here: the unknown speaks neither for nor against it.
+            return PROOF.between + score.known * (score.tracked - PROOF.between)
         if not following.is_proven:
             return score.value
         return score.value + PARAMS.loyalty * max(0.0, 1.0 - score.astray / PARAMS.loyalty_astray)
@@ -552,6 +678,7 @@ class Localizer:
 
     def _follow(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> Following:
         """Begin to follow a pose in cells."""
+        self._rest.end()
         self._estimator.reset(pose, covariance)
         rivals = Rivals(self.field, self._matcher, self._config)
         following = Following(TrackingMonitor(self._config), rivals)
@@ -561,10 +688,11 @@ class Localizer:
         self._schedule.is_void = self._schedule.is_running
         return following
 
-    def _follow_winner(self, winner: Hypothesis, views: int) -> Following:
+    def _follow_winner(self, winner: Hypothesis, views: int, beams: BeamSet) -> Following:
         """Follow a place that stands out from all others; driving on must prove it."""
         following = self._follow(winner.pose, self._found_covariance())
-        following.proof = Proof(winner.total, views)
+        following.proof = Proof(self._schedule.unproven_m)
+        following.proof.add(winner.total / views, self._matcher.pinned(winner.pose, beams))
         following.is_found = following.is_searched = True
         return following
 

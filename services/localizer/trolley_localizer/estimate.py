@@ -1,11 +1,12 @@
 """What the localizer says after each scan."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley.scanning import ScanInput
 from trolley_localizer.tracking_state import TrackingState
 
 
@@ -43,3 +44,11 @@ class Estimate:
     """Whether a turn in place would help to tell the candidates apart."""
     message: str = ""
     """What is the matter, in one sentence; empty when all is well."""
+    off_m: float | None = None
+    """Distance driven since the map ended [m]; None on the map."""
+
+    def held(self, scan: ScanInput) -> "Estimate":
+        """Return the same at the stamp of a later scan, which told nothing new."""
+        known = self.map_T_odom
+        pose = None if known is None else (known @ scan.odom_T_base).wrapped()
+        return replace(self, stamp_ns=scan.stamp_ns, map_T_base=pose)

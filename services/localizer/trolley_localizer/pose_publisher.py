@@ -90,6 +90,7 @@ def pose_message(estimate: Estimate, map_name: str) -> PoseEstimate:
         ],
         wants_turn=estimate.wants_turn,
         message=estimate.message,
+        off_map=estimate.off_m,
     )
 
 

@@ -3,7 +3,7 @@
 import math
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,9 +11,11 @@ from trolley import codes
 from trolley.codes import SENTENCES, Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, wrap_angle
+from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley.messages import GoalState, GoalStatus
 from trolley.messages.request_params import SendGoal
 from trolley_planner.context.planning_context import PlanningContext, position_trouble
+from trolley_planner.costmap.parts import label_parts
 from trolley_planner.paths.path import PlannedPath
 from trolley_planner.sensing.inputs import Inputs
 
@@ -21,6 +23,21 @@ VIA_RADIUS_M = 0.3
 """Via points count as passed within this."""
 ACTIVE = ("planning", "driving", "recovering", "paused")
 """States of a goal that is not over."""
+
+
+@dataclass(frozen=True, slots=True)
+class PassageParams:
+    """When a robot at its goal is in everybody's way; by hand."""
+
+    person_m: float = 0.22
+    """Half the width that somebody needs who walks past."""
+    window_m: float = 1.5
+    """What is looked at: this far from the goal along both axes."""
+    leads_on_m: float = 1.2
+    """A part of the floor that reaches farther than this leads on; others are niches."""
+
+
+PASSAGE = PassageParams()
 
 
 @dataclass(slots=True)
@@ -48,6 +65,8 @@ class Goal:
     tolerances: Tolerances
     speed: float | None
     sent_ns: int
+    warning: str = ""
+    """Code of what speaks against it, although it is driven to."""
 
 
 def nearest_free_pose(
@@ -196,7 +215,8 @@ def validate(
     path = _first_path(context, here, targets, goal_yaw)
     if path is None:
         raise _no_path(context, here, targets)
-    return ValidatedGoal(goal, path)
+    warning = codes.IN_PASSAGE if blocks_passage(context, targets[-1]) else ""
+    return ValidatedGoal(replace(goal, warning=warning), path)
 
 
 def check_clearance(
@@ -219,6 +239,35 @@ def check_clearance(
         if context.costmap.is_unknown(in_grid.x, in_grid.y):
             raise Refused(codes.IN_OBSTACLE, "The map does not show what is there.")
         raise Refused(codes.IN_OBSTACLE)
+
+
+def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
+    """Say whether a robot that stands there leaves nobody a way past it, by the map.
+
+    The floor around, on which somebody could walk from one side of it to the other, falls into
+    parts then, and more than one of them leads on.
+    """
+    costmap, footprint = context.costmap, context.footprint
+    half = math.ceil(PASSAGE.window_m / costmap.resolution_m)
+    centre = [math.floor(at / costmap.resolution_m) for at in (pose_grid.y, pose_grid.x)]
+    rows, cols = (
+        slice(max(at - half, 0), min(at + half + 1, size))
+        for at, size in zip(centre, costmap.shape, strict=True)
+    )
+    walkable = costmap.static_distance_m[rows, cols] >= PASSAGE.person_m
+    y, x = np.mgrid[rows, cols]
+    points = (np.stack([x.ravel(), y.ravel()], axis=1) + 0.5) * costmap.resolution_m
+    local = pose_grid.inverse().transform_points(points)
+    past = distance_to_outline(footprint.polygon, local) >= PASSAGE.person_m
+    past &= ~polygon_contains(footprint.polygon, local)
+    past = past.reshape(walkable.shape) & walkable
+    before, after = np.empty(walkable.shape, np.int32), np.empty(walkable.shape, np.int32)
+    label_parts(before, walkable, walkable)
+    label_parts(after, past, past)
+    away = np.abs(points - (pose_grid.x, pose_grid.y)).max(axis=1).reshape(walkable.shape)
+    leads_on = (away > PASSAGE.leads_on_m) & (after > 0)
+    sides = np.unique(np.stack([before[leads_on], after[leads_on]]), axis=1)
+    return len(np.unique(sides[0])) < sides.shape[1]
 
 
 def _first_path(
@@ -333,6 +382,7 @@ class StatusBoard:
             recoveries=0 if details is None else details.recoveries,
             blocked=[] if details is None else details.blocked,
             person=None if details is None else details.person,
+            warning="" if goal is None else goal.warning,
         )
         self.history.remember(status)
         return status

@@ -137,6 +137,7 @@ class Navigator:
     def maintain(self, now_ns: int) -> None:
         """Do what may take longer, after the command is out: forget, look for a better path."""
         self.costmap_manager.maintain(now_ns)
+        self._keep_to_the_map(now_ns)
         if self.execution is None or not self._is_driving:
             return
         now = self._motion_state.control_input(self.execution.goal.speed, now_ns, 0.0)
@@ -153,6 +154,26 @@ class Navigator:
         else:
             self._keep_behind(self.execution, now_ns)
             self.execution.replan_if_due(now)
+
+    def _keep_to_the_map(self, now_ns: int) -> None:
+        """Pause a goal whose way leads further off the map; go on when the robot is back on it."""
+        execution, goal, off_m = self.execution, self.board.goal, self.inputs.off_map_m
+        if execution is None or goal is None:
+            return
+        if off_m is not None:
+            if self._is_driving and execution.route.leads_off_map(off_m):
+                self._pause(codes.OFF_MAP, now_ns)
+            return
+        base, pose = self.inputs.base, self.inputs.pose
+        is_ours = base is None or (base.source in (None, OWN_SOURCE) and not base.is_halted)
+        is_back = pose is not None and pose.state == "localized"
+        if (self.board.state, self.board.reason) != ("paused", codes.OFF_MAP) or not is_back:
+            return
+        if is_ours and self.costmap_manager.trouble(now_ns) is None:
+            try:
+                self.resume(WhichGoal(id=goal.id), now_ns)
+            except Refused as refusal:
+                self._end("failed", refusal.code, now_ns, refusal.message)
 
     def _keep_behind(self, execution: GoalExecution, now_ns: int) -> None:
         """Move the goal on behind a person who is followed."""

@@ -34,6 +34,7 @@ class PerfectRobot(Service):
         self.base_state = BaseState(stamp_ns=0, mode="ok")
         self.silent: set[str] = set()
         self.pose_state = "localized"
+        self.off_map_m: float | None = None
 
     @property
     def robot_ns(self) -> int:
@@ -85,7 +86,7 @@ class PerfectRobot(Service):
         if "pose" not in self.silent:
             if "correction" not in self.silent:
                 self.publish(topics.TF, self.world.correction(stamp), "odom")
-            self.publish(topics.POSE, self.world.estimate(stamp, self.pose_state))
+            self.publish(topics.POSE, self.world.estimate(stamp, self.pose_state, self.off_map_m))
 
 
 class Stage:

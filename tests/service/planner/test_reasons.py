@@ -11,6 +11,7 @@ from support.flatland import Flatland, Ice, empty_room, two_rooms, with_block
 from trolley import codes, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D, Twist2D
+from trolley.gridmap import UNKNOWN, GridMap
 from trolley.messages import Suspects
 from trolley.messages.sensing import SuspectLine
 
@@ -138,4 +139,41 @@ def test_nothing_is_seen_behind_a_suspected_mirror(tmp_path: Path) -> None:
     stage.lockstep.publish(topics.SUSPECTS, Suspects(stamp_ns=2, lines=[]))
     stage.lockstep.run(2.0)
     assert is_seen()
+    stage.lockstep.close()
+
+
+def left_room_only() -> GridMap:
+    """A map that knows nothing of the room on the right."""
+    known = two_rooms()
+    cells = known.cells.copy()
+    cells[:, round(4.2 / known.resolution) :] = UNKNOWN
+    return GridMap(known.name, known.resolution, known.origin, cells)
+
+
+def test_off_the_map_a_goal_further_off_waits_until_the_robot_is_back(tmp_path: Path) -> None:
+    world = Flatland(left_room_only(), START, two_rooms())
+    stage = Stage(tmp_path, world, unknown_is_free=True)
+    stage.send(FAR_SIDE)
+    assert stage.lockstep.run_until(lambda: world.pose.x > 4.5, 60.0)
+    stage.robot.pose_state, stage.robot.off_map_m = "unsure", 0.3
+    paused = stage.until("paused", 2.0)
+    assert (paused.reason, paused.message) == (codes.OFF_MAP, codes.SENTENCES[codes.OFF_MAP])
+    assert stage.stands()
+    stage.robot.say(mode="ok", source="teleop")
+    stage.robot.pose_state, stage.robot.off_map_m = "localized", None
+    assert stage.stands(), "somebody else drives it"
+    assert stage.goals[-1].state == "paused"
+    stage.robot.say(mode="ok", source=None)
+    assert stage.until("arrived").reason == ""
+    stage.lockstep.close()
+
+
+def test_off_the_map_a_goal_on_the_way_back_is_driven_to(tmp_path: Path) -> None:
+    there = Pose2D(6.0, 3.5, math.pi)
+    stage = Stage(tmp_path, Flatland(left_room_only(), there, two_rooms()), unknown_is_free=True)
+    stage.robot.pose_state, stage.robot.off_map_m = "unsure", 4.0
+    stage.lockstep.run(0.5)
+    stage.send(START)
+    assert stage.until("arrived").reason == ""
+    assert "paused" not in {goal.state for goal in stage.goals}
     stage.lockstep.close()

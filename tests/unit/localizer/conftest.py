@@ -1,6 +1,7 @@
 """A flat with rooms of different shapes, and scans of it without errors."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -12,6 +13,7 @@ from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
 from trolley.scanning import ScanInput
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
+from trolley_localizer.matching.global_search import SearchJob
 
 BEAMS = 360
 RESOLUTION = 0.05
@@ -115,6 +117,72 @@ class Drive:
         return (
             math.inf if estimate.map_T_base is None else estimate.map_T_base.distance_to(self.pose)
         )
+
+
+LATE = [0, 9, *(pytest.param(late, marks=pytest.mark.slow) for late in (1, 4, 20))]
+"""How many scans later a search delivers."""
+
+
+def make_house() -> GridMap:
+    """Two rooms of different shapes, side by side, with a door between them."""
+    cells = np.full((100, 260), OCCUPIED, np.int8)
+    cells[2:98, 2:128] = FREE
+    cells[2:98, 132:258] = FREE
+    cells[40:60, 128:132] = FREE
+    for r0, r1, c0, c1 in (
+        (2, 22, 30, 50), (80, 98, 70, 95), (60, 70, 10, 16),
+        (2, 30, 160, 175), (70, 98, 200, 214), (30, 38, 236, 258), (64, 72, 150, 158),
+    ):  # fmt: skip
+        cells[r0:r1, c0:c1] = OCCUPIED
+    return GridMap("house", RESOLUTION, Pose2D(0.0, 0.0, 0.0), cells)
+
+
+class LateDrive(Drive):
+    """A drive on which searches deliver some scans late."""
+
+    def __init__(self, grid: GridMap, localizer: Localizer, start: Pose2D, late: int) -> None:
+        super().__init__(grid, localizer, start)
+        self._late = late
+        self._scans = 0
+        self.worst_m = 0.0
+        self._jobs: deque[tuple[int, SearchJob]] = deque()
+
+    def look(self) -> Estimate:
+        """Take a scan from where the robot is."""
+        while self._jobs and self._jobs[0][0] <= self._scans:
+            self.localizer.finish(self._jobs.popleft()[1])
+        self._scans += 1
+        self.stamp_ns += 100_000_000
+        scan = make_scan(self.grid, self.pose, self.odom, self.stamp_ns)
+        estimate = self.localizer.step(scan)
+        assert isinstance(estimate, Estimate)
+        job = self.localizer.take_job()
+        if job is not None:
+            self._jobs.append((self._scans + self._late, job.run()))
+        self.worst_m = max(self.worst_m, self.error_m(estimate))
+        return estimate
+
+    def go(self, metres: float, scale: float = 1.03) -> list[Estimate]:
+        """Drive straight on; the odometry is off by a factor."""
+        found: list[Estimate] = []
+        for _ in range(round(abs(metres) / 0.05)):
+            step = math.copysign(0.05, metres)
+            self.pose = self.pose @ Pose2D(step, 0.0, 0.0)
+            self.odom = self.odom @ Pose2D(scale * step, 0.0, 0.0)
+            found.append(self.look())
+        return found
+
+    def arc(self, vx: float, wz: float, scans: int) -> list[Estimate]:
+        """Drive along an arc at 10 scans a second."""
+        step = integrate_twist(Pose2D.identity(), Twist2D(vx, 0.0, wz), 0.1)
+        found: list[Estimate] = []
+        for _ in range(scans):
+            self.pose, self.odom = self.pose @ step, self.odom @ step
+            found.append(self.look())
+        return found
+
+    def stand(self, scans: int) -> list[Estimate]:
+        return [self.look() for _ in range(scans)]
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley.gridmap import FREE, GridMap
+from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley_localizer.matching.global_search import Place, places_around
 from trolley_localizer.matching.hypotheses import Hypotheses, Proof, Rivals
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
@@ -142,26 +142,79 @@ def test_the_right_place_is_found_from_half_a_metre_away(view: View) -> None:
     assert view.field.to_map(best.pose).distance_to(view.pose) < 0.05
 
 
+def drive_on(proof: Proof, support: float, views: int, pinned: float = 0.3) -> None:
+    for _ in range(views):
+        proof.predict(STEP)
+        assert proof.is_due
+        proof.add(support, pinned)
+
+
 def test_a_well_supported_place_is_proven_at_once_a_middling_one_by_driving_on() -> None:
     proof = Proof()
-    proof.add(score_of(0.85))
+    proof.add(0.85, 0.3)
     assert proof.is_right
     proof = Proof()
-    proof.add(score_of(0.72))
+    proof.add(0.72, 0.3)
     assert not proof.is_right
-    proof.add(score_of(0.72))
-    assert not proof.is_right, "the same view again says nothing more"
-    for _ in range(2):
-        proof.predict(STEP)
-        proof.add(score_of(0.72))
+    assert not proof.is_due, "the same view again says nothing more"
+    drive_on(proof, 0.72, 3)
     assert proof.is_right
 
 
 def test_what_fits_on_foreign_maps_is_dropped_within_two_metres() -> None:
     for support in (0.47, 0.6, 0.66):
         proof = Proof()
-        for _ in range(12):
-            proof.predict(STEP)
-            proof.add(score_of(support))
+        drive_on(proof, support, 12)
         assert not proof.is_right
         assert proof.is_against or proof.is_overdue
+
+
+def test_views_that_do_not_pin_the_pose_prove_nothing_and_do_not_hurry() -> None:
+    proof = Proof()
+    drive_on(proof, 0.98, 40, pinned=0.0)
+    assert not proof.is_right
+    assert not proof.is_overdue
+    drive_on(proof, 0.98, 2)
+    assert proof.is_right
+
+
+def test_turning_on_the_spot_and_standing_prove_next_to_nothing() -> None:
+    proof = Proof()
+    proof.add(0.75, 0.3)
+    for turn in 3 * [0.25, -0.25]:
+        proof.predict(Pose2D(0.0, 0.0, turn))
+        proof.add(0.75, 0.3)
+    assert not proof.is_right
+    drive_on(proof, 0.75, 2)
+    assert proof.is_right
+
+
+def test_the_longer_no_place_was_proven_the_more_it_takes() -> None:
+    early, late = Proof(), Proof(unproven_m=3.0)
+    for proof in (early, late):
+        drive_on(proof, 0.9, 1)
+    assert early.is_right
+    assert not late.is_right
+    drive_on(late, 0.9, 3)
+    assert late.is_right
+
+
+def test_the_unknown_counts_neither_for_nor_against_a_place() -> None:
+    proof = Proof(has_prior=True)
+    for support in (0.0, 1.0):
+        for _ in range(50):
+            proof.predict(STEP)
+            proof.add(support, 0.3, weight=0.0)
+    assert not proof.is_right
+    assert not proof.is_against
+
+
+def test_a_room_pins_a_pose_and_a_bare_corridor_does_not(flat: GridMap) -> None:
+    room = View(flat)
+    assert room.matcher.pinned(room.cells, room.beams()) > 0.2
+    cells = np.full((60, 600), OCCUPIED, np.int8)
+    cells[18:42, 2:-2] = FREE
+    corridor = View(GridMap("corridor", flat.resolution, Pose2D(0.0, 0.0, 0.0), cells))
+    corridor.pose = Pose2D(15.0, 1.5, 0.0)
+    assert corridor.matcher.score(corridor.cells, corridor.beams()).value > 0.9
+    assert corridor.matcher.pinned(corridor.cells, corridor.beams()) < 0.03

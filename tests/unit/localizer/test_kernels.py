@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from trolley.geometry.kernels import solve_spd
 from trolley.scanning import Points
 from trolley_localizer.kernels import matching as kernels
-from trolley_localizer.kernels.elementary import exp_below_zero, sin_cos
+from trolley_localizer.kernels.elementary import angle_of, exp_below_zero, sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines
 from trolley_localizer.kernels.matching import refine_pose, sample_field, score_particles
 from trolley_localizer.kernels.particles import (
@@ -61,6 +61,12 @@ def test_sine_and_cosine_are_those_of_the_library(angle: float) -> None:
 @given(exponent=st.floats(-1e9, 0.0))
 def test_exponentials_are_those_of_the_library(exponent: float) -> None:
     assert exp_below_zero(exponent) == pytest.approx(math.exp(exponent), rel=1e-9, abs=1e-17)
+
+
+@pytest.mark.parametrize("x", [-3.0, -1e-9, 0.0, 1e-9, 1.0, 40.0])
+@pytest.mark.parametrize("y", [-40.0, -3.0, -1e-9, 0.0, 1.0, 3.0])
+def test_the_angle_of_a_direction(x: float, y: float) -> None:
+    assert angle_of(x, y) == pytest.approx(math.atan2(y, x), abs=2e-8)
 
 
 @given(

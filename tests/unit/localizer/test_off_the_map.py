@@ -1,36 +1,14 @@
 """Where the map ends: following on, not jumping, and saying so."""
 
-import math
-from collections import deque
-
 import numpy as np
 import pytest
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
+from trolley.gridmap import OCCUPIED, UNKNOWN, GridMap
 from trolley_localizer.core import Localizer
-from trolley_localizer.estimate import Estimate
-from trolley_localizer.matching.global_search import SearchJob
 
-from .conftest import RESOLUTION, Drive, at, make_scan
-
-LATE = (0, 1, 4, 9, 20)
-"""How many scans later a search delivers."""
-
-
-def make_house() -> GridMap:
-    """Two rooms of different shapes, side by side, with a door between them."""
-    cells = np.full((100, 260), OCCUPIED, np.int8)
-    cells[2:98, 2:128] = FREE
-    cells[2:98, 132:258] = FREE
-    cells[40:60, 128:132] = FREE
-    for r0, r1, c0, c1 in (
-        (2, 22, 30, 50), (80, 98, 70, 95), (60, 70, 10, 16),
-        (2, 30, 160, 175), (70, 98, 200, 214), (30, 38, 236, 258), (64, 72, 150, 158),
-    ):  # fmt: skip
-        cells[r0:r1, c0:c1] = OCCUPIED
-    return GridMap("house", RESOLUTION, Pose2D(0.0, 0.0, 0.0), cells)
+from .conftest import LATE, RESOLUTION, LateDrive, at, make_house
 
 
 def left_half(house: GridMap) -> GridMap:
@@ -38,45 +16,6 @@ def left_half(house: GridMap) -> GridMap:
     cells = house.cells.copy()
     cells[:, 134:] = UNKNOWN
     return GridMap("left", house.resolution, house.origin, cells)
-
-
-class LateDrive(Drive):
-    """A drive on which searches deliver some scans late."""
-
-    def __init__(self, grid: GridMap, localizer: Localizer, start: Pose2D, late: int) -> None:
-        super().__init__(grid, localizer, start)
-        self._late = late
-        self._scans = 0
-        self.worst_m = 0.0
-        self._jobs: deque[tuple[int, SearchJob]] = deque()
-
-    def look(self) -> Estimate:
-        """Take a scan from where the robot is."""
-        while self._jobs and self._jobs[0][0] <= self._scans:
-            self.localizer.finish(self._jobs.popleft()[1])
-        self._scans += 1
-        self.stamp_ns += 100_000_000
-        scan = make_scan(self.grid, self.pose, self.odom, self.stamp_ns)
-        estimate = self.localizer.step(scan)
-        assert isinstance(estimate, Estimate)
-        job = self.localizer.take_job()
-        if job is not None:
-            self._jobs.append((self._scans + self._late, job.run()))
-        self.worst_m = max(self.worst_m, self.error_m(estimate))
-        return estimate
-
-    def go(self, metres: float, scale: float = 1.03) -> list[Estimate]:
-        """Drive straight on; the odometry is off by a factor."""
-        found: list[Estimate] = []
-        for _ in range(round(abs(metres) / 0.05)):
-            step = math.copysign(0.05, metres)
-            self.pose = self.pose @ Pose2D(step, 0.0, 0.0)
-            self.odom = self.odom @ Pose2D(scale * step, 0.0, 0.0)
-            found.append(self.look())
-        return found
-
-    def stand(self, scans: int) -> list[Estimate]:
-        return [self.look() for _ in range(scans)]
 
 
 def begin(late: int, known: GridMap | None = None) -> LateDrive:

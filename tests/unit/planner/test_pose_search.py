@@ -13,7 +13,16 @@ from trolley.gridmap import GridMap
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.paths.pose_search import BACKWARDS, FORWARDS, Maneuver, PoseSearch, Task
+from trolley_planner.paths.pose_search import (
+    BACKWARDS,
+    FORWARDS,
+    IN_SIGHT,
+    NEVER_SEEN,
+    OUT_OF_SIGHT,
+    Maneuver,
+    PoseSearch,
+    Task,
+)
 
 HOBBY = box(0.35, 0.30, 0.175)
 REAR = box(0.60, 0.42, 0.10)
@@ -23,7 +32,7 @@ def search(
     grid: GridMap,
     corners: list[tuple[float, float]],
     ends: tuple[Pose2D, Pose2D],
-    unknown: bool = False,
+    known: int = IN_SIGHT,
 ) -> Maneuver | None:
     costmap = Costmap(grid, Footprint.from_polygon(corners), PlannerConfig(), False)
     fine = FineGrid(costmap, FINE.finest_m, 1.0)
@@ -32,7 +41,7 @@ def search(
     start, goal = ends
     places = start.x, start.y, start.yaw, goal.x, goal.y, goal.yaw
     task = Task(*places, any_heading=False, xy_m=0.03, yaw_rad=0.05, wanted_m=0.05)
-    nowhere, behind = np.zeros(shape, np.uint8), np.full(shape, unknown, dtype=np.uint8)
+    nowhere, behind = np.zeros(shape, np.uint8), np.full(shape, known, dtype=np.uint8)
     return PoseSearch(costmap.footprint).find(fine, behind, nowhere, task)
 
 
@@ -63,7 +72,16 @@ def test_a_dead_end_too_narrow_to_turn_in_is_left_backwards() -> None:
 
 def test_nobody_backs_into_what_was_not_seen() -> None:
     ends = Pose2D(6.5, 3.0, 0.0), Pose2D(2.5, 3.0, math.pi)
-    assert search(lane(0.4), HOBBY, ends, unknown=True) is None
+    assert search(lane(0.4), HOBBY, ends, NEVER_SEEN) is None
+
+
+def test_behind_a_lidar_that_looks_ahead_it_turns_rather_than_creep_backwards_far() -> None:
+    ends = Pose2D(6.0, 3.0, 0.0), Pose2D(2.8, 3.0, 0.0)
+    seen, unseen = (search(lane(0.6), HOBBY, ends, known) for known in (IN_SIGHT, OUT_OF_SIGHT))
+    assert seen is not None
+    assert unseen is not None
+    assert set(seen.motions.tolist()) == {BACKWARDS}
+    assert np.count_nonzero(unseen.motions == BACKWARDS) < 5
 
 
 def test_a_goal_outside_what_is_searched_is_not_reached() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley.sight import SIGHT
 from trolley_base.drivers import LidarScan
 from trolley_base.odometry.track import OdometryTrack
 
@@ -17,9 +18,6 @@ class NearEchoesParams:
     blind_margin_m: float = 0.03
     """Echoes this much beyond the shortest measurable distance are remembered, for as long as the
     sensor is blind for them, when the robot comes nearer [m]."""
-    memory_s: float = 30.0
-    """What lies out of view, or where beams fail, is remembered for this long [s]; so is what was
-    seen to be free there."""
     remembered_m: float = 0.02
     """Of what is remembered, points nearer together than about this count once [m] ..."""
     max_remembered: int = 1024
@@ -87,7 +85,7 @@ class NearEchoes:
         laser = self._base_T_laser.inverse().transform_points(base)
         beams = _beams_towards(scan, laser)
         fails = (beams != OUT_OF_VIEW) & blind[beams]
-        is_recent = scan.stamp_ns - self._seen_ns < PARAMS.memory_s * 1e9
+        is_recent = scan.stamp_ns - self._seen_ns < SIGHT.memory_s * 1e9
         is_near = np.hypot(laser[:, 0], laser[:, 1]) < scan.range_min + PARAMS.blind_margin_m
         is_kept = (is_recent & (fails | (beams == OUT_OF_VIEW))) | (is_near & fails)
         is_kept &= np.hypot(base[:, 0], base[:, 1]) < self._reach

@@ -13,29 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, circumscribed_radius, polygon_contains, wrap_angles
+from trolley.sight import SIGHT
 from trolley_base.drivers import LidarScan
 from trolley_base.odometry.track import OdometryTrack
-from trolley_base.safety.near_echoes import PARAMS as ECHOES
 from trolley_base.safety.near_echoes import is_round, laser_poses
 
 
 @dataclass(frozen=True, slots=True)
 class ObservedSpaceParams:
-    """What counts as seen, and for how long; set by hand."""
+    """What counts as seen; for how long it does is in `trolley.sight`. Set by hand."""
 
     cell_m: float = 0.05
     """Edge of a cell [m]."""
     dark_s: float = 0.5
     """What a beam should see and none has seen for this long is forgotten [s]."""
-    memory_s: float = ECHOES.memory_s
-    """What was seen and lies out of view now, as behind a lidar that looks ahead only, counts as
-    free for this long: recovering from a dead end takes that long [s]."""
-    trail_s: float = 120.0
-    """Where the robot itself stood counts as free for this long: a robot that waited at a place
-    may leave as it came [s]."""
-    fresh_s: float = 3.0
-    """What nobody has looked at for longer than this may have been stepped onto: it counts as
-    free, but not at any speed [s]."""
     hidden_m: float = 0.05
     """Between two usable beams, with others that failed between them, nothing wider than this may
     go unseen: so far from the lidar the gap counts as seen [m]."""
@@ -51,8 +42,11 @@ class ObservedSpaceParams:
     echo [m]."""
     bearings: int = 720
     """The view is looked up by bearings of half a degree: 1 cm at 1 m."""
-    stored_m: float = 1.0
-    """How far beyond what can matter at once the floor is remembered [m]."""
+    stored_m: float = 1.5
+    """How far beyond what can matter at once the floor is remembered [m]: a dead end 1.2 m deep
+    that the robot looked into from before it, and backs into."""
+    shift_m: float = 0.25
+    """What is stored moves along with the robot in steps of this [m]."""
 
 
 PARAMS = ObservedSpaceParams()
@@ -194,7 +188,7 @@ class ObservedSpace:
         """Move the grid along with the robot, so that what is near lies on it."""
         wanted = np.floor(np.array([base.x, base.y]) / PARAMS.cell_m).astype(np.int64) - self._half
         shift = wanted - self._corner
-        if np.abs(shift).max() * PARAMS.cell_m <= 0.5 * PARAMS.stored_m:
+        if np.abs(shift).max() * PARAMS.cell_m <= PARAMS.shift_m:
             return
         self._corner = wanted
         for grid in (self._seen_s, self._trail_s, self._echo_s):
@@ -224,14 +218,14 @@ class ObservedSpace:
         self._trail_s[row.ravel()[under], col.ravel()[under]] = now_s
 
     def _find_unseen(self, base: Pose2D, x: Floats, y: Floats, now_s: float) -> Unseen:
-        fresh_s = now_s - PARAMS.fresh_s
+        fresh_s = now_s - SIGHT.fresh_s
         unseen = (self._seen_s < fresh_s) & (self._trail_s < fresh_s)
         unseen &= self._echo_s < now_s - PARAMS.dark_s
         row, col = np.nonzero(unseen)
         is_near = np.hypot(x[col] - base.x, y[row] - base.y) <= self._reach
         row, col = row[is_near], col[is_near]
-        was_free = self._seen_s[row, col] >= now_s - PARAMS.memory_s
-        was_free |= self._trail_s[row, col] >= now_s - PARAMS.trail_s
+        was_free = self._seen_s[row, col] >= now_s - SIGHT.memory_s
+        was_free |= self._trail_s[row, col] >= now_s - SIGHT.trail_s
         return Unseen(np.stack([x[col], y[row]], axis=1), was_free)
 
 

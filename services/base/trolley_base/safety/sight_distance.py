@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Twist2D, circumscribed_radius, polygon_contains
+from trolley.sight import SIGHT
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.observed_space import Unseen
 from trolley_base.safety.sweep import contact_times
@@ -26,11 +27,8 @@ from trolley_base.safety.touching import closest_on_outline, point_velocities
 class SightDistanceParams:
     """How what was not seen is driven into; set by hand."""
 
-    creep: float = 0.1
-    """Speed of the footprint's fastest point where nothing was seen: what is met at it is pushed,
-    and can be stepped away from [m/s]."""
     slack: float = 0.05
-    """A velocity faster than that by this share is a creep, too."""
+    """A velocity faster than a creep by this share is a creep, too."""
     margin_m: float = 0.05
     """A place that was not seen is met this much before its middle: it is a cell wide [m]."""
     soft: float = 0.01
@@ -108,7 +106,7 @@ class SightDistance:
         near, times, is_ahead = near[met], times[met], is_ahead[met]
         velocities = point_velocities(near, twist)
         times -= PARAMS.margin_m / np.hypot(velocities[:, 0], velocities[:, 1])
-        creep = min(1.0, PARAMS.creep / self._fastest(twist))
+        creep = min(1.0, SIGHT.creep_mps / self._fastest(twist))
         is_held = is_ahead & ~was_free[met] & (not by_hand)
         scale = min(
             max(creep, self._scale_before(times[~is_held], twist)),
@@ -136,7 +134,7 @@ class SightDistance:
 
     def is_creeping(self, twist: Twist2D) -> bool:
         """Say whether a velocity is no faster than what is driven where nothing was seen."""
-        return self._fastest(twist) <= (1.0 + PARAMS.slack) * PARAMS.creep
+        return self._fastest(twist) <= (1.0 + PARAMS.slack) * SIGHT.creep_mps
 
     def _fastest(self, twist: Twist2D) -> float:
         """Return a speed that no point of the footprint exceeds [m/s]."""

@@ -89,7 +89,7 @@ class View:
         self._laser = np.array([beams.start.x.mean(), beams.start.y.mean()])
         self._near = np.empty(PARAMS.num_bins)
         self._far = np.empty(PARAMS.num_bins)
-        draw_view(self._near, self._far, self.ends, self._laser)
+        draw_view(self._near, self._far, self.ends, self._laser, PARAMS.reach_bins)
 
     def compare(self, ends: Points, relation: Pose2D) -> tuple[int, int]:
         """Count the echoes of another scan that agree with this view, and those that do not.
@@ -105,7 +105,6 @@ class View:
             self._laser,
             ends,
             relation.as_array(),
-            PARAMS.reach_bins,
             slack,
         )
 

@@ -64,6 +64,17 @@ class ProofParams:
     `bench/localizer/second_visits`)."""
     bound: float = 0.15
     """It is right, or wrong, when the sum over the views has come this far: at once from 0.8 on."""
+    pinned: float = 0.25
+    """A view that pins the pose less counts for less, in proportion: along a bare corridor every
+    place fits. Right places are pinned by 0.2 ... 0.3 in rooms, by less than 0.1 in corridors."""
+    new_m: float = 0.5
+    new_rad: float = math.pi
+    """A view from nearer to the one before [m, rad] counts for less, in proportion: it shows the
+    same walls again."""
+    doubt_per_m: float = 1.0
+    most_doubt: float = 2.0
+    """The bound grows by this share of itself with each metre driven before without a proof, at
+    most by so much [1/m, 1]: by then, the map may well be of another house."""
     most_m: float = 2.0
     """Undecided after this distance, it is given up [m]."""
 
@@ -80,15 +91,16 @@ class Proof:
         Wald, Sequential Tests of Statistical Hypotheses (1945), with a linear likelihood ratio.
 
     Args:
-        total: support summed over the views so far.
-        views: how many there were.
+        unproven_m: distance driven before without a proof [m].
         has_prior: the odometry has led here: the unknown does not count against the place.
     """
 
-    def __init__(self, total: float = 0.0, views: int = 0, *, has_prior: bool = False) -> None:
+    def __init__(self, unproven_m: float = 0.0, *, has_prior: bool = False) -> None:
         self.has_prior = has_prior
-        self._sum = total - PROOF.between * views
-        self._views = views
+        doubt = min(PROOF.doubt_per_m * unproven_m, PROOF.most_doubt)
+        self._bound = PROOF.bound * (1.0 + doubt)
+        self._sum = 0.0
+        self._views = 0
         self._since_view = Pose2D.identity()
         self._driven_m = 0.0
 
@@ -96,24 +108,36 @@ class Proof:
         """Note an odometry step [m, m, rad]."""
         self._since_view = self._since_view @ step
 
-    def add(self, score: MatchScore) -> None:
-        """Take what a scan says for the place into account, if it is a new view."""
+    @property
+    def is_due(self) -> bool:
+        """Whether the next scan is a new view."""
         since = self._since_view
         way_m = math.hypot(since.x, since.y)
-        if self._views > 0 and way_m <= PARAMS.view_m and abs(since.yaw) <= PARAMS.view_rad:
-            return
+        return self._views == 0 or way_m > PARAMS.view_m or abs(since.yaw) > PARAMS.view_rad
+
+    def add(self, support: float, pinned: float, weight: float = 1.0) -> None:
+        """Take what a new view says for the place into account.
+
+        Args:
+            support: of the place, 0 ... 1.
+            pinned: how firmly the view pins the pose, 0 ... 1.
+            weight: share of the view that says something, 0 ... 1.
+        """
+        since, firmness = self._since_view, min(1.0, pinned / PROOF.pinned)
+        way_m = math.hypot(since.x, since.y)
+        newness = min(1.0, way_m / PROOF.new_m + abs(since.yaw) / PROOF.new_rad)
+        evidence = weight * (support - PROOF.between) * (1.0 if self._views == 0 else newness)
+        self._driven_m += firmness * way_m
+        self._sum += evidence * (firmness if evidence > 0.0 else 1.0)
+        # What spoke against a place that is kept nevertheless counts no more than once.
+        self._sum = max(self._sum, -PROOF.bound)
         self._views += 1
-        self._driven_m += way_m
-        if self.has_prior:
-            self._sum += score.known * (score.tracked - PROOF.between)
-        else:
-            self._sum += score.value - PROOF.between
         self._since_view = Pose2D.identity()
 
     @property
     def is_right(self) -> bool:
         """Whether the views speak for the place."""
-        return self._sum >= PROOF.bound
+        return self._sum >= self._bound
 
     @property
     def is_against(self) -> bool:

@@ -92,6 +92,9 @@ class MatchParams:
     0.03 ... 0.14 at the wrong ones that explain as many ends."""
     mirror_depth_m: float = 0.1
     """A wall is thinner: an end point this far behind its line is seen in the mirror [m]."""
+    shifts_m: tuple[float, ...] = (0.3, 0.5)
+    num_shifts: int = 8
+    """A pose is pinned if the scan does not fit as well this far beside it, to all sides [m]."""
     num_cast: int = 180
     """About this many beams are followed through the map, and twice as many are scored."""
 
@@ -236,6 +239,23 @@ class MapMatcher:
         is_known = np.empty(points.x.size, np.uint8)
         count = kernels.mark_known(is_known, self._field.known, points, pose)
         return count / max(points.x.size, 1)
+
+    def pinned(self, pose: NDArray[np.float64], beams: BeamSet) -> float:
+        """Say how firmly a scan pins a pose: by how much its score falls a little beside, 0 ... 1.
+
+        Along a bare corridor it does not fall at all. The unknown pins nothing.
+        """
+        points = self._known(pose, self.without_mirrored(pose, beams).spread(PARAMS.num_cast))
+        cells = 1.0 / self._field.resolution
+        width = PARAMS.narrow_m * cells
+        beside = 0.0
+        for away_m in PARAMS.shifts_m:
+            for k in range(PARAMS.num_shifts):
+                way = 2.0 * math.pi * k / PARAMS.num_shifts
+                shift = np.array([math.cos(way), math.sin(way), 0.0]) * away_m * cells
+                score = score_pose(self._field.distance, points, pose + shift, width)
+                beside = max(beside, score)
+        return max(0.0, score_pose(self._field.distance, points, pose, width) - beside)
 
     def align(
         self,

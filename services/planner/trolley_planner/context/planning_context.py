@@ -1,7 +1,8 @@
 """What one robot plans with on one map: costmaps, global planner, controller, kept up to date."""
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,10 +23,19 @@ from trolley_planner.control.rollout import zone_speed
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
+from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.costmap.obstacle_layer import OBSTACLES
+from trolley_planner.costmap.parts import label_parts
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.pose_search import SEARCH, Maneuver, Task
+from trolley_planner.paths.pose_search import (
+    IN_SIGHT,
+    NEVER_SEEN,
+    OUT_OF_SIGHT,
+    SEARCH,
+    Maneuver,
+    Task,
+)
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -111,6 +121,34 @@ class PlanningContext:
         tight_into(found, local_costmap.field, local_costmap.body, points, (room_m, aside_m))
         return found
 
+    def reachable(self, pose_grid: Pose2D) -> Callable[[Pose2D], bool]:
+        """Return what says of a pose within `half_m` whether floor leads there from the robot.
+
+        Args:
+            pose_grid: of the robot.
+        """
+        costmap = self.costmap
+        half = math.ceil(2.0 * self.half_m / costmap.resolution_m)
+        row, col = (math.floor(at / costmap.resolution_m) for at in (pose_grid.y, pose_grid.x))
+        first = max(row - half, 0), max(col - half, 0)
+        part = slice(first[0], row + half + 1), slice(first[1], col + half + 1)
+        free = costmap.weights[part] != LETHAL
+        num_rows, num_cols = free.shape
+        labels = np.empty((num_rows, num_cols), dtype=np.int32)
+        label_parts(labels, free, free)
+        # Where the robot stands it may be nearer to something than it would come by itself.
+        rows, cols = np.nonzero(labels)
+        off = np.hypot(rows - (row - first[0]), cols - (col - first[1]))
+        own = labels[rows[np.argmin(off)], cols[np.argmin(off)]] if len(off) else -1
+
+        def leads_to(place: Pose2D) -> bool:
+            at = math.floor(place.y / costmap.resolution_m) - first[0]
+            along = math.floor(place.x / costmap.resolution_m) - first[1]
+            is_inside = 0 <= at < num_rows and 0 <= along < num_cols
+            return is_inside and bool(labels[at, along] == own)
+
+        return leads_to
+
     def zone_speed(self, pose_grid: Pose2D) -> float:
         """Return the limit of the speed zones at a place [m/s]."""
         return zone_speed(self.local_costmap.field, pose_grid.x, pose_grid.y)
@@ -130,9 +168,14 @@ class PlanningContext:
         rows, cols = (at + np.arange(2 * half) for at in first)
         cells = np.meshgrid(rows, cols, indexing="ij")
         known = self.local_costmap.is_known(cells[0], cells[1], OBSTACLES.recent_s)
-        unknown = grid.divided(~known)
-        closed = np.zeros_like(unknown)
-        return self.pose_search.find(grid, unknown, closed, task, SEARCH.driving)
+        is_in_sight = known & self.local_costmap.is_fresh(*cells)
+        unseen = grid.divided(np.where(is_in_sight, IN_SIGHT, OUT_OF_SIGHT))
+        # As in `base`, a cell is met where its middle is.
+        middle = {(grid.parts - 1) // 2, grid.parts // 2}
+        for row, col in itertools.product(middle, repeat=2):
+            unseen[row :: grid.parts, col :: grid.parts][~known] = NEVER_SEEN
+        closed = np.zeros_like(unseen)
+        return self.pose_search.find(grid, unseen, closed, task, SEARCH.driving)
 
 
 def empty_grid(centre: Pose2D, size_m: float, resolution_m: float) -> GridMap:

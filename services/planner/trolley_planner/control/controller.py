@@ -87,6 +87,7 @@ def safe_command(
     local_costmap: LocalCostmap,
     limits: Limits,
     give_m: float = 0.0,
+    may_back: bool | None = None,
 ) -> Twist2D:
     """Return as much of a velocity as lets the robot stop before it touches anything or anybody.
 
@@ -98,9 +99,12 @@ def safe_command(
         local_costmap: around it.
         limits: braking and clearance.
         give_m: how much closer it may come where it is too close already.
+        may_back: whether it is known what it backs into; None: as far as it may brake.
     """
     start, field = state_of(motion), local_costmap.field
-    if wanted.vx < 0.0 and not local_costmap.sees_behind(motion.pose):
+    if may_back is None:
+        may_back = wanted.vx >= 0.0 or local_costmap.sees_behind(motion.pose)
+    if wanted.vx < 0.0 and not may_back:
         wanted = Twist2D(0.0, 0.0, wanted.wz)
     for share in (1.0, 0.75, 0.5, 0.25, 0.1):
         start[3], start[4] = share * wanted.vx, share * wanted.wz

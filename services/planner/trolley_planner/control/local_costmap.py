@@ -10,6 +10,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
 from trolley.jit import kernel
+from trolley.sight import SIGHT
 from trolley_planner.costmap.costmap import TABLE_STEP_M, Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint
@@ -41,6 +42,8 @@ class LocalCostmapParams:
     """Beside reached places the cost-to-go rises by this much from cell to cell,"""
     edge_cells: int = 3
     """over this many cells."""
+    middle_cells: float = 0.25
+    """Nearer to the middle of a cell than this along both axes is in its middle."""
     border_cells: float = 0.02
     """Points of the path this near to the border of two cells belong to both."""
     escape_m: float = 0.3
@@ -107,7 +110,7 @@ class LocalCostmap:
         self._tight_table = self._table.copy()
         first, last = np.ceil(near / TABLE_STEP_M).astype(np.int64)
         self._tight_table[first:last] = LOCAL.tight_weight
-        self._behind = _points_behind(footprint)
+        self._edge, self._behind = footprint.edge_points, _points_behind(footprint)
         self._x = self._y = 0.0
         self._robot_cell = 0
         self._narrow_m = footprint.inscribed_m + LOCAL.narrow_m
@@ -217,7 +220,19 @@ class LocalCostmap:
         Args:
             pose: of the robot in `grid`.
         """
-        cells = np.floor(pose.transform_points(self._behind) / self._costmap.resolution_m)
+        return self._knows(pose.transform_points(self._behind))
+
+    def sees_along(self, poses: NDArray[np.float64]) -> bool:
+        """Say whether what the robot would back into is known, on its way along poses (n, 3)."""
+        moved = [Pose2D(*pose.tolist()).transform_points(self._edge) for pose in poses]
+        points = np.concatenate(moved)
+        # As in `base`, a cell is met where its middle is.
+        off = np.abs(points / self._costmap.resolution_m % 1.0 - 0.5)
+        return self._knows(points[(off <= LOCAL.middle_cells).all(axis=1)])
+
+    def _knows(self, points: NDArray[np.float64]) -> bool:
+        """Say whether the robot may back into all of some points (n, 2) in `grid`."""
+        cells = np.floor(points / self._costmap.resolution_m)
         cols, rows = cells.astype(np.int64).T
         return bool(self.is_known(rows, cols, OBSTACLES.kept_s).all())
 
@@ -239,6 +254,20 @@ class LocalCostmap:
         layer, kinds = costmap.obstacle_layer, costmap.kinds[rows, cols]
         known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
         return (known | layer.is_known_free(rows, cols, within_s)).reshape(shape)
+
+    def is_fresh(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Say of known cells, also outside the costmap, whether `base` lets the robot hurry there.
+
+        Args:
+            rows: of the cells.
+            cols: of the cells.
+        """
+        layer = self._costmap.obstacle_layer
+        if layer.looks_all_round:
+            return np.ones(rows.shape, dtype=np.bool_)
+        last_row, last_col = (size - 1 for size in self._costmap.shape)
+        flat = np.clip(rows.reshape(-1), 0, last_row), np.clip(cols.reshape(-1), 0, last_col)
+        return layer.is_known_free(*flat, SIGHT.fresh_s, SIGHT.fresh_s).reshape(rows.shape)
 
     @property
     def cost_of_metre(self) -> float:

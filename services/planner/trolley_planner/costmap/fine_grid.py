@@ -87,7 +87,7 @@ class FineGrid:
         column_distances_into(columns, self.mask)
         distance_transform_into(self.distance_m, columns, self.fine_m, self._reach_m)
 
-    def divided(self, cells: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    def divided(self, cells: NDArray[np.bool_ | np.int_]) -> NDArray[np.uint8]:
         """Return what is said of the costmap's cells (rows, cols) in the box for each fine cell."""
         return cells.astype(np.uint8).repeat(self.parts, 0).repeat(self.parts, 1)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.gridmap.kernels import begin_march, disc_box, is_in_disc
 from trolley.jit import kernel
+from trolley.sight import SIGHT
 from trolley_planner.sensing.beams import (
     CLEAR,
     DX,
@@ -49,12 +50,12 @@ class ObstacleParams(NamedTuple):
     """A lidar that covers less does not look all round."""
     recent_s: float = 15.0
     """What such a lidar saw free is free for this long out of its view,"""
-    kept_s: float = 27.0
+    kept_s: float = SIGHT.memory_s - 3.0
     """and to the end of what was begun in time for this long: at `base`'s creep that is 1.2 m. A
-    little later `base` lets nobody drive there (`memory_s` of its observed space)."""
-    stood_s: float = 100.0
+    little later `base` lets nobody drive there."""
+    stood_s: float = SIGHT.trail_s - 20.0
     """Where the robot stood is free out of its view for this long: it leaves a dead end as it came;
-    `base` lets it for 20 s more (`trail_s` of its observed space)."""
+    `base` lets it for 20 s more."""
 
 
 OBSTACLES = ObstacleParams()
@@ -100,6 +101,7 @@ class ObstacleLayer:
         self._scan_number = 0
         self._now_ticks = 0
         self._scans_ns: deque[int] = deque()
+        self._walls = np.zeros(shape, dtype=np.uint8)
         self.looks_all_round = True
         """Whether the lidar of the newest scan does."""
         self.grid = ObstacleGrid(
@@ -135,6 +137,7 @@ class ObstacleLayer:
             now_ns: robot time of the scan.
         """
         self._scan_number += 1
+        self._walls = walls
         self._note_time(now_ns)
         self.looks_all_round = sweep.covered_rad >= OBSTACLES.all_round_rad
         config, beams = self._config, np.empty((sweep.ranges_m.shape[0], 6))
@@ -194,17 +197,22 @@ class ObstacleLayer:
             lift_cells(self.grid, walkers, self._resolution_m, self._scan_number)
 
     def is_known_free(
-        self, rows: NDArray[np.int64], cols: NDArray[np.int64], within_s: float
+        self,
+        rows: NDArray[np.int64],
+        cols: NDArray[np.int64],
+        within_s: float,
+        stood_s: float = OBSTACLES.stood_s,
     ) -> NDArray[np.bool_]:
         """Say of cells (n,) whether the lidar saw them, and where it does not look, lately.
 
-        Beside an echo no beam passes: there a neighbouring cell will do. Where the robot itself
-        stood it may go back for longer.
+        Beside what stands no beam passes: there a neighbouring cell will do. Where the robot
+        itself stood it may go back for longer.
 
         Args:
             rows: of the cells.
             cols: of the cells.
-            within_s: what counts as lately, at most `OBSTACLES.kept_s`.
+            within_s: what counts as lately, at most `OBSTACLES.kept_s`,
+            stood_s: and where the robot stood.
         """
         observed, stood_ticks = self.grid.observed, self.grid.stood_ticks
         if self.looks_all_round:
@@ -216,10 +224,11 @@ class ObstacleLayer:
         since_ns = self._scans_ns[-1] - within_s * 1e9 if self._scans_ns else 0.0
         num_recent = sum(time_ns >= since_ns for time_ns in self._scans_ns)
         oldest = self._scan_number - num_recent + 1
-        newest = observed[near_rows, near_cols].reshape(len(rows), -1).max(axis=1)
-        stood = stood_ticks[near_rows, near_cols].reshape(len(rows), -1).max(axis=1)
-        stood_since = self._now_ticks - OBSTACLES.stood_s / OBSTACLES.tick_s
-        return (newest >= oldest) | (stood > max(stood_since, 0.0))
+        stood_since = max(self._now_ticks - stood_s / OBSTACLES.tick_s, 0.0)
+        near = near_rows, near_cols
+        known = (observed[near] >= oldest) | (stood_ticks[near] > stood_since)
+        stands = (self.grid.evidence[near] != 0) | (self._walls[near] != 0)
+        return known[:, 1, 1] | (stands.any(axis=(1, 2)) & known.any(axis=(1, 2)))
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""

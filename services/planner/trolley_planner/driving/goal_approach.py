@@ -199,25 +199,32 @@ class GoalApproach:
             return distance
         return distance + APPROACH.turn_as_m * abs(wrap_angle(self.aim.yaw - pose.yaw))
 
-    def update_aim(self, pose: Pose2D) -> bool:
+    def update_aim(self, pose: Pose2D, is_blocked: bool) -> bool:
         """Aim beside the goal where something stands on it; True if the aim was moved.
 
         Args:
             pose: of the robot; the local costmap must be centred on it.
+            is_blocked: no path leads to the aim by what is seen, as into what stands around it.
         """
         is_far = pose.distance_to(self._goal) > self._context.half_m - APPROACH.window_edge_m
         if is_far:
             return False
         enough = APPROACH.beside_m
         self.is_occupied = False
-        if self._context.seen_clearance(self.aim, enough) >= APPROACH.goal_clearance_m:
+        context = self._context
+        is_free = context.seen_clearance(self.aim, enough) >= APPROACH.goal_clearance_m
+        if is_free and not is_blocked:
             return False
-        found = nearest_free_pose(
-            self._goal,
-            self._tolerances,
-            lambda candidate: self._context.seen_clearance(candidate, enough),
-            enough,
-        )
+        leads_to = context.reachable(pose) if is_blocked else None
+        if is_free and leads_to is not None and leads_to(self.aim):
+            return False
+
+        def clearance(candidate: Pose2D) -> float:
+            if leads_to is not None and not leads_to(candidate):
+                return -1.0
+            return context.seen_clearance(candidate, enough)
+
+        found = nearest_free_pose(self._goal, self._tolerances, clearance, enough)
         if found is None:
             self.is_occupied = True
             return False

@@ -143,7 +143,7 @@ class GoalExecution:
         local_costmap.update(pose.x, pose.y, is_tight)
         self._contact_hold.update(now_ns, costmap.obstacle_layer.beams, costmap.moving.people, pose)
         self.route.update_position(pose)
-        if not self.route.vias_left and self._goal_approach.update_aim(pose):
+        if not self.route.vias_left and self._goal_approach.update_aim(pose, self.route.is_blocked):
             self.route.retarget(self._goal_approach.aim)
             self._must_replan = True
         stretch = self.route.stretch(1.5 * self.context.half_m)
@@ -153,7 +153,7 @@ class GoalExecution:
             path.points[part], path.remaining_m[part] - path.remaining_m[stretch.last]
         )
         if self.recovery.current is None and not self._hurries:
-            self._maneuvering.update(pose, self.route, self._goal_approach, now_ns)
+            self._maneuvering.update(motion, self.route, self._goal_approach, now_ns)
 
     def command(self, now: ControlInput) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when it is over."""

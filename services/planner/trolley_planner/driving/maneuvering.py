@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
-from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
+from trolley_planner.control.local_costmap import BACK_STEPS_M, TIGHT_CLEARANCE_M
 from trolley_planner.control.rollout import Limits, caution_speed
 from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
-from trolley_planner.paths.pose_search import TURNING, Maneuver, Task
+from trolley_planner.paths.pose_search import FORWARDS, TURNING, Maneuver, Task
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class ManeuverParams:
     """A turn on the spot is tight with less room than this."""
     begin_m: float = 0.5
     """A way is searched once a tight place is this near,"""
-    begin_goal_m: float = 1.5
+    begin_goal_m: float = 2.2
     """or a goal with little room,"""
     beyond_m: float = 0.25
     """to where the footprint has been out of it for this long."""
@@ -47,7 +47,11 @@ class ManeuverParams:
     go_on_m: float = 0.5
     """the next one is searched this far before its end,"""
     farther_m: float = 0.25
-    """if that leads this much farther along the path."""
+    """if that leads this much farther along the path,"""
+    longer_m: float = 0.3
+    """and is taken if it is not longer than this one by more than this, turns counted as below."""
+    near_goal_m: float = 0.4
+    """One that ends this near to the goal leads to it."""
     half_m: float = 2.4
     """It keeps within this distance of the robot, along both axes."""
     loose_m: float = 0.1
@@ -56,6 +60,17 @@ class ManeuverParams:
     """and the heading there by this,"""
     free_rad: float = 0.9
     """or by this where it can turn."""
+    standing_mps: float = 0.1
+    """A way begins where a robot faster than this can stand,"""
+    delay_s: float = 0.15
+    """which it begins to do after this time;"""
+    lead_step_m: float = 0.025
+    """and leads there in steps no longer than this."""
+    brisk: float = 1.3
+    """A way with the clearance that is wanted is driven so much faster beside obstacles than one
+    without headings: it is known how near they come;"""
+    wary: float = 0.5
+    """and so much slower where by what is measured nothing is left beside it."""
     begin_people_m: float = 0.8
     """No way is begun while somebody moves this near to the robot,"""
     stand_people_m: float = 0.3
@@ -63,9 +78,13 @@ class ManeuverParams:
     retry_s: float = 1.0
     """Time between two searches that find nothing."""
     blocked_scans: int = 3
-    """A way is given up when so many scans in a row showed something on it."""
+    """A way is given up when so many scans in a row showed something on it,"""
+    blocked_m: float = 0.01
+    """by more than this: nearly a fine cell, and what is out of view errs."""
     stalled_s: float = 1.5
-    """So it is when the robot was held up for this long."""
+    """So it is when the robot was held up for this long,"""
+    stalled_m: float = 0.015
+    """as it is if it moved less than this, turns counted as below."""
     settle_rad: float = 0.03
     """A turn is over this near to its end."""
     track_m: float = 0.16
@@ -132,15 +151,16 @@ class Maneuvering:
         """Leave driving to the controller."""
         self._follower = None
 
-    def update(self, pose: Pose2D, route: Route, approach: GoalApproach, now_ns: int) -> None:
+    def update(self, motion: Motion, route: Route, approach: GoalApproach, now_ns: int) -> None:
         """Search a way where one is needed; give up one that is blocked or leads elsewhere.
 
         Args:
-            pose: of the robot; the local costmap must be centred on it.
+            motion: of the robot; the local costmap must be centred on it.
             route: to the goal.
             approach: tells where to stand in the end, and how near to that.
             now_ns: robot time.
         """
+        pose = motion.pose
         aim, self._tolerances = approach.aim, approach.near
         needed = self._needed_until(pose, route, aim)
         self.is_tight_ahead = needed is not None
@@ -151,10 +171,17 @@ class Maneuvering:
         if self._is_anyone_near(pose, MANEUVER.begin_people_m):
             return  # The controller knows how to pass people.
         self._searched_ns = now_ns
-        found = self._search(pose, route, aim, needed)
-        if found is not None:
-            self._follower = WayFollower(found, 0.0 if self._to_goal else self._rest_m)
-            self._num_blocked, self._searched_ns = 0, None
+        lead = self._lead(motion)
+        found = self._search(lead[-1], route, aim, needed)
+        if found is None:
+            return
+        way, to_goal, rest_m = found
+        follower = WayFollower(_led(way, lead), 0.0 if to_goal else rest_m)
+        left_m = follower.left_m + rest_m
+        if self._follower is not None and left_m > self.left_m + MANEUVER.longer_m:
+            return  # From the end of this way it is nearer than from here.
+        self._follower, self._to_goal, self._rest_m = follower, to_goal, rest_m
+        self._num_blocked, self._searched_ns = 0, None
 
     def command(self, now: ControlInput, approach: GoalApproach) -> Twist2D:
         """Return the velocity along the way; it may be over then."""
@@ -166,6 +193,11 @@ class Maneuvering:
         least_m = context.least_clearance(follower.poses_ahead(MANEUVER.begin_m), 0.1)
         floor_m = min(now.limits.clearance_m, max(least_m - TIGHT_CLEARANCE_M, 0.0))
         limits = now.limits._replace(clearance_m=floor_m)
+        if least_m >= now.limits.clearance_m:
+            slow_speed = min(MANEUVER.brisk * limits.slow_speed, limits.max_speed)
+            limits = limits._replace(slow_speed=slow_speed)
+        elif least_m < TIGHT_CLEARANCE_M:
+            limits = limits._replace(slow_speed=MANEUVER.wary * limits.slow_speed)
         here_m = context.seen_clearance(pose, limits.caution_m)
         speed = min(caution_speed(limits, here_m), context.zone_speed(pose))
         limits = limits._replace(max_speed=speed, max_reverse=min(speed, limits.max_reverse))
@@ -173,12 +205,21 @@ class Maneuvering:
         if wanted is None:
             self._end(now, approach)
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
-        is_blind = wanted.vx < 0.0 and not local_costmap.sees_behind(pose)
-        if is_blind or self._is_anyone_near(pose, MANEUVER.stand_people_m):
+        turn = follower.pop_turn(pose)
+        if turn != 0.0 and not context.can_turn_by(pose, turn, TIGHT_CLEARANCE_M):
+            self.stop()  # It has come a little beside its way; from here another may do.
+            return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
+        is_known = wanted.vx >= 0.0 or local_costmap.sees_along(
+            follower.run_ahead(BACK_STEPS_M[-1])
+        )
+        if not is_known or self._is_anyone_near(pose, MANEUVER.stand_people_m):
             wanted = Twist2D.zero()  # All of it: turning alone leads off the way.
         wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
-        safe = safe_command(now.motion, wanted, local_costmap, limits, TIGHT_CLEARANCE_M)
-        if follower.is_stalled(safe, now.elapsed_s):
+        # Noise may take that much of the floor, but not more each time that it is asked.
+        left_m = here_m - (floor_m - TIGHT_CLEARANCE_M)
+        give_m = max(min(left_m, TIGHT_CLEARANCE_M), 0.0)
+        safe = safe_command(now.motion, wanted, local_costmap, limits, give_m, may_back=is_known)
+        if follower.is_stalled(pose, now.elapsed_s):
             self.stop()
         return safe
 
@@ -204,6 +245,20 @@ class Maneuvering:
         end = route.index + int(np.argmin(off))
         return float(left_m[end] - left_m[needed]) < MANEUVER.farther_m
 
+    def _lead(self, motion: Motion) -> list[Pose2D]:
+        """Return the poses from the robot's to where it can stand: ways may begin with a turn."""
+        speed, poses = motion.twist.vx, [motion.pose]
+        if speed < MANEUVER.standing_mps:
+            return poses
+        seconds = speed / self._config.acceleration_mps2
+        stretch_m = speed * (0.5 * seconds + MANEUVER.delay_s)
+        count = math.ceil(stretch_m / MANEUVER.lead_step_m)
+        for _ in range(count):
+            poses.append(integrate_twist(poses[-1], motion.twist, stretch_m / speed / count))
+        ahead = np.array([(pose.x, pose.y, pose.yaw) for pose in poses])
+        is_free = self._context.least_clearance(ahead, TIGHT_CLEARANCE_M) >= TIGHT_CLEARANCE_M
+        return poses if is_free else poses[:1]
+
     def _is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
         within_m += self._context.footprint.circumscribed_m
         return self._context.local_costmap.is_anyone_near(pose, within_m)
@@ -219,6 +274,8 @@ class Maneuvering:
         """
         path, first = route.path, route.index
         last = path.ahead(first, MANEUVER.reach_m)
+        if not route.vias_left and float(path.remaining_m[first]) < MANEUVER.begin_goal_m:
+            last = len(path.points) - 1
         is_goal = not route.vias_left and last == len(path.points) - 1
         if route.vias_left:
             last = min(last, path.vias[0])
@@ -260,20 +317,30 @@ class Maneuvering:
             pose, turn, MANEUVER.turn_room_m
         )
 
-    def _search(self, pose: Pose2D, route: Route, aim: Pose2D, until: int) -> Maneuver | None:
-        """Return a way to a point of the path or beyond, or to the goal if that is near."""
+    def _search(
+        self, pose: Pose2D, route: Route, aim: Pose2D, until: int
+    ) -> tuple[Maneuver, bool, float] | None:
+        """Return a way to a point of the path or beyond, or to the goal if that is near.
+
+        Returns:
+            The way, whether it leads to the goal, and what is left of the path behind its end [m],
+            a turn to look along the path included.
+        """
         path, tolerances = route.path, self._tolerances
         until = max(until, path.ahead(route.index, MANEUVER.least_m))
         if route.vias_left:
             until = min(until, path.vias[0])
-        self._to_goal = until == len(path.points) - 1 and not route.vias_left
-        self._rest_m = float(path.remaining_m[until])
+        elif float(path.remaining_m[until]) < MANEUVER.near_goal_m:
+            until = len(path.points) - 1
+        to_goal = until == len(path.points) - 1 and not route.vias_left
+        rest_m = float(path.remaining_m[until])
         wanted_m = self._config.clearance_m + 0.02
-        if self._to_goal:
+        if to_goal:
             xy, yaw = min(0.5 * tolerances.xy, 0.03), min(0.5 * tolerances.yaw, 0.05)
             ends = pose.x, pose.y, pose.yaw, aim.x, aim.y, aim.yaw
             task = Task(*ends, tolerances.any_heading, xy, yaw, wanted_m)
-            return self._context.find_way(task, MANEUVER.half_m)
+            way = self._context.find_way(task, MANEUVER.half_m)
+            return None if way is None else (way, to_goal, rest_m)
         x, y = (float(value) for value in path.points[until])
         before = path.points[max(until - 4, 0)]
         yaw = math.atan2(y - float(before[1]), x - float(before[0]))
@@ -282,9 +349,10 @@ class Maneuvering:
         missed = MANEUVER.loose_m, MANEUVER.free_rad if is_free else MANEUVER.loose_rad
         for any_heading in (False, True):
             task = Task(*ends, any_heading, *missed, wanted_m)
-            found = self._context.find_way(task, MANEUVER.half_m)
-            if found is not None:
-                return found
+            way = self._context.find_way(task, MANEUVER.half_m)
+            if way is not None:
+                turn = max(abs(wrap_angle(float(way.poses[-1, 2]) - yaw)) - missed[1], 0.0)
+                return way, to_goal, rest_m + MANEUVER.turn_as_m * turn
         return None
 
     def _check_way(self, pose: Pose2D, route: Route, aim: Pose2D) -> None:
@@ -299,10 +367,21 @@ class Maneuvering:
             off = np.hypot(*(route.path.points[route.index :] - (end.x, end.y)).T)
             is_wrong = float(off.min()) > 2.0 * MANEUVER.loose_m + MANEUVER.beyond_m
         ahead = follower.poses_ahead(MANEUVER.reach_m)
-        is_blocked = self._context.least_clearance(ahead, 0.02) <= 0.0
+        is_blocked = self._context.least_clearance(ahead, 0.02) <= -MANEUVER.blocked_m
         self._num_blocked = self._num_blocked + 1 if is_blocked else 0
         if is_wrong or self._num_blocked >= MANEUVER.blocked_scans or follower.has_strayed(pose):
             self.stop()
+
+
+def _led(way: Maneuver, lead: list[Pose2D]) -> Maneuver:
+    """Return a way with the poses before it that lead to its begin, forwards."""
+    if len(lead) == 1:
+        return way
+    before = np.array([(pose.x, pose.y, pose.yaw) for pose in lead[:-1]])
+    poses = np.concatenate([before, way.poses])
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    motions = np.concatenate([np.full(len(lead), FORWARDS, np.int8), way.motions[1:]])
+    return Maneuver(poses, motions)
 
 
 class WayFollower:
@@ -326,7 +405,9 @@ class WayFollower:
         self._index = 0
         self._run_end = self._end_of_run(0)
         self._yaw: float | None = None
+        self._begins_run = False
         self._stalled_s = 0.0
+        self._stalled_at = Pose2D(*self._poses[0].tolist())
 
     @property
     def end(self) -> Pose2D:
@@ -345,6 +426,19 @@ class WayFollower:
         end = int(np.searchsorted(self._along, wanted_m, side="right"))
         return self._poses[self._index : max(end, self._index + 1)]
 
+    def run_ahead(self, length_m: float) -> NDArray[np.float64]:
+        """Return the poses (n, 3) of this length of the way, no farther than its next change."""
+        ahead = self.poses_ahead(length_m)
+        return ahead[: max(self._run_end - self._index + 1, 1)]
+
+    def pop_turn(self, pose: Pose2D) -> float:
+        """Return the angle of a turn on the spot that follows a line and begins now, once [rad]."""
+        begins, self._begins_run = self._begins_run, False
+        if not begins or int(self._motions[self._run_end]) != TURNING:
+            return 0.0
+        first, last = float(self._poses[self._index, 2]), float(self._poses[self._run_end, 2])
+        return last - first - wrap_angle(pose.yaw - first)
+
     def has_strayed(self, pose: Pose2D) -> bool:
         """Say whether the robot is too far off its way."""
         x, y, yaw = self._poses[self._index]
@@ -353,10 +447,13 @@ class WayFollower:
         off_yaw = 0.0 if turned else abs(wrap_angle(pose.yaw - float(yaw)))
         return off > MANEUVER.strayed_m or off_yaw > MANEUVER.strayed_rad
 
-    def is_stalled(self, driven: Twist2D, elapsed_s: float) -> bool:
-        """Note what was safe to drive; say whether the robot has been held up for long."""
-        stands = abs(driven.vx) < 0.01 and abs(driven.wz) < 0.05
-        self._stalled_s = self._stalled_s + elapsed_s if stands else 0.0
+    def is_stalled(self, pose: Pose2D, elapsed_s: float) -> bool:
+        """Note where the robot is; say whether it has been held up for long, by whomever."""
+        moved_m = pose.distance_to(self._stalled_at)
+        moved_m += MANEUVER.turn_as_m * abs(wrap_angle(pose.yaw - self._stalled_at.yaw))
+        if moved_m > MANEUVER.stalled_m:
+            self._stalled_at, self._stalled_s = pose, 0.0
+        self._stalled_s += elapsed_s
         return self._stalled_s > MANEUVER.stalled_s
 
     def command(self, motion: Motion, limits: Limits) -> Twist2D | None:
@@ -377,6 +474,7 @@ class WayFollower:
             self._index = self._run_end
             self._run_end = self._end_of_run(self._index)
             self._yaw = None
+            self._begins_run = True
         return self._turn(pose, limits) if self._onward_m == 0.0 else None
 
     def _end_of_run(self, first: int) -> int:

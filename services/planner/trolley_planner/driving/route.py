@@ -11,7 +11,7 @@ from trolley.geometry import Pose2D, wrap_angle, wrap_angles
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.rollout import Limits, caution_speed
 from trolley_planner.costmap.costmap import Costmap
-from trolley_planner.costmap.inflation import LETHAL
+from trolley_planner.costmap.inflation import LETHAL, UNKNOWN
 from trolley_planner.goals import VIA_RADIUS_M
 from trolley_planner.paths.path import PlannedPath
 
@@ -43,6 +43,8 @@ class RouteParams:
     """This far before a tight place"""
     tight_behind_m: float = 0.5
     """and behind it the robot keeps the clearance that there is."""
+    off_map_m: float = 1.0
+    """So much more than there should be of a way may be off the map: maps have holes."""
     horizon_m: float = 12.0
     """Only obstacles this near along the path call for a new one."""
 
@@ -187,6 +189,20 @@ class Route:
             cols, rows = self._cells(first, last)
             lethal &= costmap.distance_m[rows, cols] < costmap.tight_m
         return [(float(x), float(y)) for x, y in points[lethal][:limit]]
+
+    def leads_off_map(self, off_m: float) -> bool:
+        """Say whether the way leads further off the map, and not back on it.
+
+        Args:
+            off_m: how far the robot has driven since the map ended [m].
+        """
+        cols, rows = self._cells(self.index, len(self.path.points))
+        is_off = self._context.costmap.kinds[rows, cols] == UNKNOWN
+        left_m = self.path.remaining_m[self.index :]
+        lengths_m = -np.diff(left_m, append=0.0) * is_off
+        back = int(np.argmin(is_off)) if not is_off.all() else len(is_off)
+        back_m, away_m = float(lengths_m[:back].sum()), float(lengths_m[back:].sum())
+        return back_m > off_m + ROUTE.off_map_m or away_m > ROUTE.off_map_m or back == len(is_off)
 
     def _lethal(self, first: int, last: int) -> NDArray[np.bool_]:
         """Return for some points of the path whether they are too near to something."""

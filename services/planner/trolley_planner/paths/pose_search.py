@@ -12,7 +12,7 @@ footprint is tried in all headings, so the toll of a door counts from far away. 
 with two fine cells of clearance, then with one, then with none: what is measured errs, and so do
 wheels.
 
-The footprint is rasterised for each heading as spans of cells in a row. With counts of what stands
+The footprint is rasterised at each angle as spans of cells in a row. With counts of what stands
 in each row before each column two look-ups say whether a span is free, its inside included.
 
 Source:
@@ -42,6 +42,14 @@ HEADINGS = 64
 """Headings of the states."""
 TURN_RAD = 2.0 * math.pi / HEADINGS
 """Angle between two headings: 5.6 degrees."""
+PHASES = 4
+"""The headings of a search begin at one of so many angles, so that one of them is nearly the
+goal's."""
+ANGLES = PHASES * HEADINGS
+"""Angles at which the footprint is checked: poses between two headings, as of curves and of direct
+drives, would else be off by a centimetre at its corners."""
+ANGLE_RAD = TURN_RAD / PHASES
+"""Angle between two of them: 1.4 degrees."""
 
 
 class PoseSearchParams(NamedTuple):
@@ -51,8 +59,6 @@ class PoseSearchParams(NamedTuple):
     """Edge of a state's cell."""
     move_m: float = 0.0375
     """Length of a move: more than the diagonal of a cell, so that each leads into another one."""
-    phases: int = 4
-    """The headings begin at this many angles, so that one of them is nearly the goal's."""
     near: float = 2.0
     """A metre costs this much more where the footprint has less room than is wanted."""
     beside: float = 6.0
@@ -63,15 +69,15 @@ class PoseSearchParams(NamedTuple):
     """and this much more where it all but touches:"""
     touching_m: float = 0.016
     """nearer than this, one fine cell. So the robot keeps to the middle of a door, and straight."""
-    reverse: float = 0.4
-    """A metre backwards costs this much more, as in the rollouts."""
-    turn_m: float = 0.25
+    reverse: float = 0.8
+    """A metre backwards costs this much more: it is driven at half the speed."""
+    turn_m: float = 0.35
     """A turn on the spot by one radian costs as much as this many metres."""
     arc_m: float = 0.1
     """The same for a turn while driving: straight lines are easier to follow."""
-    switch_m: float = 0.2
+    switch_m: float = 0.3
     """So does a change between forwards and backwards,"""
-    halt_m: float = 0.12
+    halt_m: float = 0.2
     """and one between driving and turning."""
     direct_m: float = 1.5
     """A direct drive is tried from states this near to the goal [m],"""
@@ -87,12 +93,25 @@ class PoseSearchParams(NamedTuple):
     """where there is no clearance, this much."""
     heuristic_m: float = 0.05
     """Edge of the cells of the heuristic, about."""
+    begin_share: float = 0.7
+    """A way that is searched from its end begins this share of what may be missed beside it."""
+    exact_m: float = 0.01
+    """A way that is searched from its end leads to the robot's own place this exactly,"""
+    exact_rad: float = 0.02
+    """and to its heading."""
+    swings: int = 6
+    """Curves to a place where there is room to turn end in so many headings to either side"""
+    swing_rad: float = 0.2
+    """of the straight line, this much apart."""
     bend_radius_m: float = 0.3
     """Curves that replace pieces of a way are no tighter than this,"""
     bend_states: int = 60
     """and replace at most so many states,"""
     bend_every: int = 3
     """every third of which is tried as their end."""
+    creep: float = 4.0
+    """A metre backwards, or a turn, over what is out of sight costs this much more: `base` lets the
+    robot creep there only, at a fifth of its speed."""
     states: int = 2**18
     """States that can be remembered, a power of two: 24 MB with the heap,"""
     soon: int = 4000
@@ -109,7 +128,9 @@ FORWARDS, BACKWARDS, TURNING, AT_START = 1, -1, 0, 2
 GOAL_KEY = 2**62
 """Stands for the goal itself, at the end of a direct drive."""
 NONE = -1
-BLOCKED, NEAR, BESIDE, NEXT_TO, UNSEEN = range(5)
+IN_SIGHT, OUT_OF_SIGHT, NEVER_SEEN = range(3)
+"""How floor is known: what was seen free and is out of sight may be backed over, at a creep."""
+BLOCKED, NEAR, BESIDE, NEXT_TO, UNSEEN, HIDDEN = range(6)
 """Which cells are counted; see `Room`."""
 FOUND, NOT_FOUND, FULL = 0, 1, 2
 """How a search ends; a full memory proves nothing."""
@@ -161,6 +182,8 @@ class Room(NamedTuple):
     """(rows, cols + 1) the same of cells next to something."""
     unknown: NDArray[np.uint16]
     """(rows, cols + 1) the same of cells that the robot must not back into."""
+    hidden: NDArray[np.uint16]
+    """(rows, cols + 1) the same of cells that it backs and turns into at a creep only."""
     distance_m: NDArray[np.float32]
     """(rows, cols) to the nearest obstacle."""
     to_go_m: NDArray[np.float32]
@@ -180,17 +203,23 @@ class Room(NamedTuple):
     """and whether any heading will do there."""
     greed: float
     """How much the rest of the way counts."""
+    begin_m: float
+    """How far the end may be missed of a way that is searched from there."""
+    sense: int
+    """BACKWARDS where the way is searched from its end: the robot drives the other way then."""
 
 
 class Shape(NamedTuple):
-    """The footprint for each heading."""
+    """The footprint at each angle."""
 
     spans: NDArray[np.int16]
-    """(HEADINGS, n, 3) row, first column and the one behind the last, from the origin's cell."""
+    """(ANGLES, n, 3) row, first column and the one behind the last, from the origin's cell."""
     num_spans: NDArray[np.int64]
-    """(HEADINGS,) how many of them count."""
+    """(ANGLES,) how many of them count."""
+    phase: int
+    """Angle of the first heading."""
     first_yaw: float
-    """Of the first heading [rad]."""
+    """The same [rad]."""
     reach: int
     """Rows on either side of the origin [cells]."""
     circumscribed_m: float
@@ -246,6 +275,17 @@ class Drive(NamedTuple):
     """[rad]."""
 
 
+class Swing(NamedTuple):
+    """A curve to the goal's place, and a turn on the spot there."""
+
+    cost: float
+    """+inf where there is none."""
+    sense: int
+    """FORWARDS or BACKWARDS."""
+    yaw: float
+    """Heading at the end of the curve [rad]."""
+
+
 class PoseSearch:
     """Finds ways for one footprint; its memory is made once.
 
@@ -255,7 +295,7 @@ class PoseSearch:
 
     def __init__(self, footprint: Footprint) -> None:
         self._footprint = footprint
-        self._shapes: dict[tuple[float, int], Shape] = {}
+        self._shapes: dict[float, Shape] = {}
         count = SEARCH.states
         self._memory = Memory(
             np.zeros(count, dtype=np.int32),
@@ -276,7 +316,7 @@ class PoseSearch:
     def find(
         self,
         grid: FineGrid,
-        unknown: NDArray[np.uint8],
+        unseen: NDArray[np.uint8],
         closed: NDArray[np.uint8],
         task: Task,
         most: int = SEARCH.states,
@@ -285,7 +325,8 @@ class PoseSearch:
 
         Args:
             grid: what stands around.
-            unknown: (rows, cols) of `grid`, set where the robot must not back into.
+            unseen: (rows, cols) of `grid`: IN_SIGHT, OUT_OF_SIGHT or NEVER_SEEN, which the robot
+                must not back into.
             closed: (rows, cols) of `grid`, set where its origin must not be.
             task: from where to where; there is no way to or from outside `grid`.
             most: states after which it gives up.
@@ -293,11 +334,37 @@ class PoseSearch:
         if not (grid.contains(task.x, task.y) and grid.contains(task.goal_x, task.goal_y)):
             return None
         shape = self._shape(grid.fine_m, task.goal_yaw)
-        corner = np.array([grid.x, grid.y])
-        room, weights = self._room(grid, unknown, closed, task, shape)
+        room, weights = self._room(grid, unseen, closed, task, shape)
         start = task.x - grid.x, task.y - grid.y, task.yaw
         goal = task.goal_x - grid.x, task.goal_y - grid.y, task.goal_yaw
-        ends = start, goal
+        found = None
+        if not task.any_heading and _is_tighter_at_end(room, shape, start, goal):
+            back = task._replace(xy_m=SEARCH.exact_m, yaw_rad=SEARCH.exact_rad)
+            turned = room._replace(begin_m=SEARCH.begin_share * task.xy_m, sense=BACKWARDS)
+            found = self._way(turned, weights, shape, (goal, start), back, most)
+        if found is None:
+            found = self._way(room, weights, shape, (start, goal), task, most)
+        if found is None:
+            return None
+        poses, motions = found
+        poses[0] = start  # Which lies between two headings; the search begins at one.
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        poses, motions = _smoothed(poses, motions, room, shape)
+        motions[0] = motions[1] if len(motions) > 1 else TURNING
+        poses[:, :2] += (grid.x, grid.y)
+        return Maneuver(poses, motions)
+
+    def _way(
+        self,
+        room: Room,
+        weights: NDArray[np.uint8],
+        shape: Shape,
+        ends: tuple[tuple[float, float, float], tuple[float, float, float]],
+        task: Task,
+        most: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.int8]] | None:
+        """Return a way's poses (n, 3) from the corner, and how each is reached."""
+        goal = ends[1]
         room, last = self._search(room, weights, shape, ends, task, most)
         if last == NONE:
             return None
@@ -307,17 +374,20 @@ class PoseSearch:
             before = int(motions[-1])
             drive = direct_drive(room, shape, (state, goal), task, before, math.inf)
             cost, sense = direct_bend(room, shape, (state, goal), task, before, drive.cost)
-            if cost < math.inf:
+            least = min(drive.cost, cost)
+            swing = Swing(math.inf, 0, 0.0)
+            if can_turn(room, shape, goal[:2], 0.0):
+                swing = direct_swing(room, shape, (state, goal), task, before, least)
+            if swing.sense != 0:
+                more, kinds = _swung(state, goal, swing, task)
+            elif cost < math.inf:
                 more, kinds = _bent(state, goal, sense)
             else:
                 more, kinds = _driven(state, goal, drive)
             poses, motions = np.concatenate([poses, more]), np.concatenate([motions, kinds])
-        poses[0] = start  # Which lies between two headings; the search begins at one.
-        poses[:, 2] = np.unwrap(poses[:, 2])
-        poses, motions = _smoothed(poses, motions, room, shape)
-        motions[0] = motions[1] if len(motions) > 1 else TURNING
-        poses[:, :2] += corner
-        return Maneuver(poses, motions)
+        if room.sense == FORWARDS:
+            return poses, motions
+        return poses[::-1].copy(), np.roll(-motions[::-1], 1)
 
     def _search(
         self,
@@ -334,25 +404,28 @@ class PoseSearch:
             The room with what then counts as blocked; the last state, NONE if there is no way.
         """
         self.num_states = 0
-        goal = ends[1]
-        goal_cell = tuple(math.floor(goal[axis] / room.coarse_m) + 1 for axis in (1, 0))
-        start_cell = tuple(math.floor(ends[0][axis] / room.coarse_m) + 1 for axis in (1, 0))
-        heading = heading_of(shape, goal[2])
+        begin, goal = ends
+        start_cell, goal_cell = _coarse_cell(room, begin), _coarse_cell(room, goal)
+        room = room._replace(goal=goal, missed_m=task.xy_m, any_heading=task.any_heading)
+        weights = weights.copy()
+        weights[goal_cell] = WEIGHT_UNIT
         dearest = 1.0 + SEARCH.near
         for blocked in (room.beside, room.touching):
             dearest_weight = round(dearest * WEIGHT_UNIT)
             dearest += SEARCH.beside
-            fits = task.any_heading or is_free(blocked, shape, room.fine_m, goal[:2], heading)
-            if not fits:
+            # The robot stands where it starts; at its goal it must fit.
+            fits = is_free(blocked, shape, room.fine_m, goal[:2], nearest_angle(goal[2]))
+            if not (task.any_heading or room.sense == BACKWARDS or fits):
                 continue
             passable = np.where(weights <= dearest_weight, weights, np.uint8(0))
-            to_go_m = _to_go(passable, (goal_cell[0], goal_cell[1]), room.coarse_m)
+            to_go_m = _to_go(passable, goal_cell, room.coarse_m)
             if not math.isfinite(to_go_m[start_cell]):
                 continue
             roomy = room._replace(blocked=blocked, to_go_m=to_go_m, greed=SEARCH.greed)
             found, last = self._search_once(roomy, shape, ends, task, SEARCH.soon)
             if found == FOUND:
                 return roomy, last
+        room = room._replace(to_go_m=_to_go(weights, goal_cell, room.coarse_m))
         found, last = self._search_once(room, shape, ends, task, most)
         return room, last if found == FOUND else NONE
 
@@ -373,17 +446,15 @@ class PoseSearch:
 
     def _shape(self, fine_m: float, yaw: float) -> Shape:
         """Return the footprint for headings one of which is nearly this one."""
-        step = TURN_RAD / SEARCH.phases
-        phase = round(yaw / step) % SEARCH.phases
-        key = fine_m, phase
-        if key not in self._shapes:
-            self._shapes[key] = rasterised(self._footprint, fine_m, phase * step)
-        return self._shapes[key]
+        if fine_m not in self._shapes:
+            self._shapes[fine_m] = rasterised(self._footprint, fine_m)
+        phase = round(yaw / ANGLE_RAD) % PHASES
+        return self._shapes[fine_m]._replace(phase=phase, first_yaw=phase * ANGLE_RAD)
 
     def _room(
         self,
         grid: FineGrid,
-        unknown: NDArray[np.uint8],
+        unseen: NDArray[np.uint8],
         closed: NDArray[np.uint8],
         task: Task,
         shape: Shape,
@@ -392,8 +463,8 @@ class PoseSearch:
         fine_rows, fine_cols = grid.mask.shape
         own = Pose2D(task.x - grid.x, task.y - grid.y, task.yaw)
         outline = own.transform_points(self._footprint.polygon) / grid.fine_m
-        counts = np.empty((5, fine_rows, fine_cols + 1), dtype=np.uint16)
-        count_into(counts, (grid.mask, grid.distance_m, unknown), outline, task.wanted_m)
+        counts = np.empty((6, fine_rows, fine_cols + 1), dtype=np.uint16)
+        count_into(counts, (grid.mask, grid.distance_m, unseen), outline, task.wanted_m)
         group = max(1, round(SEARCH.heuristic_m / grid.fine_m))
         edge = group * grid.fine_m
         rows, cols = -(-fine_rows // group) + 2, -(-fine_cols // group) + 2
@@ -402,27 +473,41 @@ class PoseSearch:
         parity = heading_of(shape, task.goal_yaw) % 2
         cells = group, grid.fine_m
         weigh_into(weights, counts, shape, grid.distance_m, closed, radii, cells, parity)
-        row, col = (
-            math.floor((place - corner) / edge) + 1
-            for place, corner in ((task.goal_y, grid.y), (task.goal_x, grid.x))
-        )
-        weights[row, col] = WEIGHT_UNIT
         return Room(
             counts[BLOCKED],
             counts[NEAR],
             counts[BESIDE],
             counts[NEXT_TO],
             counts[UNSEEN],
+            counts[HIDDEN],
             grid.distance_m,
-            _to_go(weights, (row, col), edge),
+            np.zeros((0, 0), dtype=np.float32),
             grid.fine_m,
             edge,
             task.wanted_m,
-            (task.goal_x - grid.x, task.goal_y - grid.y, task.goal_yaw),
-            task.xy_m,
-            task.any_heading,
+            (0.0, 0.0, 0.0),
+            0.0,
+            False,
             SEARCH.last_greed,
+            0.0,
+            FORWARDS,
         ), weights
+
+
+def _is_tighter_at_end(
+    room: Room,
+    shape: Shape,
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+) -> bool:
+    """Say whether there is room to turn at the start of a way, and none at its end."""
+    return can_turn(room, shape, start[:2], 0.0) and not can_turn(room, shape, goal[:2], 0.0)
+
+
+def _coarse_cell(room: Room, place: tuple[float, float, float]) -> tuple[int, int]:
+    """Return row and column of a place among the larger cells."""
+    x, y = place[0], place[1]
+    return math.floor(y / room.coarse_m) + 1, math.floor(x / room.coarse_m) + 1
 
 
 def _to_go(weights: NDArray[np.uint8], goal: tuple[int, int], edge_m: float) -> NDArray[np.float32]:
@@ -437,21 +522,20 @@ def _to_go(weights: NDArray[np.uint8], goal: tuple[int, int], edge_m: float) -> 
     return to_go_m.reshape(rows, cols)
 
 
-def rasterised(footprint: Footprint, fine_m: float, first_yaw: float) -> Shape:
+def rasterised(footprint: Footprint, fine_m: float) -> Shape:
     """Return the footprint as spans of the cells that it touches.
 
     Args:
         footprint: of the robot.
         fine_m: edge of a cell.
-        first_yaw: of the first heading [rad].
     """
     reach = math.ceil(footprint.circumscribed_m / fine_m) + 1
     # A line meets a polygon of n corners in n / 2 spans at most.
     most = (2 * reach + 1) * (len(footprint.polygon) // 2)
-    spans = np.zeros((HEADINGS, most, 3), dtype=np.int16)
-    num_spans = np.zeros(HEADINGS, dtype=np.int64)
-    rasterise_into(spans, num_spans, footprint.polygon / fine_m, first_yaw, reach)
-    return Shape(spans, num_spans, first_yaw, reach, footprint.circumscribed_m)
+    spans = np.zeros((ANGLES, most, 3), dtype=np.int16)
+    num_spans = np.zeros(ANGLES, dtype=np.int64)
+    rasterise_into(spans, num_spans, footprint.polygon / fine_m, reach)
+    return Shape(spans, num_spans, 0, 0.0, reach, footprint.circumscribed_m)
 
 
 def _traced(
@@ -520,6 +604,20 @@ def _bent(
     return curve, np.full(len(curve), sense, dtype=np.int8)
 
 
+def _swung(
+    state: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    swing: Swing,
+    task: Task,
+) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+    """Return the poses (n, 3) of a curve and a turn to the goal, and how each is reached."""
+    curve, kinds = _bent(state, (goal[0], goal[1], swing.yaw), swing.sense)
+    end = float(curve[-1, 0]), float(curve[-1, 1]), float(curve[-1, 2])
+    turn = Drive(0.0, last_turn(task, goal[2] - swing.yaw), 0.0, 0.0)
+    more, turning = _driven(end, goal, turn)
+    return np.concatenate([curve, more]), np.concatenate([kinds, turning])
+
+
 def _smoothed(
     poses: NDArray[np.float64], motions: NDArray[np.int8], room: Room, shape: Shape
 ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
@@ -561,9 +659,9 @@ def way_costs_into(
         if motion != TURNING:
             length = math.hypot(dx, dy) + SEARCH.arc_m * turn
         place = poses[index, 0], poses[index, 1]
-        price = price_of(room, shape, place, heading_of(shape, poses[index, 2]), motion)
+        price = price_of(room, shape, place, nearest_angle(poses[index, 2]), motion)
         # The way is free; beside the search's headings it may look otherwise.
-        most = 1.0 + SEARCH.near + SEARCH.beside + SEARCH.touching + SEARCH.reverse
+        most = 1.0 + SEARCH.near + SEARCH.beside + SEARCH.touching + SEARCH.reverse + SEARCH.creep
         price = min(price, most)
         change = 0.0 if index == 1 else change_cost(before, motion)
         out_costs[index] = out_costs[index - 1] + price * length + change
@@ -625,10 +723,10 @@ def bend_cost(
     total = 0.0
     x, y, yaw = first[0], first[1], first[2]
     for index in range(curve.shape[0]):
-        place, heading = (curve[index, 0], curve[index, 1]), heading_of(shape, curve[index, 2])
+        place, angle = (curve[index, 0], curve[index, 1]), nearest_angle(curve[index, 2])
         length = math.hypot(place[0] - x, place[1] - y)
         turn = abs(curve[index, 2] - yaw)
-        total += price_of(room, shape, place, heading, sense) * (length + SEARCH.arc_m * turn)
+        total += price_of(room, shape, place, angle, sense) * (length + SEARCH.arc_m * turn)
         x, y, yaw = curve[index, 0], curve[index, 1], curve[index, 2]
         if total >= most:
             return math.inf
@@ -669,23 +767,21 @@ def rasterise_into(
     out_spans: NDArray[np.int16],
     out_num: NDArray[np.int64],
     polygon: NDArray[np.float64],
-    first_yaw: float,
     reach: int,
 ) -> None:
-    """Write the spans of cells that an outline covers or nearly touches, for each heading.
+    """Write the spans of cells that an outline covers or nearly touches, at each angle.
 
     A cell counts if its centre is inside, or within half a cell of an edge.
 
     Args:
-        out_spans: (HEADINGS, n, 3), overwritten; see `Shape`.
-        out_num: (HEADINGS,), overwritten.
+        out_spans: (ANGLES, n, 3), overwritten; see `Shape`.
+        out_num: (ANGLES,), overwritten.
         polygon: (m, 2) corners [cells].
-        first_yaw: [rad].
         reach: rows on either side of the origin.
     """
     turned = np.empty_like(polygon)
-    for heading in range(HEADINGS):
-        yaw = first_yaw + heading * TURN_RAD
+    for angle in range(ANGLES):
+        yaw = angle * ANGLE_RAD
         cos, sin = math.cos(yaw), math.sin(yaw)
         for corner in range(polygon.shape[0]):
             x, y = polygon[corner, 0], polygon[corner, 1]
@@ -700,12 +796,12 @@ def rasterise_into(
                 if is_covered and first > reach:
                     first = col
                 elif not is_covered and first <= reach:
-                    out_spans[heading, count, 0] = row
-                    out_spans[heading, count, 1] = first
-                    out_spans[heading, count, 2] = col
+                    out_spans[angle, count, 0] = row
+                    out_spans[angle, count, 1] = first
+                    out_spans[angle, count, 2] = col
                     count += 1
                     first = reach + 1
-        out_num[heading] = count
+        out_num[angle] = count
 
 
 @kernel
@@ -731,30 +827,31 @@ def count_into(
     """Write how many cells of each row, before each column, are of each kind.
 
     Args:
-        out_counts: (5, rows, cols + 1), overwritten; see `Room`.
-        layers: (rows, cols) each: set where something stands; distance to the nearest of that; set
-            where nothing is known.
+        out_counts: (6, rows, cols + 1), overwritten; see `Room`.
+        layers: (rows, cols) each: set where something stands; distance to the nearest of that; how
+            it is known.
         outline: (n, 2) of the robot [cells]: nothing stands where it is.
         wanted_m: cells nearer than this are near.
     """
-    mask, distance_m, unknown = layers
+    mask, distance_m, known = layers
     rows, cols = mask.shape
     for row in range(rows):
         blocked, near, beside = np.uint16(0), np.uint16(0), np.uint16(0)
-        next_to, unseen = np.uint16(0), np.uint16(0)
+        next_to, unseen, hidden = np.uint16(0), np.uint16(0), np.uint16(0)
         for col in range(cols):
             out_counts[BLOCKED, row, col], out_counts[NEAR, row, col] = blocked, near
             out_counts[BESIDE, row, col], out_counts[NEXT_TO, row, col] = beside, next_to
-            out_counts[UNSEEN, row, col] = unseen
+            out_counts[UNSEEN, row, col], out_counts[HIDDEN, row, col] = unseen, hidden
             away = distance_m[row, col]
             blocked += np.uint16(mask[row, col] != 0)
             near += np.uint16(away < wanted_m)
             beside += np.uint16(away < SEARCH.beside_m)
             next_to += np.uint16(away < SEARCH.touching_m)
-            unseen += np.uint16(unknown[row, col] != 0)
+            unseen += np.uint16(known[row, col] == NEVER_SEEN)
+            hidden += np.uint16(known[row, col] != IN_SIGHT and mask[row, col] == 0)
         out_counts[BLOCKED, row, cols], out_counts[NEAR, row, cols] = blocked, near
         out_counts[BESIDE, row, cols], out_counts[NEXT_TO, row, cols] = beside, next_to
-        out_counts[UNSEEN, row, cols] = unseen
+        out_counts[UNSEEN, row, cols], out_counts[HIDDEN, row, cols] = unseen, hidden
     first_row = max(math.floor(outline[:, 1].min()) - 1, 0)
     first_col = max(math.floor(outline[:, 0].min()) - 1, 0)
     last_col = min(math.ceil(outline[:, 0].max()) + 1, cols)
@@ -783,7 +880,7 @@ def weigh_into(
 
     Args:
         out_weights: (rows, cols) with a rim of one cell, zero before: the origin must not be there.
-        counts: (5, fine rows, fine cols + 1) see `Room`.
+        counts: (6, fine rows, fine cols + 1) see `Room`.
         shape: the footprint.
         distance_m: (fine rows, fine cols).
         closed: (fine rows, fine cols) set where the origin must not be.
@@ -830,7 +927,7 @@ def fits_somehow(
 ) -> bool:
     """Say whether the footprint covers no counted cell at a place in one of every other heading."""
     for heading in range(parity, HEADINGS, 2):
-        if is_free(counts, shape, fine_m, place, heading):
+        if is_free(counts, shape, fine_m, place, angle_of(shape, heading)):
             return True
     return False
 
@@ -841,7 +938,7 @@ def is_free(
     shape: Shape,
     fine_m: float,
     place: tuple[float, float],
-    heading: int,
+    angle: int,
 ) -> bool:
     """Say whether the footprint covers no counted cell, and none outside.
 
@@ -850,16 +947,16 @@ def is_free(
         shape: the footprint.
         fine_m: edge of a cell.
         place: x, y from the corner [m].
-        heading: index.
+        angle: index.
     """
     rows, cols = counts.shape[0], counts.shape[1] - 1
     row, col = math.floor(place[1] / fine_m), math.floor(place[0] / fine_m)
     reach = shape.reach
     if row < reach or col < reach or row >= rows - reach or col >= cols - reach:
         return False
-    for index in range(shape.num_spans[heading]):
-        at = row + shape.spans[heading, index, 0]
-        first, end = shape.spans[heading, index, 1], shape.spans[heading, index, 2]
+    for index in range(shape.num_spans[angle]):
+        at = row + shape.spans[angle, index, 0]
+        first, end = shape.spans[angle, index, 1], shape.spans[angle, index, 2]
         if counts[at, col + end] != counts[at, col + first]:
             return False
     return True
@@ -872,8 +969,20 @@ def heading_of(shape: Shape, yaw: float) -> int:
 
 
 @kernel
+def angle_of(shape: Shape, heading: int) -> int:
+    """Return the angle of a heading."""
+    return heading * PHASES + shape.phase
+
+
+@kernel
+def nearest_angle(yaw: float) -> int:
+    """Return the angle nearest to a direction [rad]."""
+    return math.floor(yaw / ANGLE_RAD + 0.5) % ANGLES
+
+
+@kernel
 def price_of(
-    room: Room, shape: Shape, place: tuple[float, float], heading: int, motion: int
+    room: Room, shape: Shape, place: tuple[float, float], angle: int, motion: int
 ) -> float:
     """Return what a metre to a pose costs, +inf if the footprint must not come there.
 
@@ -881,24 +990,29 @@ def price_of(
         room: where it is.
         shape: the footprint.
         place: x, y from the corner [m].
-        heading: index.
+        angle: index.
         motion: how it comes there; TURNING: what a metre of its outline's way would cost.
     """
     has_room = can_turn(room, shape, place, 0.0)
-    if has_room and motion != BACKWARDS:
+    backs = motion * room.sense == BACKWARDS
+    if has_room and motion * room.sense == FORWARDS:
         return 1.0
-    if not has_room and not is_free(room.blocked, shape, room.fine_m, place, heading):
+    if not has_room and not is_free(room.blocked, shape, room.fine_m, place, angle):
         return math.inf
     price = 1.0
-    if motion == BACKWARDS:
-        if not is_free(room.unknown, shape, room.fine_m, place, heading):
+    if backs:
+        if not is_free(room.unknown, shape, room.fine_m, place, angle):
             return math.inf
         price += SEARCH.reverse
-    if not has_room and not is_free(room.near, shape, room.fine_m, place, heading):
+    if motion != FORWARDS * room.sense and not is_free(
+        room.hidden, shape, room.fine_m, place, angle
+    ):
+        price += SEARCH.creep
+    if not has_room and not is_free(room.near, shape, room.fine_m, place, angle):
         price += SEARCH.near
-        if not is_free(room.beside, shape, room.fine_m, place, heading):
+        if not is_free(room.beside, shape, room.fine_m, place, angle):
             price += SEARCH.beside
-            if not is_free(room.touching, shape, room.fine_m, place, heading):
+            if not is_free(room.touching, shape, room.fine_m, place, angle):
                 price += SEARCH.touching
     return price
 
@@ -921,8 +1035,8 @@ def turn_cost(
     count = math.ceil(abs(turn) / TURN_RAD)
     total = 0.0
     for index in range(1, count + 1):
-        heading = heading_of(shape, yaw + turn * index / count)
-        price = price_of(room, shape, place, heading, TURNING)
+        angle = nearest_angle(yaw + turn * index / count)
+        price = price_of(room, shape, place, angle, TURNING)
         if price == math.inf:
             return math.inf
         total += price * SEARCH.turn_m * abs(turn) / count
@@ -980,7 +1094,7 @@ def direct_drive(
     count = math.ceil(length / SEARCH.move_m)
     for motion in (FORWARDS, BACKWARDS):
         facing = bearing if motion == FORWARDS else bearing + math.pi
-        heading = heading_of(shape, facing)
+        angle = nearest_angle(facing)
         turns = abs(wrapped(facing - yaw))
         turns += abs(last_turn(task, goal_yaw - facing))
         if length + SEARCH.turn_m * turns >= best.cost:
@@ -989,7 +1103,7 @@ def direct_drive(
         for index in range(1, count + 1):
             share = index / count
             place = x + share * (goal_x - x), y + share * (goal_y - y)
-            cost += price_of(room, shape, place, heading, motion) * length / count
+            cost += price_of(room, shape, place, angle, motion) * length / count
             if cost >= best.cost:
                 break
         if cost >= best.cost:
@@ -1041,6 +1155,49 @@ def direct_bend(
 
 
 @kernel
+def direct_swing(
+    room: Room,
+    shape: Shape,
+    ends: tuple[tuple[float, float, float], tuple[float, float, float]],
+    task: Task,
+    before: int,
+    most: float,
+) -> Swing:
+    """Return the cheapest curve to a place with a turn on the spot at its end.
+
+    Args:
+        room: where it is.
+        shape: the footprint.
+        ends: x, y, yaw of start and goal, from the corner; at the goal there is room to turn.
+        task: says whether the goal's heading matters.
+        before: how the robot came to the start.
+        most: it must cost less than this [m].
+    """
+    first, last = np.array(ends[0]), np.array(ends[1])
+    best = Swing(most, 0, 0.0)
+    count = bend_count(first, last)
+    if count < 2:
+        return Swing(math.inf, 0, 0.0)
+    bearing = math.atan2(last[1] - first[1], last[0] - first[0])
+    curve = np.empty((count, 3))
+    for sense in (FORWARDS, BACKWARDS):
+        facing = bearing if sense == FORWARDS else bearing + math.pi
+        for which in range(-SEARCH.swings, SEARCH.swings + 1):
+            last[2] = first[2] + wrapped(facing + which * SEARCH.swing_rad - first[2])
+            turn = abs(last_turn(task, ends[1][2] - last[2]))
+            least = change_cost(before, sense)
+            least += SEARCH.halt_m + SEARCH.turn_m * turn if turn > 0.0 else 0.0
+            if least + count * SEARCH.cell_m >= best.cost + SEARCH.cell_m:
+                continue
+            if bend_into(curve, first, last, sense) > 1.0 / SEARCH.bend_radius_m:
+                continue
+            cost = least + bend_cost(curve, first, sense, room, shape, best.cost - least)
+            if cost < best.cost:
+                best = Swing(cost, sense, last[2])
+    return best if best.sense != 0 else Swing(math.inf, 0, 0.0)
+
+
+@kernel
 def to_go(room: Room, place: tuple[float, float], yaw: float) -> float:
     """Return what the rest of the way costs at least [m], +inf where the origin must not be.
 
@@ -1060,6 +1217,8 @@ def to_go(room: Room, place: tuple[float, float], yaw: float) -> float:
         ahead += abs(wrapped(room.goal[2] - bearing))
         back += abs(wrapped(room.goal[2] - bearing - math.pi))
         least = abs(wrapped(room.goal[2] - yaw))
+    if room.sense == BACKWARDS:
+        ahead, back = back, ahead
     turning = SEARCH.arc_m * ahead
     if length > SEARCH.cell_m:
         turning = min(turning, SEARCH.arc_m * back + SEARCH.reverse * length)
@@ -1137,22 +1296,62 @@ def begin(
     Where neither fits, the robot leaves by the nearer one: it stands there after all.
     """
     memory.counts[0], memory.counts[1] = 0, 0
-    place = start[0], start[1]
     nearest = heading_of(shape, start[2])
     off = wrapped(start[2] - shape.first_yaw - nearest * TURN_RAD)
     for which in range(2):
         heading = nearest
         if which == 1:
             heading = (nearest + (1 if off > 0.0 else -1)) % HEADINGS
-            if not is_free(room.blocked, shape, room.fine_m, place, heading):
+            if not is_free(room.blocked, shape, room.fine_m, start[:2], angle_of(shape, heading)):
                 continue
-        key = key_of(room, shape, place, heading, cols)
-        if memory.counts[0] > 0 and memory.stamps[slot_of(memory, number, key)] == number:
-            continue
         turn = abs(wrapped(start[2] - shape.first_yaw - heading * TURN_RAD))
-        cost = SEARCH.turn_m * turn
-        reached = Reached(key, start[0], start[1], heading, cost, NONE, AT_START)
-        remember(memory, number, reached, cost + to_go(room, place, start[2]))
+        begin_at(memory, number, room, shape, start[:2], heading, SEARCH.turn_m * turn, cols)
+
+
+@kernel
+def begin_around(
+    memory: Memory,
+    number: int,
+    room: Room,
+    shape: Shape,
+    end: tuple[float, float, float],
+    missed_m: float,
+    cols: int,
+) -> None:
+    """Begin a search at the end of the way, and around it as far as it may be missed.
+
+    What is missed costs as much as a way beside something: it is worth it where that makes room.
+    """
+    memory.counts[0], memory.counts[1] = 0, 0
+    heading = heading_of(shape, end[2])
+    for which in range(9):
+        place = end[:2]
+        if which > 0:
+            bearing = 0.25 * math.pi * which
+            place = end[0] + missed_m * math.cos(bearing), end[1] + missed_m * math.sin(bearing)
+        if is_free(room.blocked, shape, room.fine_m, place, angle_of(shape, heading)):
+            cost = 0.0 if which == 0 else SEARCH.beside * missed_m
+            begin_at(memory, number, room, shape, place, heading, cost, cols)
+
+
+@kernel
+def begin_at(
+    memory: Memory,
+    number: int,
+    room: Room,
+    shape: Shape,
+    place: tuple[float, float],
+    heading: int,
+    cost: float,
+    cols: int,
+) -> None:
+    """Put a first state into the memory, if its cell and heading are not there yet."""
+    key = key_of(room, shape, place, heading, cols)
+    if memory.counts[0] > 0 and memory.stamps[slot_of(memory, number, key)] == number:
+        return
+    reached = Reached(key, place[0], place[1], heading, cost, NONE, AT_START)
+    rest = to_go(room, place, shape.first_yaw + heading * TURN_RAD)
+    remember(memory, number, reached, cost + rest)
 
 
 @kernel
@@ -1183,16 +1382,25 @@ def offer_direct_drive(
     here = float(memory.places[state, 0]), float(memory.places[state, 1]), yaw
     drive = direct_drive(room, shape, (here, goal), task, motion, most)
     bend, _ = direct_bend(room, shape, (here, goal), task, motion, min(most, drive.cost))
-    if drive.cost == math.inf and bend == math.inf:
+    least = min(drive.cost, bend)
+    if can_turn(room, shape, goal[:2], 0.0):
+        swing = direct_swing(room, shape, (here, goal), task, motion, min(most, least))
+        least = min(least, swing.cost)
+    if least == math.inf:
         return True
-    through = cost + min(drive.cost, bend)
+    through = cost + least
     reached = Reached(GOAL_KEY, goal[0], goal[1], 0, through, state, motion)
     return remember(memory, number, reached, through)
 
 
 @kernel
 def move_from(
-    place: tuple[float, float], yaw: float, which: int, heading: int, turns_freely: bool
+    place: tuple[float, float],
+    yaw: float,
+    which: int,
+    heading: int,
+    turns_freely: bool,
+    sense: int,
 ) -> tuple[int, int, tuple[float, float]]:
     """Return one move from a state: the motion, the headings it turns by, and where it leads.
 
@@ -1200,12 +1408,13 @@ def move_from(
         place: x, y of the state.
         yaw: its heading [rad].
         which: number of the move: with room to turn one line for each heading, forwards and
-            then backwards; else turns, lines and arcs.
+            then backwards, as the robot will drive; else turns, lines and arcs.
         heading: index of the state's heading.
         turns_freely: whether there is room to turn.
+        sense: of the room.
     """
     if turns_freely:
-        motion = FORWARDS if which < HEADINGS else BACKWARDS
+        motion = sense if which < HEADINGS else -sense
         turn = (which - heading + HEADINGS // 2) % HEADINGS - HEADINGS // 2
         facing = yaw + turn * TURN_RAD
     elif which < 2:
@@ -1251,10 +1460,10 @@ def expand(memory: Memory, number: int, room: Room, shape: Shape, state: int, co
     is_inside = turns_freely and can_turn(room, shape, here, SEARCH.move_m)
     num_moves = HEADINGS if is_inside else (2 * HEADINGS if turns_freely else 8)
     for which in range(0, num_moves, 4 if is_inside else 1):
-        motion, turn, place = move_from(here, yaw, which, heading, turns_freely)
+        motion, turn, place = move_from(here, yaw, which, heading, turns_freely, room.sense)
         next_heading = (heading + turn) % HEADINGS
         rest = to_go(room, place, shape.first_yaw + next_heading * TURN_RAD)
-        is_spare = motion == BACKWARDS or next_heading % 4 != 0
+        is_spare = motion * room.sense == BACKWARDS or next_heading % 4 != 0
         if rest == math.inf or (
             turns_freely and is_spare and not is_inside and can_turn(room, shape, place, 0.0)
         ):
@@ -1265,7 +1474,7 @@ def expand(memory: Memory, number: int, room: Room, shape: Shape, state: int, co
         through = cost + move_cost(before, motion, turn, turns_freely)
         if is_known and (memory.closed[slot] != 0 or memory.costs[slot] <= through):
             continue
-        price = price_of(room, shape, place, next_heading, motion)
+        price = price_of(room, shape, place, angle_of(shape, next_heading), motion)
         length = SEARCH.turn_m * TURN_RAD
         if motion != TURNING:
             length = SEARCH.move_m + (0.0 if turns_freely else SEARCH.arc_m * TURN_RAD * abs(turn))
@@ -1301,7 +1510,10 @@ def search_poses(
     """
     start, goal = ends
     cols = math.ceil(room.blocked.shape[1] * room.fine_m / SEARCH.cell_m)
-    begin(memory, number, room, shape, start, cols)
+    if room.sense == FORWARDS:
+        begin(memory, number, room, shape, start, cols)
+    else:
+        begin_around(memory, number, room, shape, start, room.begin_m, cols)
     num_near = 0
     while memory.counts[1] > 0:
         state = take_first(memory.heap, memory.counts[1])

@@ -165,6 +165,11 @@ class Inputs:
         return None
 
     @property
+    def off_map_m(self) -> float | None:
+        """How far the robot has driven since the map ended [m], None on the map."""
+        return None if self.frame == "odom" or self.pose is None else self.pose.off_map
+
+    @property
     def is_unsure(self) -> bool:
         """Whether the localizer itself doubts the pose."""
         return self.frame == "map" and self.pose is not None and self.pose.state == "unsure"

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from trolley import sight
 from trolley.geometry import Twist2D, footprint_from_box
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.observed_space import ALL_SEEN, Unseen
@@ -40,7 +41,7 @@ def test_before_what_was_not_seen_a_program_stops_and_a_hand_creeps() -> None:
     assert held.where == "ahead"
     assert held.scale == pytest.approx(0.0, abs=1e-9)
     creeps = SIGHT.look(FAST, unseen, by_hand=True)
-    assert FAST.speed * creeps.scale == pytest.approx(PARAMS.creep)
+    assert FAST.speed * creeps.scale == pytest.approx(sight.SIGHT.creep_mps)
     assert SIGHT.is_creeping(FAST.scaled(creeps.scale))
 
 
@@ -72,7 +73,7 @@ def test_what_was_free_a_while_ago_is_driven_into_at_a_creep_whoever_drives(by_h
     backing = Twist2D(-0.5, 0.0, 0.0)
     look = SIGHT.look(backing, unseen, by_hand=by_hand)
     assert look.where == "behind"
-    assert backing.speed * look.scale == pytest.approx(PARAMS.creep)
+    assert backing.speed * look.scale == pytest.approx(sight.SIGHT.creep_mps)
     turning = Twist2D(0.0, 0.0, 1.5)
     assert SIGHT.look(turning, cells(-0.1, 0.32, was_free=True), by_hand=by_hand) == CLEAR
 
@@ -91,7 +92,7 @@ def test_corners_that_swing_out_creep_whoever_drives(by_hand: bool) -> None:
     unseen = cells(-0.1, 0.32)
     turn = SIGHT.look(Twist2D(0.0, 0.0, 1.5), unseen, by_hand=by_hand)
     assert turn.where == "beside the robot"
-    assert 1.5 * turn.scale * math.hypot(0.2, 0.1) == pytest.approx(PARAMS.creep)
+    assert 1.5 * turn.scale * math.hypot(0.2, 0.1) == pytest.approx(sight.SIGHT.creep_mps)
     arc = SIGHT.look(Twist2D(0.3, 0.0, -1.0), unseen, by_hand=by_hand)
     assert 0.0 < arc.scale < 1.0
 

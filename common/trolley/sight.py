@@ -1,0 +1,28 @@
+"""What a program may drive over that the lidar does not see just now, and how fast.
+
+`base` holds every program to it, and the planner, which knows it, does not try what `base` will not
+let it do. A lidar that looks all round sees everything near just now.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class SightParams:
+    """How long floor counts as free that nobody looks at; set by hand."""
+
+    fresh_s: float = 3.0
+    """What nobody has looked at for longer than this may have been stepped onto: it counts as
+    free, but is driven over at a creep only [s]."""
+    memory_s: float = 30.0
+    """What was seen to be free and lies out of view now, as behind a lidar that looks ahead only,
+    counts as free for this long: recovering from a dead end takes that long [s]."""
+    trail_s: float = 120.0
+    """Where the robot itself stood counts as free for this long: a robot that waited at a place
+    may leave as it came [s]."""
+    creep_mps: float = 0.1
+    """Speed of the footprint's fastest point at a creep: what is met at it is pushed, and can be
+    stepped away from [m/s]."""
+
+
+SIGHT = SightParams()

@@ -1,0 +1,88 @@
+"""Whether there is nothing to learn from a scan: the robot stands and sees what it saw."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import wrap_angle
+from trolley.scanning import ScanInput
+
+
+@dataclass(frozen=True, slots=True)
+class RestParams:
+    """When it rests; set by hand."""
+
+    settled: int = 10
+    """So many scans in a row must have shown the same first,"""
+    look_s: float = 1.0
+    """and even then one is used each time this long has passed [s]."""
+    still_m: float = 0.005
+    still_rad: float = 0.005
+    """The odometry of a robot that stands stays within this of where it was [m, rad]."""
+    same_m: float = 0.03
+    same_share: float = 0.02
+    """An echo is the same within this distance [m] and this share of its range."""
+    least_same: float = 0.85
+    """Share of the echoes that must be the same,"""
+    least_both: float = 0.7
+    """and share of them that both scans must have: lidars miss an echo now and then."""
+
+
+PARAMS = RestParams()
+
+
+class Rest:
+    """Compares scans with the one at which the robot came to stand."""
+
+    def __init__(self) -> None:
+        self._first: ScanInput | None = None
+        self._num_same = 0
+        self._looked_ns = 0
+
+    def end(self) -> None:
+        """Use each scan again, until the next have shown the same."""
+        self._first = None
+
+    def tells_nothing(self, scan: ScanInput) -> bool:
+        """Say whether a scan need not be used."""
+        first = self._first
+        if first is None or not _stands(first, scan) or not _looks_same(first.ranges, scan.ranges):
+            self._first, self._num_same = scan, 0
+            return False
+        self._num_same += 1
+        is_due = scan.stamp_ns - self._looked_ns >= PARAMS.look_s * 1e9
+        if self._num_same < PARAMS.settled or is_due:
+            self._looked_ns = scan.stamp_ns
+            return False
+        return True
+
+
+def _stands(first: ScanInput, scan: ScanInput) -> bool:
+    """Say whether robot and lidar have stood since, by the odometry, and during the scan."""
+    before, now, during = first.odom_T_base, scan.odom_T_base, scan.motion
+    if first.base_T_laser != scan.base_T_laser:
+        return False
+    return (
+        before.distance_to(now) <= PARAMS.still_m
+        and abs(wrap_angle(now.yaw - before.yaw)) <= PARAMS.still_rad
+        and max(abs(during.x), abs(during.y)) <= PARAMS.still_m
+        and abs(during.yaw) <= PARAMS.still_rad
+    )
+
+
+def _looks_same(first: NDArray[np.floating], ranges: NDArray[np.floating]) -> bool:
+    """Say whether nearly all echoes of two scans (n,) [m] are at the same distance."""
+    if first.shape != ranges.shape:
+        return False
+    had, has = _echoes(first), _echoes(ranges)
+    with np.errstate(invalid="ignore"):
+        near = np.abs(ranges - first) <= PARAMS.same_m + PARAMS.same_share * first
+    both = np.count_nonzero(had & has)
+    most = max(np.count_nonzero(had), np.count_nonzero(has))
+    num_same = np.count_nonzero(near & had & has)
+    return bool(both >= PARAMS.least_both * most and num_same >= PARAMS.least_same * both)
+
+
+def _echoes(ranges: NDArray[np.floating]) -> NDArray[np.bool_]:
+    return np.isfinite(ranges) & (ranges > 0.0)

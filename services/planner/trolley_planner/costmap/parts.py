@@ -1,0 +1,64 @@
+"""Parts of the floor that hang together."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+
+
+@kernel
+def label_parts(
+    out_labels: NDArray[np.int32], wide: NDArray[np.bool_], free: NDArray[np.bool_]
+) -> int:
+    """Number the parts of the floor that hang together; the rest joins the part nearest to it.
+
+    Args:
+        out_labels: (rows, cols), overwritten: 1 to n, 0 where nothing is free.
+        wide: (rows, cols) cells of the parts.
+        free: (rows, cols) cells over which they spread, those of `wide` included.
+
+    Returns:
+        How many parts there are.
+    """
+    rows, cols = wide.shape
+    out_labels[:, :] = 0
+    queue = np.empty(rows * cols, dtype=np.int32)
+    known, parts = 0, 0
+    # Each part in turn; all of its cells stay in the queue, from which the spreading begins.
+    for first in range(rows * cols):
+        if not wide[first // cols, first % cols] or out_labels[first // cols, first % cols] != 0:
+            continue
+        parts += 1
+        out_labels[first // cols, first % cols] = parts
+        queue[known] = first
+        taken, known = known, known + 1
+        while taken < known:
+            known = _spread(out_labels, wide, queue, taken, known)
+            taken += 1
+    taken = 0
+    while taken < known:
+        known = _spread(out_labels, free, queue, taken, known)
+        taken += 1
+    return parts
+
+
+@kernel
+def _spread(
+    labels: NDArray[np.int32],
+    mask: NDArray[np.bool_],
+    queue: NDArray[np.int32],
+    taken: int,
+    known: int,
+) -> int:
+    """Give a cell's label to those beside it; return how many cells the queue holds then."""
+    rows, cols = labels.shape
+    row, col = queue[taken] // cols, queue[taken] % cols
+    for side in range(4):
+        r = row + (side == 0) - (side == 1)
+        c = col + (side == 2) - (side == 3)
+        if r < 0 or c < 0 or r >= rows or c >= cols or labels[r, c] != 0 or not mask[r, c]:
+            continue
+        labels[r, c] = labels[row, col]
+        queue[known] = r * cols + c
+        known += 1
+    return known
