@@ -7,7 +7,8 @@ folder), and drives through generated buildings of 500 to 5000 m², a scan a met
 reach, odometry 5 % off. "Wrong" are revisits that the map shows more than 0.5 m from where they
 truly lie to what was seen there before, "unsaid" those of them at which the mapper said that all
 was well. "Loops" are those that close on the map, of those that were driven; "edges" the closures
-that the mapper found. "+MB" is what the mapper's process grew by, `alone` only with one drive.
+that the mapper found. "+MB" is what this process grew by at most; what a drive before it left free
+counts too little, so measure it with one drive.
 Peers' figures stand where they are known, and are those of a drive of that kind, not the same one.
 """
 
