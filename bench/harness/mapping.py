@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.scanning import ScanInput
-from trolley_mapper.slam.estimate import MapEstimate
+from trolley_mapper.slam.estimate import MapEstimate, State
 from trolley_mapper.slam.mapper import Mapper
 
 
@@ -19,20 +19,30 @@ class MappedDrive:
 
     Attributes:
         poses: map_T_base at each scan, as the finished map has them.
+        states: what the mapper said of itself at each scan.
         step_s: (scans,) processor time of each step [s].
-        jobs_s: processor time of all searches and closures [s].
-        mapping_share: share of the scans at which it was mapping, not searching or lost.
+        job_s: (scans,) processor time of the search or closure after each step [s].
     """
 
     poses: list[Pose2D]
+    states: list[State]
     step_s: NDArray[np.float64]
-    jobs_s: float
-    mapping_share: float
+    job_s: NDArray[np.float64]
+
+    @property
+    def jobs_s(self) -> float:
+        """Processor time of all searches and closures [s]."""
+        return float(self.job_s.sum())
+
+    @property
+    def mapping_share(self) -> float:
+        """Share of the scans at which it was mapping, not searching or lost."""
+        return self.states.count("mapping") / len(self.states)
 
 
 def map_drive(mapper: Mapper, scans: Iterable[ScanInput]) -> MappedDrive:
     """Map a drive; loops are searched and closed at once."""
-    anchors, step_s, jobs_s, mapped = [], [], 0.0, 0
+    anchors, states, step_s, job_s = [], [], [], []
     for scan in scans:
         began_s = time.process_time()
         estimate = mapper.step(scan)
@@ -42,8 +52,8 @@ def map_drive(mapper: Mapper, scans: Iterable[ScanInput]) -> MappedDrive:
         job = mapper.take_job()
         if job is not None:
             mapper.finish(job.run())
-        jobs_s += time.process_time() - began_s
-        mapped += estimate.state == "mapping"
+        job_s.append(time.process_time() - began_s)
+        states.append(estimate.state)
         anchors.append(mapper.anchor(estimate.pose))
     poses = [mapper.moved(anchor) for anchor in anchors]
-    return MappedDrive(poses, np.array(step_s), jobs_s, mapped / len(anchors))
+    return MappedDrive(poses, states, np.array(step_s), np.array(job_s))

@@ -21,6 +21,7 @@ from bench.harness.figures import at_least, at_most, show, table
 from bench.harness.mapping import MappedDrive, map_drive
 from bench.harness.paths import OUT
 from bench.mapper.house_tours import House, drive, make_house
+from bench.mapper.map_metrics import alignment, errors_m
 from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage, optimize
@@ -93,19 +94,10 @@ def run(name: str, house: House, seed: int, config: MapperConfig | None = None) 
 
 
 def fitted(poses: list[Pose2D], truths: list[Pose2D]) -> tuple[Pose2D, float]:
-    """Turn and shift poses onto the true ones; returns truth_T_map and the mean error [m].
-
-    Source:
-        Umeyama, Least-Squares Estimation of Transformation Parameters (1991).
-    """
-    found = np.array([(p.x, p.y) for p in poses])
-    true = np.array([(p.x, p.y) for p in truths])
-    middle_found, middle_true = found.mean(axis=0), true.mean(axis=0)
-    u, _, vt = np.linalg.svd((found - middle_found).T @ (true - middle_true))
-    turn = (u @ np.diag([1.0, np.sign(np.linalg.det(u @ vt))]) @ vt).T
-    shift = middle_true - turn @ middle_found
-    fit = Pose2D(float(shift[0]), float(shift[1]), math.atan2(turn[1, 0], turn[0, 0]))
-    return fit, float(np.hypot(*(fit.transform_points(found) - true).T).mean())
+    """Turn and shift poses onto the true ones; returns truth_T_map and the mean error [m]."""
+    found = np.array([p.as_array() for p in poses])
+    true = np.array([p.as_array() for p in truths])
+    return alignment(found[:, :2], true[:, :2]), float(errors_m(found, true).mean())
 
 
 @kernel

@@ -126,6 +126,22 @@ def test_a_corridor_is_driven_as_long_as_it_is(scale: float) -> None:
     assert max(errors) < 0.04
 
 
+@pytest.mark.parametrize("scale", [0.95, 1.0, 1.05])
+def test_a_scan_a_metre_does_not_shorten_a_corridor(scale: float) -> None:
+    start = Pose2D(2.0, 1.1, 0.0)
+    corridor = GridMap("corridor", 0.05, Pose2D.identity(), CORRIDOR)
+    drive = Drive(corridor, Mapper(MapperConfig(), start), start)
+    drive.odometry_scale = scale
+    drive.look()
+    errors: list[float] = []
+    for _ in range(25):
+        drive.scan(0.5, seconds=2.0)
+        errors.append(drive.error_m())
+    # Up to the first pillar nothing but the wheels tells how far it is.
+    assert max(errors) < 0.6
+    assert errors[-1] < 0.3
+
+
 def test_a_lidar_cut_for_five_seconds_is_bridged_by_odometry(make_drive: MakeDrive) -> None:
     drive = make_drive()
     for _ in range(20):

@@ -20,7 +20,7 @@ class BackEndParams:
 
     search_again_s: float = 2.0
     """Time between two searches for a lost robot [s]."""
-    max_pending: int = 12
+    max_pending: int = 30
     """Closures that wait for one that agrees with them."""
 
 

@@ -32,6 +32,11 @@ class ScanMatcherParams:
     """The heading is never believed to be surer than this [rad]."""
     contradiction: float = 3.0
     """Beyond this many standard deviations odometry and scan contradict each other."""
+    gate: float = 4.0
+    """A pose beyond this many standard deviations of the odometry is not believed by one scan, set
+    by hand."""
+    gate_devs: tuple[float, float] = (0.05, 0.08)
+    """Besides, the odometry may be off by this much at any scan, late or slipping [m, rad]."""
     slipping_information: float = 0.05
     """Information of wheels that slipped at the last scan, as a share: else they carry the pose
     along little by little where the scan does not show it well."""
@@ -81,6 +86,8 @@ class ScanMatcherParams:
     """And a match by this much below the usual one from which on it is."""
     close_m: float = 0.04
     """A point this near to a surface lies on it, stricter than for a match [m]."""
+    far_share: float = 0.95
+    """One sees as far as this share of the points lies near."""
     stood_m: float = 0.02
     """A step from which on it is tried whether the robot stood [m]."""
     min_telling_points: int = 3
@@ -266,7 +273,8 @@ class ScanMatcher:
         away = between(self.pose, kept_on)
         if math.hypot(away[0], away[1]) < PARAMS.apart_m and abs(away[2]) < PARAMS.apart_rad:
             return match
-        return _better(match, self._match(local, sweep, kept_on, 0.05), PARAMS.lead_as_before)
+        other = self._match(local, sweep, kept_on, 0.05)
+        return self._possible(match, _better(match, other, PARAMS.lead_as_before))
 
     def _try_stood(self, local: LocalMap, sweep: Sweep, match: ScanMatch) -> ScanMatch:
         """Try whether the robot stood while the wheels turned, where few surfaces tell."""
@@ -277,8 +285,12 @@ class ScanMatcher:
         pose, information = local.align(self._before, sweep.cloud, self._before, prior, 0.2)
         other = ScanMatch(pose, information, judge(local, pose, sweep), sweep)
         wanted = PARAMS.lead_stood_again if self.slip.message else PARAMS.lead_stood
-        enough = max(wanted, PARAMS.min_telling_points / max(len(sweep.cloud.points), 1))
-        return _closer(local, match, other, enough)
+        count = len(sweep.cloud.points)
+        enough = max(wanted, PARAMS.min_telling_points / max(count, 1))
+        # Who drives on sees what nobody saw: about a step's share of how far one sees.
+        far_m = float(np.quantile(np.hypot(*sweep.cloud.points.T), PARAMS.far_share))
+        enough += math.hypot(away[0], away[1]) / max(far_m, 1e-3)
+        return self._possible(match, _closer(local, match, other, enough))
 
     def _try_unbent(self, local: LocalMap, scan: ScanInput, match: ScanMatch) -> ScanMatch:
         """Try whether the wheels turned during the scan and the robot did not: that bends it."""
@@ -321,7 +333,18 @@ class ScanMatcher:
         found = local.correlate(cloud, self.pose, window, PARAMS.min_score, PARAMS.pull)
         if found is None:
             return match
-        return _better(match, self._match(local, sweep, found[0], 0.05), PARAMS.lead)
+        other = self._match(local, sweep, found[0], 0.05)
+        return self._possible(match, _better(match, other, PARAMS.lead))
+
+    def _possible(self, match: ScanMatch, other: ScanMatch) -> ScanMatch:
+        """Return another match where the odometry allows it, else the first."""
+        believed = PARAMS.slipping_information if self.is_slipping else 1.0
+        away = other.pose - self.pose
+        away[2] = math.remainder(away[2], 2.0 * math.pi)
+        dev_m, dev_rad = PARAMS.gate_devs
+        together = self.covariance / believed + np.diag(np.square([dev_m, dev_m, dev_rad]))
+        is_possible = float(away @ np.linalg.solve(together, away)) <= PARAMS.gate**2
+        return other if is_possible else match
 
     def _accept(self, match: ScanMatch) -> None:
         """Take a match over; it is slip where the wheels said something else."""
