@@ -295,8 +295,8 @@ def looking_round(tmp_path, world: Flatland) -> Stage:
     robot.say(mode="ok")
     robot.pose_state = "lost"
     plain = robot.world.estimate
-    robot.world.estimate = lambda stamp, state="lost": msgspec.structs.replace(  # type: ignore[method-assign]
-        plain(stamp, state), wants_turn=True
+    robot.world.estimate = lambda stamp, *said: msgspec.structs.replace(  # type: ignore[method-assign]
+        plain(stamp, *said), wants_turn=True
     )
     return stage
 
