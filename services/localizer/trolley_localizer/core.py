@@ -31,6 +31,7 @@ from trolley_localizer.matching.map_matcher import (
     MatchScore,
     read_beams,
 )
+from trolley_localizer.reach import Reach
 from trolley_localizer.resting import Rest
 from trolley_localizer.tracking_state import Evidence, TrackingMonitor, TrackingState
 
@@ -69,54 +70,11 @@ class LocalizerParams:
     """A place is believed only if a search no longer ago than this has found none beside it [m]."""
     doubted_m: float = 3.0
     """An estimate that has been in doubt over this distance may be wrong after all [m]."""
-    reach_devs: float = 3.0
-    reach_m: float = 0.5
-    reach_rad: float = 0.3
-    """The odometry has led the robot no farther off than so many standard deviations, and so much
-    more [m, rad]."""
-    reach_lasts_m: float = 5.0
-    """On the map for so long [m] without a place within reach, it may be anywhere."""
 
 
 PARAMS = LocalizerParams()
 
 PoseProblem = Literal["outside_map", "in_obstacle"]
-
-
-class Reach:
-    """Where a robot can be that no one has carried off: around where it was led without the map.
-
-    Args:
-        led: the pose, and how far off it may be.
-    """
-
-    def __init__(self, led: AlignedPose) -> None:
-        self._led = led
-        self._left_m = PARAMS.reach_lasts_m
-
-    def predict(self, step: Pose2D) -> None:
-        """Note an odometry step [m, m, rad]."""
-        self._led.predict(step)
-        self._left_m -= math.hypot(step.x, step.y)
-
-    @property
-    def pose(self) -> NDArray[np.float64]:
-        """The middle of it (3,) x, y [cells], yaw [rad]."""
-        return self._led.pose
-
-    @property
-    def is_over(self) -> bool:
-        """Whether it has led to no place for too long."""
-        return self._left_m < 0.0
-
-    def holds(self, pose: NDArray[np.float64], resolution: float) -> bool:
-        """Say whether the robot can be at a pose (3,) x, y [cells], yaw [rad]."""
-        shift, covariance = pose - self._led.pose, self._led.covariance
-        across = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
-        around = math.sqrt(float(covariance[2, 2]))
-        away_m = (math.hypot(shift[0], shift[1]) - PARAMS.reach_devs * across) * resolution
-        turned = abs(math.remainder(float(shift[2]), 2.0 * math.pi)) - PARAMS.reach_devs * around
-        return away_m <= PARAMS.reach_m and turned <= PARAMS.reach_rad
 
 
 @dataclass(slots=True)

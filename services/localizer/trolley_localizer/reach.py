@@ -1,0 +1,61 @@
+"""Where a robot can be that came back from off the map: around where it was led without it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+from trolley_localizer.filter.pose_estimator import AlignedPose
+
+
+@dataclass(frozen=True, slots=True)
+class ReachParams:
+    """How far off it may have been led; set by hand."""
+
+    devs: float = 3.0
+    more_m: float = 0.5
+    more_rad: float = 0.3
+    """No farther than so many standard deviations, and so much more [m, rad]."""
+    lasts_m: float = 5.0
+    """On the map for so long [m] without a place within reach, it may be anywhere."""
+
+
+PARAMS = ReachParams()
+
+
+class Reach:
+    """Where a robot can be that no one has carried off: around where it was led without the map.
+
+    Args:
+        led: the pose, and how far off it may be.
+    """
+
+    def __init__(self, led: AlignedPose) -> None:
+        self._led = led
+        self._left_m = PARAMS.lasts_m
+
+    def predict(self, step: Pose2D) -> None:
+        """Note an odometry step [m, m, rad]."""
+        self._led.predict(step)
+        self._left_m -= math.hypot(step.x, step.y)
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """The middle of it (3,) x, y [cells], yaw [rad]."""
+        return self._led.pose
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has led to no place for too long."""
+        return self._left_m < 0.0
+
+    def holds(self, pose: NDArray[np.float64], resolution: float) -> bool:
+        """Say whether the robot can be at a pose (3,) x, y [cells], yaw [rad]."""
+        shift, covariance = pose - self._led.pose, self._led.covariance
+        across = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+        around = math.sqrt(float(covariance[2, 2]))
+        away_m = (math.hypot(shift[0], shift[1]) - PARAMS.devs * across) * resolution
+        turned = abs(math.remainder(float(shift[2]), 2.0 * math.pi)) - PARAMS.devs * around
+        return away_m <= PARAMS.more_m and turned <= PARAMS.more_rad
