@@ -102,8 +102,9 @@ class Following:
     """It was found by a search: the odometry has not led to it."""
     is_searched: bool = False
     """Whether the whole map has been searched since the proof began."""
-    unsearched_m: float = 0.0
-    """Distance driven since the last search delivered, with turns counted in [m]."""
+    unsearched_m: float | None = 0.0
+    """Distance driven since the first scan after the last search delivered, with turns counted in
+    [m]; None until that scan."""
     driven_m: float = 0.0
     """Distance driven with this estimate, with turns counted in [m]."""
     known: float = 1.0
@@ -259,7 +260,8 @@ class Localizer:
                 self._estimator.predict(step)
                 rivals.predict(step)
                 following.driven_m += driven_m
-                following.unsearched_m += driven_m
+                before_m = following.unsearched_m
+                following.unsearched_m = 0.0 if before_m is None else before_m + driven_m
                 if following.proof is not None:
                     following.proof.predict(step)
                 doubts = following.monitor.doubts
@@ -330,7 +332,7 @@ class Localizer:
                 proof.add(score.value, pinned)
             else:
                 proof.add(score.tracked, pinned, score.known)
-        if proof.is_right and following.unsearched_m > PARAMS.searched_m:
+        if proof.is_right and (following.unsearched_m or 0.0) > PARAMS.searched_m:
             following.is_searched = False  # Other places may fit better from here.
         if proof.is_right and following.is_searched and not following.rivals.exist:
             following.proof, following.is_found, self._reach = None, False, None
@@ -582,7 +584,7 @@ class Localizer:
         resolution = self.field.resolution
         elsewhere = [p for p in places if not is_near(p.pose, followed, resolution)]
         here = [p for p in places if is_near(p.pose, followed, resolution)]
-        following.is_searched, following.unsearched_m = True, 0.0
+        following.is_searched, following.unsearched_m = True, None
         own = max([score, *(p.support for p in here)], key=lambda one: one.value)
         value = self._preferred(following, own)
         best = max((p.support.value for p in elsewhere), default=0.0)

@@ -250,3 +250,19 @@ def test_alike_rooms_are_told_apart_only_by_going_on(flat: GridMap) -> None:
     assert estimate.wants_turn
     assert len(estimate.candidates) >= 2
     assert min(c.map_T_base.distance_to(drive.pose) for c in estimate.candidates) < 0.1
+
+
+def test_a_robot_with_a_scan_a_second_finds_itself_while_it_drives(
+    make_drive: Callable[..., Drive],
+) -> None:
+    """Each search is older than 0.5 m by the next scan."""
+    drive = make_drive()
+
+    def furnish(ranges: np.ndarray) -> None:
+        ranges[::4] *= 0.6  # so that one view does not prove it
+
+    drive.alter = furnish
+    said = [drive.scan(vx=0.6, wz=1.0, seconds=1.0) for _ in range(12)]
+    assert said[0].state != "localized"
+    assert said[-1].state == "localized"
+    assert drive.error_m(said[-1]) < 0.1
