@@ -164,8 +164,9 @@ def main() -> None:
             for pid, (what, used_s) in before.items():
                 share, size_mb = (cpu_s(pid) - used_s) / elapsed_s, pss_mb(pid)
                 total_cpu, total_pss = total_cpu + share, total_pss + size_mb
-                total_threads += num_threads(pid)
-                report_process(what, share, size_mb, num_threads(pid))
+                threads = num_threads(pid)
+                total_threads += threads
+                report_process(what, share, size_mb, threads)
             report_process("together", total_cpu, total_pss, total_threads)
     finally:
         demo.terminate()

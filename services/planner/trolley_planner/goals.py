@@ -15,7 +15,7 @@ from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley.messages import GoalState, GoalStatus
 from trolley.messages.request_params import SendGoal
 from trolley_planner.context.planning_context import PlanningContext, position_trouble
-from trolley_planner.costmap.parts import label_parts
+from trolley_planner.costmap.parts import cells_around, parts_of
 from trolley_planner.paths.path import PlannedPath
 from trolley_planner.sensing.inputs import Inputs
 
@@ -248,12 +248,7 @@ def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
     parts then, and more than one of them leads on.
     """
     costmap, footprint = context.costmap, context.footprint
-    half = math.ceil(PASSAGE.window_m / costmap.resolution_m)
-    centre = [math.floor(at / costmap.resolution_m) for at in (pose_grid.y, pose_grid.x)]
-    rows, cols = (
-        slice(max(at - half, 0), min(at + half + 1, size))
-        for at, size in zip(centre, costmap.shape, strict=True)
-    )
+    rows, cols = cells_around(costmap.shape, costmap.resolution_m, pose_grid, PASSAGE.window_m)
     walkable = costmap.static_distance_m[rows, cols] >= PASSAGE.person_m
     y, x = np.mgrid[rows, cols]
     points = (np.stack([x.ravel(), y.ravel()], axis=1) + 0.5) * costmap.resolution_m
@@ -261,9 +256,7 @@ def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
     past = distance_to_outline(footprint.polygon, local) >= PASSAGE.person_m
     past &= ~polygon_contains(footprint.polygon, local)
     past = past.reshape(walkable.shape) & walkable
-    before, after = np.empty(walkable.shape, np.int32), np.empty(walkable.shape, np.int32)
-    label_parts(before, walkable, walkable)
-    label_parts(after, past, past)
+    before, after = parts_of(walkable), parts_of(past)
     away = np.abs(points - (pose_grid.x, pose_grid.y)).max(axis=1).reshape(walkable.shape)
     leads_on = (away > PASSAGE.leads_on_m) & (after > 0)
     sides = np.unique(np.stack([before[leads_on], after[leads_on]]), axis=1)

@@ -25,7 +25,7 @@ from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.costmap.obstacle_layer import OBSTACLES
-from trolley_planner.costmap.parts import label_parts
+from trolley_planner.costmap.parts import cells_around, parts_of
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.pose_search import (
@@ -128,24 +128,25 @@ class PlanningContext:
             pose_grid: of the robot.
         """
         costmap = self.costmap
-        half = math.ceil(2.0 * self.half_m / costmap.resolution_m)
-        row, col = (math.floor(at / costmap.resolution_m) for at in (pose_grid.y, pose_grid.x))
-        first = max(row - half, 0), max(col - half, 0)
-        part = slice(first[0], row + half + 1), slice(first[1], col + half + 1)
-        free = costmap.weights[part] != LETHAL
-        num_rows, num_cols = free.shape
-        labels = np.empty((num_rows, num_cols), dtype=np.int32)
-        label_parts(labels, free, free)
+        part = cells_around(costmap.shape, costmap.resolution_m, pose_grid, 2.0 * self.half_m)
+        first_row, first_col = part[0].start, part[1].start
+        labels = parts_of(costmap.weights[part] != LETHAL)
+        num_rows, num_cols = labels.shape
+
+        def cell_of(place: Pose2D) -> tuple[int, int]:
+            row, col = (math.floor(at / costmap.resolution_m) for at in (place.y, place.x))
+            return row - first_row, col - first_col
+
+        row, col = cell_of(pose_grid)
         # Where the robot stands it may be nearer to something than it would come by itself.
         rows, cols = np.nonzero(labels)
-        off = np.hypot(rows - (row - first[0]), cols - (col - first[1]))
+        off = np.hypot(rows - row, cols - col)
         own = labels[rows[np.argmin(off)], cols[np.argmin(off)]] if len(off) else -1
 
         def leads_to(place: Pose2D) -> bool:
-            at = math.floor(place.y / costmap.resolution_m) - first[0]
-            along = math.floor(place.x / costmap.resolution_m) - first[1]
-            is_inside = 0 <= at < num_rows and 0 <= along < num_cols
-            return is_inside and bool(labels[at, along] == own)
+            row, col = cell_of(place)
+            is_inside = 0 <= row < num_rows and 0 <= col < num_cols
+            return is_inside and bool(labels[row, col] == own)
 
         return leads_to
 

@@ -1,9 +1,31 @@
 """Parts of the floor that hang together."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry import Pose2D
 from trolley.jit import kernel
+
+
+def cells_around(
+    shape: tuple[int, int], resolution_m: float, pose_grid: Pose2D, reach_m: float
+) -> tuple[slice, slice]:
+    """Return the rows and columns of a grid that lie within a distance along both axes."""
+    half = math.ceil(reach_m / resolution_m)
+    at_row, at_col = (math.floor(at / resolution_m) for at in (pose_grid.y, pose_grid.x))
+    return (
+        slice(max(at_row - half, 0), min(at_row + half + 1, shape[0])),
+        slice(max(at_col - half, 0), min(at_col + half + 1, shape[1])),
+    )
+
+
+def parts_of(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return for each cell (rows, cols) the number of its part, 1 to n; 0 outside of the mask."""
+    labels = np.empty(mask.shape, dtype=np.int32)
+    label_parts(labels, mask, mask)
+    return labels
 
 
 @kernel
