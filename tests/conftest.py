@@ -26,7 +26,7 @@ sys.dont_write_bytecode = False
 # Nor a check of how quickly examples come: that measures the machine.
 NO_CLOCK: dict[str, Any] = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 # The same cases each time, so that a test that is red tells of the last change; new ones on demand.
-settings.register_profile("same", **NO_CLOCK, derandomize=True, print_blob=True)
+settings.register_profile("same", **NO_CLOCK, derandomize=True, max_examples=50, print_blob=True)
 settings.register_profile("new", **NO_CLOCK)
 settings.load_profile("new" if os.environ.get("TROLLEY_NEW_CASES") else "same")
 

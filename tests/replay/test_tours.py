@@ -24,9 +24,8 @@ def drive(
     return drive_tour(config, seed, STOPS, without_zones=without_zones, on_ready=on_ready)
 
 
-@pytest.mark.parametrize(
-    "seed", [100, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(101, 105))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 105))
 def test_tour_arrives_past_mirror_and_obstacles(seed: int) -> None:
     ears: list[Ear] = []
     found = drive(seed, on_ready=lambda lockstep: ears.append(Ear(lockstep)))

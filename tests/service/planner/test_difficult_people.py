@@ -134,6 +134,7 @@ def test_it_waits_for_who_stands_in_the_only_door_and_says_so(play) -> None:
     assert scene.goes_on()
 
 
+@pytest.mark.slow
 def test_it_lets_ten_people_come_through_the_door(play) -> None:
     scene = play(two_rooms(0.9), OTHER_ROOM)
     begins = [0.9 * number for number in range(10)]
@@ -152,7 +153,7 @@ def test_it_lets_ten_people_come_through_the_door(play) -> None:
     assert scene.goes_on()
 
 
-@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("every", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_people_who_seem_to_jump_hold_nobody_up_for_good(play, every: int) -> None:
     """Two people, of whom each scan, or every third, shows only one."""
     scene = play(empty_room(), Pose2D(6.5, 3.0, 0.0))

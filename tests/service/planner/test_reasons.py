@@ -61,7 +61,12 @@ class Stuck(Flatland):
 
 
 @pytest.mark.parametrize(
-    ("world", "reason"), [(Ice, codes.SLIP), (Swing, codes.OSCILLATION), (Stuck, codes.BLOCKED)]
+    ("world", "reason"),
+    [
+        (Ice, codes.SLIP),
+        pytest.param(Swing, codes.OSCILLATION, marks=pytest.mark.slow),
+        (Stuck, codes.BLOCKED),
+    ],
 )
 def test_why_it_does_not_get_on_is_told(tmp_path: Path, world, reason: str) -> None:
     stage = Stage(tmp_path, world(empty_room(), START), give_up_s=15.0)

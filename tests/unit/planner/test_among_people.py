@@ -179,7 +179,7 @@ def test_passes_a_polite_person_without_delay(ride, width_m: float) -> None:
     assert len(meeting.poses) * STEP_S < 1.3 * 18.0
 
 
-@pytest.mark.parametrize("niche_x", [3.4, None])
+@pytest.mark.parametrize("niche_x", [3.4, pytest.param(None, marks=pytest.mark.slow)])
 def test_makes_room_where_two_do_not_fit_side_by_side(ride, niche_x: float | None) -> None:
     """It waits in a niche, or in the room behind it, until who comes has passed."""
     grid = corridor(0.7)

@@ -145,7 +145,9 @@ def test_a_corner_is_turned_where_the_robot_fits(width_m: float) -> None:
     assert worst_overlap(corner(width_m), LONG, path) <= 0.03
 
 
-@pytest.mark.parametrize(("width_m", "corners"), [(0.4, LONG), (0.4, HOOK)])
+@pytest.mark.parametrize(
+    ("width_m", "corners"), [(0.4, LONG), pytest.param(0.4, HOOK, marks=pytest.mark.slow)]
+)
 def test_a_corner_too_tight_to_turn_in_is_named(width_m: float, corners) -> None:
     path, narrow = plan(corner(width_m), corners, ((1.5, 1.5), (4.2, 4.8)))
     assert path is None

@@ -73,7 +73,7 @@ class Drive:
         return np.stack([laser_x, laser_y], axis=1) + ranges * ahead
 
 
-@pytest.mark.parametrize("wz", [1.0, -1.0])
+@pytest.mark.parametrize("wz", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("model", MODELS)
 def test_echoes_lie_on_the_walls(
     simulate: Callable[..., Simulation], model: str, wz: float
