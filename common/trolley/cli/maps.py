@@ -20,6 +20,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM
 from trolley.messages import MapInfo, OccupancyGrid, Zone, request_params
 from trolley.messages.arrays import arrays_of
+from trolley.zones import LINE_KINDS
 
 LOAD_S, POLL_S = 60.0, 0.5
 """How long a map may take to be read by a small computer, and how often it is asked for."""
@@ -134,7 +135,7 @@ def ask_to_load(robot: Robot, params: request_params.LoadMap) -> MapInfo:
 @json_option
 @reports_errors
 def zones_command(as_json: bool) -> None:
-    """List the zones of the map: mirrors, glass, keep-out and speed zones."""
+    """List the zones of the map: mirrors, glass, keep-out and speed zones, rooms."""
     with one_robot() as robot:
         zones = robot.latest(topics.ZONES)
     if zones is None:
@@ -150,7 +151,7 @@ def zones_command(as_json: bool) -> None:
 def _row(zone: Zone) -> tuple[str, str, str, str]:
     points = [f"({x:.2f}, {y:.2f})" for x, y in zone.points]
     shown = points if len(points) <= 4 else [*points[:3], f"... {len(points) - 3} more"]
-    if zone.kind in ("mirror", "glass"):
+    if zone.kind in LINE_KINDS:
         length = sum(math.dist(a, b) for a, b in zip(zone.points, zone.points[1:], strict=False))
         size = f"{length:.2f} m"
     else:

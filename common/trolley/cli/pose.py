@@ -14,6 +14,7 @@ from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import CapturedPose, PoseEstimate, SavedPose, request_params
+from trolley.zones import room_at
 
 FIND_TIMEOUT_S = 60.0
 
@@ -32,11 +33,13 @@ def pose_command(ctx: click.Context, as_json: bool) -> None:
         return
     with one_robot() as robot:
         found = _where_is(robot)
+        zones = None if as_json else robot.latest(topics.ZONES)
     if as_json:
         print_json(found)
         return
     assert found.pose is not None
-    say(f"{pose_text(found.pose)}  on {found.map}")
+    room = None if zones is None else room_at(zones.zones, found.pose.x, found.pose.y)
+    say(f"{pose_text(found.pose)}  on {found.map}" + (f", in {room}" if room else ""))
     say(f"{found.state}, {found.match:.0%} of the beams fit the map{_deviation(found)}")
 
 

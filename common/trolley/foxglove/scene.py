@@ -11,6 +11,7 @@ from foxglove import messages as fox
 from trolley.foxglove.convert import frame_name, pose_message, timestamp
 from trolley.geometry import Pose2D
 from trolley.messages import Marker, Robot, SavedPoses, Suspects, Zones
+from trolley.zones import LINE_KINDS
 
 Rgb = tuple[float, float, float]
 
@@ -19,12 +20,12 @@ ZONE_COLOURS: dict[str, Rgb] = {
     "glass": (0.3, 0.8, 0.8),
     "keepout": (0.9, 0.2, 0.2),
     "speed": (0.9, 0.7, 0.1),
+    "room": (0.5, 0.5, 0.6),
 }
 ROBOT_COLOUR: Rgb = (0.2, 0.45, 0.9)
 PLACE_COLOUR: Rgb = (0.1, 0.6, 0.3)
 SUSPECT_COLOUR: Rgb = (0.8, 0.3, 0.8)
 TEXT_COLOUR: Rgb = (0.3, 0.3, 0.3)
-POLYGONS = ("keepout", "speed")
 LINE_M = 0.04
 TEXT_M = 0.15
 ARROW_M = 0.25
@@ -49,7 +50,7 @@ def robot_outline(robot: str, message: Robot) -> bytes:
 def zones(robot: str, message: Zones) -> bytes:
     """The zones with their names."""
     lines = [
-        _line(zone.points, ZONE_COLOURS[zone.kind], is_closed=zone.kind in POLYGONS)
+        _line(zone.points, ZONE_COLOURS[zone.kind], is_closed=zone.kind not in LINE_KINDS)
         for zone in message.zones
     ]
     texts = [_text(zone.name, Pose2D(*zone.points[0], 0.0)) for zone in message.zones]

@@ -26,7 +26,7 @@ Edge = Annotated[float, Meta(ge=1e-4, le=1e3)]
 """Edge of a cell [m]: between these nothing overflows."""
 MAX_ORIGIN_M = 1e6
 
-ZoneKind = Literal["mirror", "glass", "keepout", "speed"]
+ZoneKind = Literal["mirror", "glass", "keepout", "speed", "room"]
 PoseState = Literal["searching", "localized", "unsure", "lost", "mapping"]
 
 
@@ -59,9 +59,10 @@ class OccupancyGrid(Struct, frozen=True, kw_only=True):
 
 
 class Zone(Struct, frozen=True, kw_only=True):
-    """A named part of the map: `mirror` and `glass` are polylines, `keepout` and `speed` polygons.
+    """A named part of the map: `mirror` and `glass` are polylines, the other kinds polygons.
 
-    Points are in `map` [m]; polygons close by themselves. `speed` [m/s] only for `speed` zones.
+    Points are in `map` [m]; polygons close by themselves. `speed` [m/s] only for `speed` zones. A
+    `room` only says what a part of the map is called; the robot drives there as anywhere.
     Where a zone is put under its own key, `name` may be left out.
     """
 

@@ -15,6 +15,7 @@ from trolley.geometry.polygon import check_polygon
 from trolley.messages import Zone
 from trolley.messages.types import name_problem
 from trolley.state_file import Unreadable, parse
+from trolley.zones import LINE_KINDS
 
 MAX_ZONES = 500
 """More zones on one map are refused."""
@@ -52,7 +53,7 @@ def check_zone(zone: Zone, name: str) -> Zone:
             codes.BAD_REQUEST, f"The zone calls itself {zone.name!r} but its key says {name!r}."
         )
     points = np.array(zone.points, dtype=np.float64)
-    if zone.kind in ("mirror", "glass"):
+    if zone.kind in LINE_KINDS:
         if np.hypot(*np.diff(points, axis=0).T).sum() < _SAME_POINT_M:
             raise Refused(codes.BAD_REQUEST, f"The {zone.kind} line {name!r} has no length.")
     else:
@@ -95,11 +96,7 @@ def without_zone(zones: list[Zone], name: str) -> tuple[list[Zone], Zone]:
 
 def mirror_lines(zones: list[Zone]) -> list[NDArray[np.float64]]:
     """Return the polylines (n, 2) [m] that the lidar does not see as they are."""
-    return [
-        np.array(zone.points, dtype=np.float64)
-        for zone in zones
-        if zone.kind in ("mirror", "glass")
-    ]
+    return [np.array(zone.points, dtype=np.float64) for zone in zones if zone.kind in LINE_KINDS]
 
 
 def read_seeds(map_file: Path) -> list[Zone] | str:

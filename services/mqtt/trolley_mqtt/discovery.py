@@ -54,6 +54,7 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
         | {"device_class": "enum", "options": list(ACTIVITIES)},
         (sensor, "message"): _value("Message", "message", "mdi:message-text"),
         (sensor, "place"): _value("Place", "place", "mdi:map-marker"),
+        (sensor, "room"): _value("Room", "room", "mdi:floor-plan"),
         (sensor, "destination"): _value("Destination", "destination", "mdi:map-marker-path"),
         (sensor, "tour"): _value("Tour", "tour", "mdi:routes"),
         (sensor, "position"): _value("Position", "position", "mdi:crosshairs-gps")
@@ -110,7 +111,13 @@ def _value(name: str, field: str, icon: str | None) -> Payload:
 
 
 def _read(field: str) -> str:
-    words = {"place": "elsewhere", "destination": "nowhere", "tour": "none", "answer": "none"}
+    words = {
+        "place": "elsewhere",
+        "room": "none",
+        "destination": "nowhere",
+        "tour": "none",
+        "answer": "none",
+    }
     default = f" or '{words[field]}'" if field in words else ""
     return f"{{{{ value_json.{field}{default} }}}}"
 

@@ -44,6 +44,7 @@ class RobotInputs:
         self.goal = self._service.watch(topics.GOAL)
         self.trip = self._service.watch(topics.TOUR)
         self.poses = self._service.watch(topics.POSES)
+        self.zones = self._service.watch(topics.ZONES)
         self.tours = self._service.watch(topics.TOURS)
 
     @property
@@ -61,6 +62,7 @@ class RobotInputs:
             goal=self.goal.latest,
             trip=self.trip.latest,
             places=self._places,
+            zones=self.zones.latest,
         )
 
     @property

@@ -5,7 +5,8 @@ import math
 from collections.abc import Sequence
 
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, TourStatus
+from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, TourStatus, Zones
+from trolley.zones import room_of
 
 POSITIONS = ("localized", "unsure", "searching", "lost", "mapping", "stale")
 STALE_S = 1.0
@@ -34,6 +35,7 @@ class RobotView:
     trip: TourStatus | None = None
     places: Sequence[SavedPose] = ()
     """On the robot's map."""
+    zones: Zones | None = None
 
     @property
     def current_trip(self) -> TourStatus | None:
@@ -57,9 +59,14 @@ class RobotView:
     @property
     def place(self) -> str | None:
         """The nearest saved place, where the robot is at one and knows it."""
-        if self.estimate is None or self.position not in ("localized", "unsure"):
+        if self.estimate is None or not self._is_placed:
             return None
         return _nearest(self.estimate.pose, self.places, AT_PLACE_M)
+
+    @property
+    def room(self) -> str | None:
+        """The room that the robot is in and knows."""
+        return room_of(self.estimate, self.zones) if self._is_placed else None
 
     @property
     def destination(self) -> str | None:
@@ -72,6 +79,10 @@ class RobotView:
         if goal is None or goal.state not in (*GOING, "paused") or goal.frame != "map":
             return None
         return _nearest(goal.pose, self.places, SAME_PLACE_M)
+
+    @property
+    def _is_placed(self) -> bool:
+        return self.position in ("localized", "unsure")
 
 
 def _nearest(pose: Pose2D | None, places: Sequence[SavedPose], within_m: float) -> str | None:

@@ -19,6 +19,8 @@ class State(Struct, frozen=True, kw_only=True):
     position: str | None
     place: str | None
     """The saved place that the robot is at."""
+    room: str | None
+    """The room that the robot is in."""
     destination: str | None
     tour: str | None
     battery: int | None
@@ -40,6 +42,7 @@ def state_of(view: RobotView, answer: str | None = None) -> State:
         message=message[:MAX_TEXT],
         position=view.position,
         place=view.place,
+        room=view.room,
         destination=None if view.is_away else view.destination,
         tour=None if trip is None or view.is_away or trip.state == "failed" else trip.name,
         battery=None if charge is None else round(100.0 * charge),

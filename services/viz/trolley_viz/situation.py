@@ -55,6 +55,8 @@ class RobotState:
     tour: Tour | None = None
     """The stored tour that is driven."""
     places: Sequence[SavedPose] = ()
+    room: str | None = None
+    """The room that it is in."""
     silent: frozenset[str] = frozenset()
     """As `View.silent`."""
     mapping: MappingStatus | None = None
@@ -252,7 +254,7 @@ def _idle(known: RobotState) -> StatusLine | None:
         return StatusLine("It has left its map. Send it to a place on the map.", "warn")
     if _is_unsure(known):
         return StatusLine("It is not quite sure where it is, so it drives slowly.", "warn")
-    return READY
+    return READY if known.room is None else StatusLine(f"Ready. It is in “{known.room}”.", "good")
 
 
 RULES: Sequence[Callable[[RobotState], StatusLine | None]] = (

@@ -4,7 +4,17 @@ import pytest
 
 from trolley import codes
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, Stop, Tour, TourStatus
+from trolley.messages import (
+    BaseState,
+    GoalStatus,
+    PoseEstimate,
+    SavedPose,
+    Stop,
+    Tour,
+    TourStatus,
+    Zone,
+    Zones,
+)
 from trolley_mqtt.robot_view import RobotView
 from trolley_mqtt.sentences import ACTIVITIES
 from trolley_mqtt.state import MAX_TEXT, state_of
@@ -75,6 +85,10 @@ def test_the_most_pressing_thing_is_told(changes: dict, activity: str, words: st
 def test_place_and_destination_have_names() -> None:
     state = state_of(known(trip=TRIP))
     assert (state.place, state.destination, state.tour) == ("kitchen", "kitchen", "evening")
+    corners = [(-2.0, -2.0), (4.0, -2.0), (4.0, 4.0), (-2.0, 4.0)]
+    rooms = Zones(stamp_ns=0, map="home", zones=[Zone(name="hall", kind="room", points=corners)])
+    assert state_of(known(zones=rooms)).room == "hall"
+    assert state_of(known(zones=rooms, age_s=5.0)).room is None
     far = known(places=[SavedPose(name="far", map="home", pose=Pose2D(9.0, 9.0, 0.0))])
     assert state_of(far).place is None
 

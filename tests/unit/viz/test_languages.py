@@ -118,6 +118,7 @@ def every_state() -> Iterator[RobotState]:
     yield RobotState(is_away=True)
     yield RobotState()
     yield RobotState(goal=idle)
+    yield RobotState(**known, goal=idle, room="the hall")
     old: dict[str, Any] = {**known, "estimate_age_s": 20.0}
     yield RobotState(**old, goal=idle)
 

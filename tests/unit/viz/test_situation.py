@@ -73,6 +73,7 @@ DRIVING = goal("driving", distance_remaining=3.21, eta=12.4)
 TOUR_GOAL = goal("driving", "tour-t1-1-0", distance_remaining=3.21, eta=12.4)
 CASES = [
     (known(), "Ready."),
+    (known(room="kitchen"), "Ready. It is in “kitchen”."),
     (known(at="unsure"), "It is not quite sure where it is, so it drives slowly."),
     (known(at="unsure", off_map=3.0), "It has left its map. Send it to a place on the map."),
     (

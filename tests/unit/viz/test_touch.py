@@ -131,6 +131,30 @@ def test_the_floor_is_driven_to_and_saved_and_is_where_the_robot_is(
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((-1.0, -0.5, 0.0), abs=1e-6)
 
 
+def test_the_floor_of_a_room_is_called_after_it(stage: "Stage", page: PageOf) -> None:
+    corners = [(-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0)]
+    rooms = [
+        Zone(name="hall", kind="room", points=corners),
+        Zone(name="corner", kind="room", points=[(-3, 0), (-0.5, 0), (-0.5, 2), (-3, 2)]),
+    ]
+    stage.robot.publish(topics.ZONES, Zones(stamp_ns=0, map="room", zones=rooms))
+    stage.runtime.run(0.5)
+    tap(stage, -1.0, 0.5)
+    assert page.within("corner").is_shown("Edit")
+    page.within("corner").press("Go")
+    stage.runtime.run(0.5)
+    goal = stage.robot.goals[-1]
+    assert goal.pose is not None
+    assert (goal.pose.x, goal.pose.y) == pytest.approx((-1.0, 0.5), abs=1e-6)
+    tap(stage, *KITCHEN)
+    assert page.within("kitchen").is_shown("Go")
+    tap(stage, 1.0, -1.5)
+    page.within("hall").press("Edit")
+    stage.runtime.run(0.5)
+    assert stage.session.zone_editor.selected is not None
+    assert stage.session.zone_editor.selected.name == "hall"
+
+
 def test_whoever_stands_on_the_floor_is_followed(stage: "Stage", page: PageOf) -> None:
     tap(stage, -1.0, 0.5)
     page.within("Here").press("Follow who is here")

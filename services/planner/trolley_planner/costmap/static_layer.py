@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM, UNKNOWN, distance_transform
 from trolley.messages import Zone
+from trolley.zones import LINE_KINDS
 from trolley_planner.costmap.inflation import FREE, WALL
 from trolley_planner.costmap.inflation import UNKNOWN as UNKNOWN_KIND
-
-LINE_KINDS = ("mirror", "glass")
 
 
 @dataclass(frozen=True, slots=True)

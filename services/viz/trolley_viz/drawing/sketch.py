@@ -21,6 +21,7 @@ from trolley.geometry.polygon import (
 from trolley.gridmap import OCCUPIED_FROM
 from trolley.messages import OccupancyGrid, Zone
 from trolley.messages.mapping import ZoneKind
+from trolley.zones import LINE_KINDS
 
 Point = tuple[float, float]
 
@@ -29,10 +30,10 @@ KIND_NAMES: dict[ZoneKind, str] = {
     "glass": "glass",
     "keepout": "no-go area",
     "speed": "slow area",
+    "room": "room",
 }
 """What people call each kind; a new zone is called so, with a number."""
 
-LINES: tuple[ZoneKind, ...] = ("mirror", "glass")
 SNAP_M = 0.15
 """A corner of a mirror or glass line snaps to a wall within this distance."""
 MIN_LENGTH_M = 0.02
@@ -50,7 +51,7 @@ class Sketch:
     @property
     def is_line(self) -> bool:
         """Whether it is a line, not an area."""
-        return self.kind in LINES
+        return self.kind in LINE_KINDS
 
     def add(self, point: Point) -> "Sketch":
         """Add a corner; there is room for `MAX_CORNERS`."""
@@ -120,7 +121,7 @@ def zone_at(zones: Sequence[Zone], point: Point, reach_m: float) -> Zone | None:
     over: list[tuple[float, int]] = []
     for i, zone in enumerate(zones):
         corners = np.array(zone.points, dtype=np.float64)
-        if zone.kind in LINES:
+        if zone.kind in LINE_KINDS:
             distance = float(distance_to_segments(at, corners[:-1], corners[1:])[0])
             if distance <= reach_m:
                 near.append((distance, i))

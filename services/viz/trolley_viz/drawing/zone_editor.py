@@ -13,9 +13,9 @@ from trolley import topics
 from trolley.geometry.frames import MAP
 from trolley.messages import SuspectLine, Zone, Zones
 from trolley.messages.mapping import ZoneKind
+from trolley.zones import LINE_KINDS
 from trolley_viz.drawing.canvas import Canvas, Phase, PointerHandlers, outline_of
 from trolley_viz.drawing.sketch import (
-    LINES,
     Point,
     Sketch,
     free_name,
@@ -120,7 +120,7 @@ class ZoneEditor:
         self._begin()
         self.leave()
         self.mode, self.sketch = "draw", Sketch(kind)
-        self.hint = LINE_HINT if kind in LINES else AREA_HINT
+        self.hint = LINE_HINT if kind in LINE_KINDS else AREA_HINT
         self._fill(Form(free_name(kind, {zone.name for zone in self.zones})))
         self.show()
 
@@ -220,13 +220,15 @@ class ZoneEditor:
         else:
             self.leave()
         if zone is not None:
-            self._tell("Saved", f"The robot will respect “{zone.name}” from now on.", "good")
+            known = f"The robot now knows “{zone.name}”."
+            respected = f"The robot will respect “{zone.name}” from now on."
+            self._tell("Saved", known if zone.kind == "room" else respected, "good")
 
     def _snapped(self, point: Point) -> Point:
         """Snap a corner of a mirror or glass line to the wall that it hangs on."""
         view = self._view()
         grid = view.map
-        if grid is None or self.kind not in LINES:
+        if grid is None or self.kind not in LINE_KINDS:
             return point
         return snap_to_wall(grid, point)
 

@@ -1,6 +1,7 @@
 """What the sentences about a robot depend on, gathered from its streams."""
 
 from trolley import topics
+from trolley.zones import room_of
 from trolley_viz.actions.robot_actions import what_is_under_way
 from trolley_viz.robots.view import View
 from trolley_viz.scene.tours import tour_of
@@ -26,6 +27,7 @@ def robot_state(view: View) -> RobotState:
         trip=trip,
         tour=None if trip is None else tour_of(trip, view),
         places=[] if saved is None else saved.poses,
+        room=room_of(estimate, streams.latest(topics.ZONES)),
         silent=view.silent,
         mapping=streams.latest(topics.MAPPING),
     )

@@ -16,6 +16,7 @@ KINDS = {
     "glass": "Glass",
     "keepout": "The robot does not drive in here.",
     "speed": "The robot drives slowly here.",
+    "room": "This is a room.",
 }
 FLOOR = "Here"
 
@@ -77,14 +78,15 @@ class TouchCard:
             self._name.value = ""
         is_here = one.what in ("place", "floor")
         is_other = one.what == "robot" and one.name != view.robot_name
-        self._card.call(one.name or FLOOR, is_name=bool(one.name))
+        name = one.name or one.room
+        self._card.call(name or FLOOR, is_name=bool(name))
         self._about.content = note(self._words(view, one))
         self._go.visible = self._tour.visible = is_here
         self._go.disabled = not view.can_go
         self._follow_person.visible = one.what == "floor"
         self._follow_person.disabled = not view.can_go
         self._name.visible = self._save.visible = self._pose.visible = one.what == "floor"
-        self._edit.visible = one.what in ("place", "zone")
+        self._edit.visible = one.what in ("place", "zone") or bool(one.room)
         self._show.visible = is_other
 
     # Inside.
@@ -111,7 +113,7 @@ class TouchCard:
         one = self._touching.touched
         if one is not None:
             lead = self._leads.edit_place if one.what == "place" else self._leads.edit_zone
-            lead(one.name)
+            lead(one.name or one.room)
             self._touching.close()
 
     def _follow(self) -> None:

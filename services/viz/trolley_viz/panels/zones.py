@@ -7,9 +7,9 @@ from trolley_viz.drawing.zone_editor import SLOW_MPS, Mode
 from trolley_viz.panels.markup import note
 from trolley_viz.session.session import Session
 
-LINE_KINDS: dict[str, ZoneKind] = {"Mirror": "mirror", "Glass": "glass"}
-AREA_KINDS: dict[str, ZoneKind] = {"No-go": "keepout", "Slow": "speed"}
-KINDS: dict[str, ZoneKind] = LINE_KINDS | AREA_KINDS
+LINES: dict[str, ZoneKind] = {"Mirror": "mirror", "Glass": "glass"}
+AREAS: dict[str, ZoneKind] = {"No-go": "keepout", "Slow": "speed", "Room": "room"}
+KINDS: dict[str, ZoneKind] = LINES | AREAS
 CHOOSE = "choose …"
 YES, NO = "Yes, add it", "No"
 SUSPECT_TEXT = "There seems to be a mirror where the map says “mirror?”."
@@ -30,8 +30,8 @@ class ZonePanel:
         with self.folder:
             self._suspect = gui.add_html(note(SUSPECT_TEXT), visible=False)
             self._answer = gui.add_choice("Mirror?", (YES, NO), visible=False)
-            self._lines = gui.add_choice("Draw a line", tuple(LINE_KINDS))
-            self._areas = gui.add_choice("Draw an area", tuple(AREA_KINDS))
+            self._lines = gui.add_choice("Draw a line", tuple(LINES))
+            self._areas = gui.add_choice("Draw an area", tuple(AREAS))
             self._choice = gui.add_list("Change", (CHOOSE,), words=(CHOOSE,))
             self._pick = gui.add_button("Choose on the map", icon="hand-finger")
             self._name = gui.add_text("Name", "", visible=False)

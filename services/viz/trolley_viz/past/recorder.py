@@ -29,6 +29,7 @@ from trolley.messages import (
 from trolley.runtime.service import Service
 from trolley.teleop import SOURCE as BY_HAND
 from trolley.topics import Topic
+from trolley.zones import room_of
 from trolley_viz.past.record import LATELY, TRIP, Failure, Record
 from trolley_viz.robots.past_trips import has_failed
 from trolley_viz.robots.placement import poses_between, seen_from
@@ -72,6 +73,7 @@ WATCHED: tuple[Topic[Any], ...] = (
     topics.GOAL,
     topics.TOUR,
     topics.POSES,
+    topics.ZONES,
     topics.MAPPING,
 )
 """What the sentence depends on: all of it comes seldom, but for a goal that is driven to."""
@@ -186,6 +188,7 @@ class Recorder:
             trip=trip,
             tour=None if trip is None else trip.tour,
             places=[] if saved is None else saved.poses,
+            room=room_of(estimate, streams.latest(topics.ZONES)),
             silent=self._silence.update(self._health, self._service.monotonic_ns),
             mapping=streams.latest(topics.MAPPING),
         )

@@ -7,6 +7,7 @@ import viser
 
 from trolley import topics
 from trolley.messages import SavedPose, Zone
+from trolley.zones import LINE_KINDS
 from trolley_viz.graphics.pictures import badge
 from trolley_viz.graphics.shapes import (
     arrow_outline,
@@ -25,6 +26,7 @@ ZONE_COLOURS = {
     "glass": (110, 190, 235),
     "keepout": (215, 45, 60),
     "speed": (235, 165, 20),
+    "room": (130, 140, 165),
 }
 PLACE_ICON = "map-pin"
 ICON_SIZE = 0.42
@@ -107,7 +109,7 @@ class PlaceLayer(Layer):
 
 
 class ZoneLayer(Layer):
-    """Mirrors, glass, keep-outs and speed zones."""
+    """Mirrors, glass, keep-outs, speed zones and rooms."""
 
     key, title = "zones", "Zones"
     group = "Map"
@@ -133,7 +135,7 @@ class ZoneLayer(Layer):
 
     def _add(self, i: int, zone: Zone, points: np.ndarray) -> None:
         colour = ZONE_COLOURS[zone.kind]
-        if zone.kind in ("mirror", "glass"):
+        if zone.kind in LINE_KINDS:
             self._add_line(f"line{i}", points, colour)
         else:
             self._add_area(i, points, colour)

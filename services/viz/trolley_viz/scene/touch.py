@@ -16,6 +16,7 @@ from trolley.geometry.polygon import (
     polygon_contains,
 )
 from trolley.messages import Zone
+from trolley.zones import LINE_KINDS, room_at
 from trolley_viz.graphics.shapes import meet_floor
 from trolley_viz.robots.view import View
 from trolley_viz.scene.place_labels import Eye
@@ -23,7 +24,6 @@ from trolley_viz.scene.places import ICON_SIZE, current_places
 
 REACH_PX = 22.0
 """Half of what a fingertip covers."""
-LINES = ("mirror", "glass")
 ROBOT_M = 0.2
 """How far a robot reaches whose outline is not known."""
 
@@ -39,12 +39,14 @@ class Touched:
         what: it is.
         name: of the robot, place or zone; "" for the floor.
         x, y: where the finger was, in the world [m].
+        room: that the floor belongs to, "" for none.
     """
 
     what: What
     name: str
     x: float
     y: float
+    room: str = ""
 
 
 def touched(view: View, eye: Eye, at: Point) -> Touched | None:
@@ -72,13 +74,13 @@ def touched(view: View, eye: Eye, at: Point) -> Touched | None:
     finders: tuple[tuple[What, Iterator[tuple[str, float]]], ...] = (
         ("robot", _robots(view, point)),
         ("place", _places(view, point)),
-        ("zone", _zones(view, point)),
+        ("zone", _zones_near(view, point)),
     )
     for what, found in finders:
         distance, name = min(((metres, name) for name, metres in found), default=(math.inf, ""))
         if distance <= reach:
             return Touched(what, name, *point)
-    return Touched("floor", "", *point)
+    return Touched("floor", "", *point, room=room_at(_zones(view), *point) or "")
 
 
 def _robots(view: View, point: Point) -> Iterator[tuple[str, float]]:
@@ -103,17 +105,23 @@ def _places(view: View, point: Point) -> Iterator[tuple[str, float]]:
             yield one.name, max(gap, 0.0)
 
 
-def _zones(view: View, point: Point) -> Iterator[tuple[str, float]]:
-    zones = view.streams.latest(topics.ZONES)
-    if zones is not None and view.map is not None and zones.map == view.map.name:
-        for zone in zones.zones:
+def _zones(view: View) -> list[Zone]:
+    """The zones of the map that is shown."""
+    zones, grid = view.streams.latest(topics.ZONES), view.map
+    return [] if zones is None or grid is None or zones.map != grid.name else zones.zones
+
+
+def _zones_near(view: View, point: Point) -> Iterator[tuple[str, float]]:
+    """How far the point is from each zone [m]; a room is the floor itself."""
+    for zone in _zones(view):
+        if zone.kind != "room":
             yield zone.name, _distance_to(zone, point)
 
 
 def _distance_to(zone: Zone, point: Point) -> float:
     """How far a point is from a line, or from an area that it is not in [m]."""
     corners, points = np.array(zone.points, np.float64).reshape(-1, 2), np.array([point])
-    if zone.kind in LINES:
+    if zone.kind in LINE_KINDS:
         return float(distance_to_segments(points, corners[:-1], corners[1:])[0])
     if polygon_contains(corners, points)[0]:
         return 0.0
