@@ -8,10 +8,11 @@ from typing import Any
 from trolley.gridmap import MapError, load_map
 from trolley.runtime.log import Log
 from trolley.runtime.state import StateFolder
+from trolley.zones import ZoneFile
 from trolley_base import persistence
 from trolley_localizer.map_server import CHOSEN_MAP_FILE, ChosenMap
 from trolley_localizer.start_pose import LAST_POSE_FILE, LastPose
-from trolley_localizer.zone_rules import ZoneFile, state_file
+from trolley_localizer.zone_rules import state_file
 from trolley_tour.stored import checks, places, tours
 from trolley_tour.trips import history_file, runner
 from trolley_tour.trips.record import TripRecord

@@ -1,15 +1,30 @@
-"""What the kinds of zones are, and which room a point lies in."""
+"""What the kinds of zones are, the file they are kept in, and which room a point lies in."""
 
 from collections.abc import Iterable
-from typing import Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
+from msgspec import Struct
 
 from trolley.geometry.polygon import polygon_contains, signed_area
 from trolley.messages.mapping import PoseEstimate, Zone, ZoneKind, Zones
 
 LINE_KINDS: Final[tuple[ZoneKind, ...]] = ("mirror", "glass")
 """These are lines, all others are areas."""
+
+
+class ZoneFile(Struct, frozen=True, kw_only=True):
+    """The zones of one map on disk."""
+
+    SCHEMA: ClassVar[int] = 2
+
+    zones: list[Zone]
+
+    @classmethod
+    def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
+        """Return the content of a file of schema 1: it knew no rooms."""
+        del schema
+        return plain
 
 
 def room_at(zones: Iterable[Zone], x: float, y: float) -> str | None:

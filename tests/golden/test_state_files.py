@@ -20,15 +20,15 @@ import pytest
 from trolley.runtime.log import Log
 from trolley.runtime.state import StateFolder
 from trolley.state_file import schema_of
+from trolley.zones import ZoneFile
 from trolley_base.persistence import SavedLatch, SavedTime, SavedWorld
 from trolley_localizer.changes.change_file import ChangeFile
 from trolley_localizer.map_server import ChosenMap
 from trolley_localizer.start_pose import LastPose
-from trolley_localizer.zone_rules import ZoneFile
 from trolley_mapper import checkpoint
 from trolley_mapper.checkpoint import Checkpoint
 from trolley_mapper.edit.map_switch import SwitchPlan, pending_plan, store_plan
-from trolley_mapper.edit.map_versions import MapVersions, Version, ZonesFile
+from trolley_mapper.edit.map_versions import MapVersions, Version
 from trolley_tour.stored.checks import PosesFile, ToursFile
 from trolley_tour.trips import history_file
 from trolley_tour.trips.record import TripRecord
@@ -64,10 +64,10 @@ class Form(NamedTuple):
 FORMS = {
     **{name.replace("/", "_"): Form(kind, schema_of(kind)) for name, kind in KINDS.items()},
     "mapping.bin": Form(Checkpoint, Checkpoint(name="a", core=b"").schema),
-    "map_edit.json": Form(SwitchPlan, 1),
+    "map_edit.json": Form(SwitchPlan, 2),
     "viewer_trip": Form(TripFile, TripFile.SCHEMA),
     "map.yaml": Form(Version, 1),
-    "map.zones.toml": Form(ZonesFile, schema_of(ZonesFile)),
+    "map.zones.toml": Form(ZoneFile, schema_of(ZoneFile)),
 }
 
 
@@ -237,7 +237,7 @@ def test_the_unfinished_map_of_before_is_read(folder: StateFolder):
     [
         (b"", "broken"),
         (b"\x80", "broken"),
-        (msgspec.msgpack.encode({"schema": 2, "anything": 1}), "newer"),
+        (msgspec.msgpack.encode({"schema": 3, "anything": 1}), "newer"),
         (msgspec.msgpack.encode({"songs": ["a"]}), "broken"),
     ],
 )
@@ -273,7 +273,7 @@ def test_a_plan_tells_its_schema(tmp_path: Path):
     content = json.loads((FOLDER / "unmarked" / "map_edit.json").read_bytes())
     plan = msgspec.convert(content, SwitchPlan)
     store_plan(tmp_path, plan)
-    assert json.loads((tmp_path / "map_edit.json").read_bytes())["schema"] == 1
+    assert json.loads((tmp_path / "map_edit.json").read_bytes())["schema"] == 2
 
 
 @pytest.mark.parametrize("name", FORMS)

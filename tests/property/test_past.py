@@ -42,7 +42,7 @@ class NaiveRows:
 
 
 @pytest.mark.parametrize("thins", [False, True])
-@given(steps=STEPS, capacity=st.integers(1, 9), drops=st.sets(st.integers(0, 60)))
+@given(steps=STEPS, capacity=st.integers(2, 9), drops=st.sets(st.integers(0, 60)))
 def test_rows_are_what_a_list_would_hold(
     steps: list[int], capacity: int, drops: set[int], *, thins: bool
 ) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from msgspec import Struct
 from numpy.typing import NDArray
 
 from trolley import codes
@@ -15,18 +14,12 @@ from trolley.geometry.polygon import check_polygon
 from trolley.messages import Zone
 from trolley.messages.types import name_problem
 from trolley.state_file import Unreadable, parse
-from trolley.zones import LINE_KINDS
+from trolley.zones import LINE_KINDS, ZoneFile
 
 MAX_ZONES = 500
 """More zones on one map are refused."""
 _SAME_POINT_M = 1e-3
 """A line must be longer than this [m]."""
-
-
-class ZoneFile(Struct, frozen=True, kw_only=True):
-    """The zones of one map on disk."""
-
-    zones: list[Zone]
 
 
 def state_file(map_name: str) -> str:

@@ -5,10 +5,10 @@ from trolley.codes import Refused
 from trolley.messages import Zone, Zones
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Later, Service, answers, gets, on, on_delete
+from trolley.zones import ZoneFile
 from trolley_localizer.map_server import LoadedMap, MapServer
 from trolley_localizer.mapper_lease import MapperLease
 from trolley_localizer.zone_rules import (
-    ZoneFile,
     check_zone,
     mirror_lines,
     state_file,

@@ -23,7 +23,7 @@ PERIOD_NS = 30_000_000_000
 class Checkpoint(Struct, frozen=True, kw_only=True):
     """A map in the making as it is stored."""
 
-    schema: int = 1
+    schema: int = 2
     """Of the file; counted up when its form changes. Files of before it was told have none."""
     name: MapName
     extends: str | None = None

@@ -20,9 +20,10 @@ from trolley.gridmap import OCCUPIED_FROM, GridMap, MapError, load_map
 from trolley.map_editing import apply, merge
 from trolley.messages import EditMap, MapEdited, Merge, SavedPose, TakeBack, Tour, Zone
 from trolley.state_file import Unreadable, parse
+from trolley.zones import ZoneFile
 from trolley_mapper.edit.map_switch import SwitchPlan, store_plan
 from trolley_mapper.edit.map_transform import moved_place, moved_tour, moved_zones, renamed_zones
-from trolley_mapper.edit.map_versions import Change, MapVersions, Version, ZonesFile
+from trolley_mapper.edit.map_versions import Change, MapVersions, Version
 
 MAX_SHOWN = 2000
 """Wall points of a merged map that a preview shows."""
@@ -248,7 +249,7 @@ class _Edit:
             file.with_name(f"{file.stem}.zones.toml"),
         ):
             try:
-                return parse(read_file(path), ZonesFile).zones
+                return parse(read_file(path), ZoneFile).zones
             except FileNotFoundError:
                 continue
             except (OSError, Unreadable) as error:

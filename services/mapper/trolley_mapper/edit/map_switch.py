@@ -38,7 +38,7 @@ class SwitchPlan(Struct, frozen=True, kw_only=True):
     Zones, places and tours are given as they are to be, so that telling twice does no harm.
     """
 
-    schema: int = 1
+    schema: int = 2
     """Of the file; counted up when its form changes. Files of before it was told have none."""
     map: str
     """The map to be loaded."""

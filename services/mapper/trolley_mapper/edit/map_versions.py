@@ -26,6 +26,7 @@ from trolley.gridmap.description import read_description, render_description
 from trolley.gridmap.io import render_map
 from trolley.messages import Zone
 from trolley.state_file import render
+from trolley.zones import ZoneFile
 
 SCHEMA = 1
 """Of the entry `trolley` in a map's YAML file; counted up when its form changes."""
@@ -33,12 +34,6 @@ MAX_KEPT = 20
 """Former versions of a map; then the oldest is dropped."""
 _KEPT = re.compile(r"([0-9]{4,9})\.yaml")
 _REMEDY = "make room on the disk, or check the folder and its rights"
-
-
-class ZonesFile(Struct, frozen=True, kw_only=True):
-    """A file of zones, as the localizer keeps them too."""
-
-    zones: list[Zone]
 
 
 class Version(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -303,4 +298,4 @@ def _schema(said: object) -> int | None:
 
 def _toml(zones: Sequence[Zone]) -> bytes:
     """Return zones as the file that the localizer reads."""
-    return render(ZonesFile(zones=[*zones]))
+    return render(ZoneFile(zones=[*zones]))

@@ -14,7 +14,7 @@ class Rows:
 
     Args:
         kind: the columns; one of them is `at_ns`.
-        capacity: how many rows there are at most.
+        capacity: how many rows there are at most; two or more where it thins.
         thins: whether every second row goes where there is no room, instead of the oldest.
     """
 

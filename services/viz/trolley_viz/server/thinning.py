@@ -82,8 +82,8 @@ class Thinner:
             elif kind in MOVES and isinstance(node, str):
                 self.moves[kind, node] = part
             else:
-                if "props" in message or kind == REMOVAL:
-                    self._forget(node)
+                if isinstance(node, str) and ("props" in message or kind == REMOVAL):
+                    self._forget(node, below=kind == REMOVAL)
                 self.rest.append(part)
 
     def small(self) -> bytes | None:
@@ -107,15 +107,14 @@ class Thinner:
         """About how large that is [B]."""
         return _size(next(iter(self.updates.values()))) if self.updates else 0
 
-    def _forget(self, node: object) -> None:
-        """Leave out what was said of a node that is made anew or goes, and of those below it."""
-        if not isinstance(node, str):
-            return
-        below = f"{node}/"
-        for one in [one for one in self.updates if one == node or one.startswith(below)]:
-            del self.updates[one]
-        for kind, one in [key for key in self.moves if key[1] == node or key[1].startswith(below)]:
-            del self.moves[kind, one]
+    def _forget(self, node: str, *, below: bool) -> None:
+        """Leave out what was said of a node, and of those below: they stay if it is made anew."""
+
+        def goes(one: str) -> bool:
+            return one == node or (below and one.startswith(f"{node}/"))
+
+        self.updates = {one: parts for one, parts in self.updates.items() if not goes(one)}
+        self.moves = {key: part for key, part in self.moves.items() if not goes(key[1])}
 
 
 def unpacked(data: bytes) -> tuple[float, list[Part]]:
