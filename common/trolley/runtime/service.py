@@ -53,11 +53,13 @@ from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import TimeSource
 from trolley.runtime.serving import Later
 from trolley.runtime.state import StateFolder
+from trolley.runtime.timers import Deadline
 from trolley.runtime.wire import Wire
 from trolley.topics import Topic
 
 __all__ = [
     "Binding",
+    "Deadline",
     "Later",
     "Service",
     "TimerClock",
@@ -294,6 +296,11 @@ class Service:
         of arrivals wait already, one that is not urgent is dropped and counted as `inbox/dropped`.
         """
         self._wire.context.inbox.push(lambda _: fn(), urgent=urgent)
+
+    def deadline(self, call: Callable[[], None]) -> Deadline:
+        """Return what calls once it is set and `clear`ed no more: made once, set often."""
+        context = self._wire.context
+        return context.timers.deadline(context.inbox.now_ns, call)
 
     def later(self) -> Later[Any]:
         """Return this from a request's method to answer it within 2 s."""
