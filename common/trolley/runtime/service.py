@@ -184,6 +184,14 @@ class Service:
         """Publish a message and keep it for `get`; `parts` fill the topic's varying chunks."""
         self._wire.server.publish(topic, message, parts, robot)
 
+    def publish_if_heard(self, topic: Topic[M], make: Callable[[], M], *parts: str) -> None:
+        """Publish what `make()` returns, of a sensor stream, where anybody listens.
+
+        Where nobody does it is made when it is asked for, which may be long after: `make` reads
+        nothing that changes unless a newer value is as good.
+        """
+        self._wire.server.publish_if_heard(topic, make, parts)
+
     def withdraw(self, topic: Topic[Any], *parts: str) -> None:
         """Stop answering `get` of a topic until it is published again: another owns it now."""
         self._wire.server.withdraw(topic, parts)

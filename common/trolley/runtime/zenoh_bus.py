@@ -231,6 +231,11 @@ class ZenohBus:
             express=express,
         )
 
+    def is_heard(self, key: str, encoding: str) -> bool:
+        """Whether the router told of anybody who hears a sensor stream."""
+        publisher = self._publisher(key, encoding)
+        return publisher is None or publisher.matching_status.matching
+
     def _publisher(self, key: str, encoding: str) -> "zenoh.Publisher | None":
         """What knows whether anybody hears a stream; None where there are too many."""
         publisher = self._publishers.get((key, encoding))
