@@ -39,8 +39,8 @@ class Watch(Generic[M]):
         self.is_full = False
         """Whether messages were refused since something was last forgotten: there is too much."""
         self.wakes = True
-        """Whether a message is taken in as it comes; else with the next thing that the service
-        does, which it never notices. A watch that calls nobody does not wake."""
+        """Whether a message is taken in as it comes; else before the next thing that the service
+        does, within a second. May be set at any time; a watch that calls nobody does not wake."""
         self._seconds = seconds
         self._arrivals: dict[tuple[str, ...], int] = {}
         self._sizes: dict[tuple[str, ...], int] = {}
