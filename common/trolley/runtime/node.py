@@ -133,9 +133,7 @@ class Node:
             case Binding(kind="gets", topic=Topic() as topic):
                 self._server.open_gets(topic, binding.parts, method)
             case Binding(kind="on", topic=Topic() as topic):
-                watch = self._receiver.watch(
-                    topic, binding.parts, robot=binding.robot, then=method
-                )
+                watch = self._receiver.watch(topic, binding.parts, robot=binding.robot, then=method)
                 watch.wakes = binding.wakes
             case Binding(topic=Topic() as topic):
                 feed = Feed(Watch(topic, 0.0), None, binding.parts, on_delete=method)

@@ -234,7 +234,10 @@ class ZenohBus:
     def is_heard(self, key: str, encoding: str) -> bool:
         """Whether the router told of anybody who hears a sensor stream."""
         publisher = self._publisher(key, encoding)
-        return publisher is None or publisher.matching_status.matching
+        if publisher is None:
+            return True
+        status: Any = publisher.matching_status  # its stub says bool
+        return bool(status.matching)
 
     def _publisher(self, key: str, encoding: str) -> "zenoh.Publisher | None":
         """What knows whether anybody hears a stream; None where there are too many."""
