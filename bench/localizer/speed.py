@@ -112,16 +112,20 @@ class Ours:
     def weigh(self) -> None:
         """Weigh the particles as they are."""
         self.filter.weigh(self._points)
-        self.filter.normalise()
 
     def update(self) -> None:
         """Motion, weights, estimate, resampling."""
-        self.filter.predict(split_step(STEP, CONFIG))
-        self.weigh()
-        self.filter.cluster()
-        self.filter.resample()
-        self.filter.renew(self.mean)
+        self.observe()
+        self.redraw()
         self.filter.spread_m()
+
+    def observe(self) -> None:
+        """Motion, weights, estimate."""
+        self.filter.observe(split_step(STEP, CONFIG), self._points)
+
+    def redraw(self) -> None:
+        """Resampling."""
+        self.filter.redraw(self.mean)
 
 
 def same_scan(seed: int) -> tuple[Textbook, Ours]:
@@ -163,13 +167,10 @@ def measure_filter(repeats: int) -> list[Figure]:
     whole_slow_s = whole_s(book.update, book.reset, repeats)
     book.reset()
     whole_fast_s = whole_s(ours.update, lambda: ours.take(book.poses), 20 * repeats)
-    one, step, about = ours.filter, split_step(STEP, CONFIG), ours.mean
     parts: dict[str, Callable[[], object]] = {
-        "motion": lambda: one.predict(step),
+        "motion, weights, estimate": ours.observe,
         "weights": ours.weigh,
-        "estimate": one.cluster,
-        "resampling": lambda: (one.resample(), one.renew(about)),
-        "spread": one.spread_m,
+        "resampling, spread": ours.redraw,
     }
     is_like = 26.0 / 1.5 <= slow_ns <= 26.0 * 1.5
     return [

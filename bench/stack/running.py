@@ -1,11 +1,13 @@
 """The whole stack as real processes at real time: start, reaction, processor, memory, threads.
 
-    python -m bench.stack.running [--port 7461]
+    python -m bench.stack.running [--port 7461] [--emulate]
 
 Starts the demo without a browser, drives its tour, and prints, as one subscriber on the bus sees
 them, the times from the start to the first scan and to `localized`, the time from each scan to the
 first command computed with it, and per process the share of one core, the proportional set size
-(PSS) and the threads while the robot drives.
+(PSS) and the threads while the robot drives. With `--emulate` base talks to an emulated board and
+lidar through its real drivers; the world is in a process beside it, which no robot has, so "the
+robot" is what a robot pays. Otherwise the world is simulated within base.
 """
 
 import argparse
@@ -26,6 +28,7 @@ from trolley.runtime.bus import Sample
 from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 
 ROBOT = "bench"
+EMULATOR = "emulated devices"
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -95,7 +98,8 @@ def tree(root: int) -> Iterator[tuple[int, str]]:
     """A process and all below it: pid and what it is."""
     command = Path(f"/proc/{root}/cmdline").read_bytes().decode().split("\0")
     modules = [part for part in command if part.startswith("trolley_")]
-    yield root, modules[0] if modules else "router and supervisor"
+    other = EMULATOR if "emulate" in command else "router and supervisor"
+    yield root, modules[0] if modules else other
     for task in Path(f"/proc/{root}/task").iterdir():
         for child in (task / "children").read_text().split():
             yield from tree(int(child))
@@ -139,11 +143,13 @@ def main() -> None:
     parser.add_argument(
         "--with-viewer", action="store_true", help="no browser, but the viewer runs"
     )
+    parser.add_argument("--emulate", action="store_true", help="a board and a lidar, emulated")
     options = parser.parse_args()
     trolley = Path(sys.executable).with_name("trolley")
     command = [str(trolley), "demo", "--tour", "--name", ROBOT, "--port", str(options.port)]
     command += ["--seed", str(options.seed)]
     command += ["--viz-port", str(options.port + 1000)] if options.with_viewer else ["--headless"]
+    command += ["--emulate", "linorobot,ld19"] if options.emulate else []
     reaction = Reaction()
     started_s = time.perf_counter()
     demo = subprocess.Popen(command)
@@ -159,15 +165,16 @@ def main() -> None:
             bus.subscribe(topics.COMMAND.key(ROBOT, "planner"), reaction.command)
             time.sleep(20.0)
             elapsed_s = time.monotonic() - started_s
-            total_cpu = total_pss = 0.0
-            total_threads = 0
+            totals = dict.fromkeys(("together", "the robot"), (0.0, 0.0, 0))
             for pid, (what, used_s) in before.items():
                 share, size_mb = (cpu_s(pid) - used_s) / elapsed_s, pss_mb(pid)
-                total_cpu, total_pss = total_cpu + share, total_pss + size_mb
                 threads = num_threads(pid)
-                total_threads += threads
                 report_process(what, share, size_mb, threads)
-            report_process("together", total_cpu, total_pss, total_threads)
+                for name in ("together",) if what == EMULATOR else ("together", "the robot"):
+                    cpu, size, number = totals[name]
+                    totals[name] = cpu + share, size + size_mb, number + threads
+            for name, total in totals.items():
+                report_process(name, *total)
     finally:
         demo.terminate()
         demo.wait(20.0)

@@ -22,7 +22,7 @@ import types
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, Literal, ParamSpec, TypeVar, cast
 
 import numpy as np
 
@@ -44,7 +44,27 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     The function runs without the GIL; division by zero follows IEEE 754 (no exception).
     """
-    compiled: Any = _numba.njit(nogil=True, error_model="numpy")(function)
+    return _compiled(function, set())
+
+
+def loose_kernel(
+    *freedoms: Literal["contract", "reassoc"],
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Compile as `kernel` does, with freedoms that make sums vector code.
+
+    Args:
+        freedoms: `contract`, a product may be added to without being rounded first; `reassoc`, a
+            sum may be taken in any order. The same processor takes the same one each time.
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        return _compiled(function, set(freedoms))
+
+    return decorate
+
+
+def _compiled(function: Callable[P, R], freedoms: set[str]) -> Callable[P, R]:
+    compiled: Any = _numba.njit(nogil=True, error_model="numpy", fastmath=freedoms)(function)
     if not _numba.config.DISABLE_JIT:  # else numba has handed back the plain function
         _keep_on_disk(compiled, function)
     return cast("Callable[P, R]", compiled)

@@ -112,6 +112,11 @@ class ScanAssembler:
         self._since_ns = 0
         self._replaced: list[Scan] = []
 
+    @property
+    def is_waiting(self) -> bool:
+        """Whether a scan waits for its odometry."""
+        return self._waiting is not None
+
     def add(self, scan: Scan, now_ns: int) -> None:
         """Let a scan wait from now on (local monotonic time); the one before waits no longer."""
         if self._waiting is not None:

@@ -94,7 +94,7 @@ def test_a_stream_is_heard_by_who_listens_late_and_by_who_listens_again(
     for _ in range(3):
         bus.put("trolley/tester/stream", b"early", "", Qos.SENSOR)
         closer = other.subscribe("trolley/tester/stream", heard.append)
-        wait_until_known(other, bus)
+        wait_until(lambda: bus.is_heard("trolley/tester/stream", ""), "somebody listens")
         bus.put("trolley/tester/stream", b"now", "", Qos.SENSOR)
         wait_until(lambda: [one.payload for one in heard] == [b"now"], "the stream")
         closer.close()
@@ -161,3 +161,13 @@ def test_a_key_that_was_closed_is_served_again(bus: ZenohBus, other: ZenohBus) -
     assert read(other, key) == []
     bus.serve(key, answer)
     assert [reply.payload for reply in read(other, key)] == [b"x"]
+
+
+def test_a_bus_tells_whether_a_stream_is_heard(bus: ZenohBus, other: ZenohBus) -> None:
+    key = "trolley/tester/costly"
+    bus.put(key, b"early", "", Qos.SENSOR)
+    wait_until(lambda: not bus.is_heard(key, ""), "nobody listens")
+    closer = other.subscribe(key, lambda _: None)
+    wait_until(lambda: bus.is_heard(key, ""), "somebody listens")
+    closer.close()
+    wait_until(lambda: not bus.is_heard(key, ""), "nobody listens any more")

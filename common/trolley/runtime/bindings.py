@@ -24,6 +24,7 @@ class Binding:
     robot: str | None = None
     seconds: float = 0.0
     clock: TimerClock = "robot"
+    wakes: bool = True
 
 
 def _bind(binding: Binding) -> Callable[[F], F]:
@@ -34,14 +35,17 @@ def _bind(binding: Binding) -> Callable[[F], F]:
     return mark
 
 
-def on(topic: Topic[Any], *parts: str, robot: str | None = None) -> Callable[[F], F]:
+def on(
+    topic: Topic[Any], *parts: str, robot: str | None = None, wakes: bool = True
+) -> Callable[[F], F]:
     """Call the method with each message of `topic`: `method(message, *varying_chunks)`.
 
     Sensor and command streams give the newest message of each key, state streams and stored keys
     every one. `parts` narrow the varying chunks; `robot="*"` listens to all robots, whose name then
-    stands before the chunks.
+    stands before the chunks. A method that only keeps the message for others need not be called as
+    it comes (`wakes=False`): it is called before anything else that the service does then.
     """
-    return _bind(Binding("on", topic=topic, parts=parts, robot=robot))
+    return _bind(Binding("on", topic=topic, parts=parts, robot=robot, wakes=wakes))
 
 
 def on_delete(topic: Topic[Any], *parts: str) -> Callable[[F], F]:

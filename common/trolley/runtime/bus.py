@@ -90,6 +90,10 @@ class Bus(Protocol):
         """Publish."""
         ...
 
+    def is_heard(self, key: str, encoding: str) -> bool:
+        """Whether anybody may hear a sensor stream that is put to this key."""
+        ...
+
     def delete(self, key: str) -> None:
         """Publish a deletion."""
         ...

@@ -9,6 +9,8 @@ Task = Callable[[int], None]
 """What to do about an arrival; its argument is the local monotonic time at which it came [ns]."""
 
 MAX_WAITING = 4096
+MOST_QUIET = 64
+"""So many arrivals that nobody waits for wake the reader all the same."""
 MAX_WAITING_BYTES = 96 << 20
 """How many bytes a flood may hold in memory: three of the largest maps."""
 
@@ -51,6 +53,7 @@ class Inbox:
         urgent: bool = False,
         own: bool = False,
         size: int = 0,
+        wakes: bool = True,
     ) -> bool:
         """Add an arrival and wake the reader.
 
@@ -60,6 +63,7 @@ class Inbox:
             urgent: It goes before everything that is not.
             own: The outcome of something the service itself began; it is never dropped.
             size: The bytes that it holds.
+            wakes: Whether to wake the reader; else it is there when the reader wakes next.
 
         Returns:
             False where there was no room and it was dropped.
@@ -72,6 +76,8 @@ class Inbox:
                 self._bytes += size - waiting.size
                 waiting.size = size
                 self.replaced += 1
+                if wakes:
+                    self._condition.notify()
                 return True
             queue = self._urgent if urgent else self._queue
             if not own and (len(queue) >= MAX_WAITING or self._is_heavy(size)):
@@ -82,7 +88,8 @@ class Inbox:
                 self._slots[slot] = entry
             self._bytes += size
             queue.append(entry)
-            self._condition.notify()
+            if wakes or len(queue) >= MOST_QUIET:
+                self._condition.notify()
             return True
 
     def pop(self) -> tuple[Task, int] | None:

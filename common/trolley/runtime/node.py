@@ -54,6 +54,7 @@ class Node:
         owned = {binding.topic for binding, _ in self._bindings if binding.kind == "gets"}
         self._receiver = Receiver(self._context, owned)
         self._clock_follower = ClockFollower(self._context, self._begin_epoch)
+        self._clock: Watch[Clock] = Watch(topics.CLOCK, 0.0)
         self._server = Server(self._context)
         self._health = HealthReporter(self._context, self._server, label, host.usage, run)
         service.bind(Wire(self._context, self._receiver, self._server, self._health), host)
@@ -74,7 +75,7 @@ class Node:
         service.prepare()
         if service.own_time is None or service.all_robots:
             robots = "*" if service.all_robots else None
-            self._receiver.open(Feed(Watch(topics.CLOCK, 0.0), robots, (), then=self._follow_clock))
+            self._receiver.open(Feed(self._clock, robots, (), then=self._follow_clock))
         for binding, method in self._bindings:
             self._open_binding(binding, method)
         service.start()
@@ -115,7 +116,7 @@ class Node:
             task(arrived_ns)
             did = True
             self._run_timers()  # a flood of messages must not starve the periods
-        return self._run_timers() or did
+        return did or self._run_timers()
 
     def next_due_ns(self) -> int:
         """Local monotonic time [ns] at which to step again."""
@@ -132,7 +133,8 @@ class Node:
             case Binding(kind="gets", topic=Topic() as topic):
                 self._server.open_gets(topic, binding.parts, method)
             case Binding(kind="on", topic=Topic() as topic):
-                self._receiver.watch(topic, binding.parts, robot=binding.robot, then=method)
+                watch = self._receiver.watch(topic, binding.parts, robot=binding.robot, then=method)
+                watch.wakes = binding.wakes
             case Binding(topic=Topic() as topic):
                 feed = Feed(Watch(topic, 0.0), None, binding.parts, on_delete=method)
                 self._receiver.open(feed)
@@ -141,13 +143,20 @@ class Node:
 
     def _follow_clock(self, clock: Clock, robot: str | None = None) -> None:
         self._clock_follower.hear(robot or self._context.robot, clock, self.inbox.arrived_ns)
+        self._clock.wakes = not self._has_time
 
     def _begin_epoch(self, robot: str, epoch_ns: int) -> None:
         self._receiver.forget_epoch(robot, epoch_ns)
         if robot == self._context.robot:
             self.service.epoch_began()
 
+    @property
+    def _has_time(self) -> bool:
+        """Whether robot time runs: then one `clock` more can wait for something else to do."""
+        return self._context.clocks.own.now(self.inbox.now_ns()) is not None
+
     def _look_after_itself(self) -> None:
+        self._clock.wakes = not self._has_time
         self._server.restore_overwritten()
         self._health.measure()
 

@@ -38,6 +38,9 @@ class Watch(Generic[M]):
         """The messages of the last `seconds`, oldest first; empty unless asked for."""
         self.is_full = False
         """Whether messages were refused since something was last forgotten: there is too much."""
+        self.wakes = True
+        """Whether a message is taken in as it comes; else before the next thing that the service
+        does, within a second. May be set at any time; a watch that calls nobody does not wake."""
         self._seconds = seconds
         self._arrivals: dict[tuple[str, ...], int] = {}
         self._sizes: dict[tuple[str, ...], int] = {}
@@ -133,6 +136,7 @@ class Receiver:
     ) -> Watch[M]:
         """Subscribe, and read what is there already."""
         watch = Watch(topic, seconds)
+        watch.wakes = then is not None
         is_wish = topic.kind is Kind.STORED and topic in self._owned
         self.open(Feed(watch, robot, parts, then, is_wish=is_wish))
         return watch
@@ -151,6 +155,7 @@ class Receiver:
                 lambda arrived_ns: self._receive(feed, sample, size, arrived_ns),
                 slot,
                 size=len(sample.payload),
+                wakes=feed.watch.wakes,
             )
 
         key = topic.key(feed.robot or context.robot, *feed.parts)

@@ -53,11 +53,13 @@ from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import TimeSource
 from trolley.runtime.serving import Later
 from trolley.runtime.state import StateFolder
+from trolley.runtime.timers import Deadline
 from trolley.runtime.wire import Wire
 from trolley.topics import Topic
 
 __all__ = [
     "Binding",
+    "Deadline",
     "Later",
     "Service",
     "TimerClock",
@@ -182,6 +184,14 @@ class Service:
         """Publish a message and keep it for `get`; `parts` fill the topic's varying chunks."""
         self._wire.server.publish(topic, message, parts, robot)
 
+    def publish_if_heard(self, topic: Topic[M], make: Callable[[], M], *parts: str) -> None:
+        """Publish what `make()` returns, of a sensor stream, where anybody listens.
+
+        Where nobody does it is made when it is asked for, which may be long after: `make` reads
+        nothing that changes unless a newer value is as good.
+        """
+        self._wire.server.publish_if_heard(topic, make, parts)
+
     def withdraw(self, topic: Topic[Any], *parts: str) -> None:
         """Stop answering `get` of a topic until it is published again: another owns it now."""
         self._wire.server.withdraw(topic, parts)
@@ -294,6 +304,11 @@ class Service:
         of arrivals wait already, one that is not urgent is dropped and counted as `inbox/dropped`.
         """
         self._wire.context.inbox.push(lambda _: fn(), urgent=urgent)
+
+    def deadline(self, call: Callable[[], None]) -> Deadline:
+        """Return what calls once it is set and `clear`ed no more: made once, set often."""
+        context = self._wire.context
+        return context.timers.deadline(context.inbox.now_ns, call)
 
     def later(self) -> Later[Any]:
         """Return this from a request's method to answer it within 2 s."""

@@ -1,5 +1,6 @@
 """What a service publishes and answers: its topics, `get` of them, and requests under `@do/`."""
 
+import dataclasses
 import threading
 import unicodedata
 from collections.abc import Callable
@@ -63,6 +64,13 @@ class Later(Generic[R]):
                 self._done(result)
 
 
+@dataclasses.dataclass(frozen=True)
+class _Unmade:
+    """A message that nobody heard, so that it was not made."""
+
+    make: Callable[[], Any]
+
+
 class Server:
     """Publishes and answers for a service."""
 
@@ -86,16 +94,33 @@ class Server:
         self, topic: Topic[Any], message: Any, parts: tuple[str, ...], robot: str | None = None
     ) -> None:
         """Publish a message and keep it for `get`."""
-        context = self._context
-        key = topic.key(robot or context.robot, *parts)
+        key = topic.key(robot or self._context.robot, *parts)
         self._latest[key] = message
+        self._answer_for(topic, key)
+        self._context.bus.put(
+            key, codec.encode(message, "msgpack"), codec.MIME["msgpack"], topic.qos
+        )
+
+    def publish_if_heard(
+        self, topic: Topic[Any], make: Callable[[], Any], parts: tuple[str, ...]
+    ) -> None:
+        """Publish what is costly to make; where nobody listens it is made once it is asked for."""
+        key = topic.key(self._context.robot, *parts)
+        if self._context.bus.is_heard(key, codec.MIME["msgpack"]):
+            self.publish(topic, make(), parts)
+            return
+        self._latest[key] = _Unmade(make)
+        self._answer_for(topic, key)
+
+    def _answer_for(self, topic: Topic[Any], key: str) -> None:
+        """Answer gets of what is published, and notice who else does."""
+        context = self._context
         if topic.is_exclusive and key not in self._newest:
             self._newest[key] = topic, context.bus.newest(key)
         if key not in self._answering and topic.name not in self._hooked:
             self._answering[key] = self._serve(
                 key, lambda query: self._answer_get(query, topic, lambda _: self._published(key))
             )
-        context.bus.put(key, codec.encode(message, "msgpack"), codec.MIME["msgpack"], topic.qos)
 
     def put_wish(
         self, topic: Topic[Any], message: Any, parts: tuple[str, ...], robot: str | None
@@ -137,7 +162,12 @@ class Server:
                 )
 
     def _published(self, key: str) -> dict[str, Any]:
-        return {key: self._latest[key]} if key in self._latest else {}
+        if key not in self._latest:
+            return {}
+        latest = self._latest[key]
+        if isinstance(latest, _Unmade):
+            latest = self._latest[key] = latest.make()
+        return {key: latest}
 
     def open_gets(self, topic: Topic[Any], parts: tuple[str, ...], hook: Hook) -> None:
         """Answer `get` of a topic by a method of the service."""

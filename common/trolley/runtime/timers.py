@@ -18,12 +18,31 @@ class _Period:
     next_ns: int | None = None
 
 
+class Deadline:
+    """A call that is put off again and again, or given up."""
+
+    def __init__(self, now_ns: Callable[[], int], call: Callable[[], None]) -> None:
+        self._now_ns = now_ns
+        self.call = call
+        self.due_ns: int | None = None
+        """Local time at which to call, None if not at all."""
+
+    def set(self, seconds: float) -> None:
+        """Call in `seconds` of local time, and not when it was to be called before."""
+        self.due_ns = self._now_ns() + round(seconds * 1e9)
+
+    def clear(self) -> None:
+        """Do not call."""
+        self.due_ns = None
+
+
 class Timers:
     """What is due when. Missed periods are skipped; robot periods rest without robot time."""
 
     def __init__(self) -> None:
         self._periods: list[_Period] = []
         self._deadlines: list[tuple[int, int, Callable[[], None]]] = []
+        self._movable: list[Deadline] = []
         self._count = 0
 
     def every(self, seconds: float, call: Callable[[], None], *, is_local: bool) -> None:
@@ -35,14 +54,26 @@ class Timers:
         self._count += 1
         heapq.heappush(self._deadlines, (monotonic_ns, self._count, call))
 
+    def deadline(self, now_ns: Callable[[], int], call: Callable[[], None]) -> Deadline:
+        """Return a deadline that is set and cleared, by this local clock."""
+        self._movable.append(Deadline(now_ns, call))
+        return self._movable[-1]
+
     def run(self, monotonic_ns: Callable[[], int], time: TimeSource) -> bool:
         """Call what is due; True if anything was."""
         did = False
         while self._deadlines and self._deadlines[0][0] <= monotonic_ns():
             heapq.heappop(self._deadlines)[2]()
             did = True
+        local_ns = monotonic_ns()
+        for deadline in self._movable:
+            if deadline.due_ns is not None and deadline.due_ns <= local_ns:
+                deadline.clear()
+                deadline.call()
+                did = True
+        robot_ns = time.now(local_ns)
         for period in self._periods:
-            clock = monotonic_ns() if period.is_local else time.now(monotonic_ns())
+            clock = local_ns if period.is_local else robot_ns
             if clock is None:
                 period.next_ns = None
                 continue
@@ -60,6 +91,9 @@ class Timers:
         due = monotonic_ns + _LONGEST_NS
         if self._deadlines:
             due = min(due, self._deadlines[0][0])
+        for deadline in self._movable:
+            if deadline.due_ns is not None:
+                due = min(due, deadline.due_ns)
         robot_ns = time.now(monotonic_ns)
         for period in self._periods:
             if period.is_local:

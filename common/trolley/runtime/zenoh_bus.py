@@ -6,6 +6,7 @@ Callbacks only store, and a session is always closed: else it hangs at exit.
 # Zenoh's stubs leave most of its results without a type.
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
+import ctypes
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -22,6 +23,9 @@ from trolley.runtime.zenoh_config import client_config, router_config
 from trolley.security.access import Security
 from trolley.security.host_keys import HostKeys
 from trolley.topics import Qos
+
+MOST_KNOWN = 16
+"""Threads of Zenoh's that Python keeps in mind; it receives on two."""
 
 LARGEST = 33 << 20
 """No message is larger; a larger payload is not even copied before it is refused."""
@@ -76,6 +80,31 @@ def open_router(
         for door in doors:
             stack.enter_context(door.kept_open())
         yield
+
+
+class _KnownThreads:
+    """Spares Python to meet a thread of Zenoh's anew with each call from it.
+
+    What Python keeps of a thread it did not start, it throws away when the call ends: a third of
+    what a small message costs. A thread that takes the lock once more than it gives it back stays
+    known. It never gives it back: only where the process ends without Python's own shutdown.
+    """
+
+    def __init__(self) -> None:
+        self._known: set[int] = set()
+
+    def __call__(self, callback: Callable[[Any], object]) -> Callable[[Any], None]:
+        """Call `callback`, on a thread that is known from its first call on."""
+        known = self._known
+
+        def call(what: Any) -> None:
+            thread = threading.get_ident()
+            if thread not in known and len(known) < MOST_KNOWN:
+                known.add(thread)
+                ctypes.pythonapi.PyGILState_Ensure()
+            callback(what)
+
+        return call
 
 
 class _ZenohQuery:
@@ -202,6 +231,14 @@ class ZenohBus:
             express=express,
         )
 
+    def is_heard(self, key: str, encoding: str) -> bool:
+        """Whether the router told of anybody who hears a sensor stream."""
+        publisher = self._publisher(key, encoding)
+        if publisher is None:
+            return True
+        status: Any = publisher.matching_status  # its stub says bool
+        return bool(status.matching)
+
     def _publisher(self, key: str, encoding: str) -> "zenoh.Publisher | None":
         """What knows whether anybody hears a stream; None where there are too many."""
         publisher = self._publishers.get((key, encoding))
@@ -229,7 +266,7 @@ class ZenohBus:
             payload = b"" if is_delete else _read(sample.payload)
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
 
-        handler = zenoh.handlers.Callback(receive, indirect=not self._puts_directly)
+        handler = _handler(receive, None, is_direct=self._puts_directly)
         subscriber = self._session.declare_subscriber(key_expr, handler)
         return _Declared(subscriber.undeclare)
 
@@ -320,7 +357,7 @@ class ZenohBus:
         self, callback: Callable[[Any], object], on_end: Callable[[], object] | None = None
     ) -> "zenoh.handlers.Callback[Any]":
         """What the library hands over to: `on_end` is called after the last."""
-        return zenoh.handlers.Callback(callback, on_end, indirect=not self._calls_directly)
+        return _handler(callback, on_end, is_direct=self._calls_directly)
 
 
 @contextmanager
@@ -384,6 +421,18 @@ def open_bus_patiently(
     if isinstance(opened, zenoh.ZError):
         raise NotConnected(f"cannot connect to {', '.join(endpoints)}: {opened}")
     return opened
+
+
+_known_threads = _KnownThreads()
+
+
+def _handler(
+    callback: Callable[[Any], object], on_end: Callable[[], object] | None, *, is_direct: bool
+) -> "zenoh.handlers.Callback[Any]":
+    """What the library hands over to: on the thread that received, or on one of its own."""
+    if is_direct:
+        callback = _known_threads(callback)
+    return zenoh.handlers.Callback(callback, on_end, indirect=not is_direct)
 
 
 def _read(payload: zenoh.ZBytes) -> bytes:

@@ -78,7 +78,7 @@ class DriveControl:
         self._chassis.drive(self._scales.reported_twist(self.decision.twist))
         self._watch.command(now_ns, self.decision.twist)
 
-    @on(topics.COMMAND)
+    @on(topics.COMMAND, wakes=False)
     def take_command(self, command: VelocityCommand, source: str) -> None:
         """Keep a source's command until the next decision, or drop it and count why."""
         arrived_ns = self._clock.now(self._service.arrived_ns) or 0

@@ -1,5 +1,7 @@
 """Publishes what the localizer says after each scan."""
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,11 +58,11 @@ class PosePublisher:
         service.publish(topics.POSE, self.latest)
         if stamp_ns - self._beams_ns >= BEAMS_PERIOD_NS:
             self._beams_ns = stamp_ns
-            classes = memoryview(estimate.beam_classes.tobytes())
-            service.publish(topics.BEAMS, BeamClasses(stamp_ns=stamp_ns, classes=classes))
+            service.publish_if_heard(topics.BEAMS, partial(beams_message, estimate))
         if stamp_ns - self._particles_ns >= PARTICLES_PERIOD_NS:
             self._particles_ns = stamp_ns
-            service.publish(topics.PARTICLES, particle_message(stamp_ns, loaded.localizer))
+            make = partial(particle_message, stamp_ns, loaded.localizer)
+            service.publish_if_heard(topics.PARTICLES, make)
 
     def publish_suspects(self, localizer: Localizer) -> None:
         """Publish which mirrors are suspected, if that has changed."""
@@ -127,6 +129,12 @@ def set_pose_message(
 def odom_transform(stamp_ns: int, map_T_odom: Pose2D) -> Transform:
     """Return `tf/odom`."""
     return Transform(stamp_ns=stamp_ns, parent="map", child="odom", pose=map_T_odom)
+
+
+def beams_message(estimate: Estimate) -> BeamClasses:
+    """Return what each beam met as `beams`."""
+    classes = memoryview(estimate.beam_classes.tobytes())
+    return BeamClasses(stamp_ns=estimate.stamp_ns, classes=classes)
 
 
 def particle_message(stamp_ns: int, localizer: Localizer) -> ParticleCloud:

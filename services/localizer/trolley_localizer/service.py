@@ -11,8 +11,8 @@ from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import MappingStatus, Odometry, PoseEstimate, Scan, Suspects, Transform
 from trolley.messages.request_params import Nothing, SetPose
-from trolley.runtime.service import Service, Watch, answers, every, on
-from trolley.scanning import Reject, ScanAssembler, ScanInput
+from trolley.runtime.service import Service, Watch, answers, on
+from trolley.scanning import MAX_WAIT_S, Reject, ScanAssembler, ScanInput
 from trolley_localizer.change_proposals import ChangeProposals
 from trolley_localizer.core import Localizer
 from trolley_localizer.map_server import LoadedMap, MapServer, refuse_pose
@@ -20,6 +20,9 @@ from trolley_localizer.mapper_lease import MapperLease
 from trolley_localizer.pose_publisher import PosePublisher, set_pose_message
 from trolley_localizer.start_pose import LastPoseStore, StartPose
 from trolley_localizer.zone_store import ZoneStore
+
+LATER_S = 1e-3
+"""So much later than it is due a scan is looked at that no odometry came for [s]."""
 
 
 class LocalizerService(Service):
@@ -46,6 +49,8 @@ class LocalizerService(Service):
         self._odometry: Watch[Odometry] = self.watch(
             topics.ODOM, seconds=2.0, then=self._odometry_came
         )
+        self._odometry.wakes = False
+        self._overdue = self.deadline(self._locate_if_due)
         self._laser: Watch[Transform] = self.watch(topics.TF, "laser")
         self._start_pose.open(self._last_pose.read())
         self.get(topics.MAPPING, then=partial(self._begin, seed))
@@ -73,18 +78,22 @@ class LocalizerService(Service):
         """Locate by a scan as soon as the odometry of its last beam is there."""
         if not self._lease.is_held:
             self._assembler.add(scan, self.monotonic_ns)
+            self._overdue.set(MAX_WAIT_S / self.time_of(self.robot).rate + LATER_S)
             self._locate_if_due()
 
     def _odometry_came(self, _: Odometry) -> None:
-        self._locate_if_due()
+        if self._assembler.is_waiting:
+            self._locate_if_due()
 
-    @every(0.05)
     def _locate_if_due(self) -> None:
         """Locate by the scan that waits, if its odometry is there or overdue."""
         history, laser = self._odometry.history, self._laser.latest
         rate = self.time_of(self.robot).rate
         for scan in self._assembler.take(history, laser, self.monotonic_ns, rate):
             self._locate(scan)
+        self._odometry.wakes = self._assembler.is_waiting
+        if not self._assembler.is_waiting:
+            self._overdue.clear()
 
     def _locate(self, scan: ScanInput | Reject) -> None:
         """Step the localizer and publish what it says."""

@@ -113,12 +113,12 @@ class PlannerService(Service):
         """Keep where the lidar is mounted."""
         self.navigator.inputs.base_T_laser = transform.pose
 
-    @on(topics.TF, "odom")
+    @on(topics.TF, "odom", wakes=False)
     def on_odom_transform(self, transform: Transform, *_: str) -> None:
         """Keep the newest correction of the odometry."""
         self.navigator.inputs.update_correction(transform)
 
-    @on(topics.POSE)
+    @on(topics.POSE, wakes=False)
     def on_pose(self, pose: PoseEstimate) -> None:
         """Keep the newest pose estimate."""
         self.navigator.inputs.pose = pose
@@ -184,10 +184,11 @@ class PlannerService(Service):
             neighbours.update_trajectory(trajectory, name, self.arrived_ns)
 
         self.watch(topics.ROBOT, robot="*", then=neighbours.update_robot)
-        self.watch(topics.POSE, robot="*", then=update_pose)
-        self.watch(topics.GOAL, robot="*", then=update_goal)
-        self.watch(topics.PATH, robot="*", then=neighbours.update_path)
-        self.watch(topics.TRAJECTORY, robot="*", then=update_trajectory)
+        # Each is kept for the next scan.
+        self.watch(topics.POSE, robot="*", then=update_pose).wakes = False
+        self.watch(topics.GOAL, robot="*", then=update_goal).wakes = False
+        self.watch(topics.PATH, robot="*", then=neighbours.update_path).wakes = False
+        self.watch(topics.TRAJECTORY, robot="*", then=update_trajectory).wakes = False
 
     # Requests.
 

@@ -26,6 +26,7 @@ class RobotState:
     ) -> None:
         """Watch the three topics; each message is handed on once it is the latest."""
         self.pose = self._service.watch(topics.POSE, then=on_pose)
+        self.pose.wakes = False  # what a pose decides can wait for the next period
         self.goal = self._service.watch(topics.GOAL, then=on_goal)
         self.base = self._service.watch(topics.BASE, then=on_base)
 

@@ -7,7 +7,8 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley_localizer.filter.motion_model import split_step
-from trolley_localizer.filter.particle_filter import ParticleFilter, kld_number, lower_root
+from trolley_localizer.filter.particle_filter import ParticleFilter, lower_root
+from trolley_localizer.kernels.particles import kld_number
 from trolley_localizer.matching.likelihood_field import build_field
 from trolley_localizer.matching.map_matcher import read_beams
 
@@ -51,11 +52,9 @@ def test_scans_gather_the_particles_and_fewer_suffice(flat: GridMap) -> None:
     particles.reset(field.to_cells(pose) + np.array([4.0, -3.0, 0.1]), cells)
     many, wide = particles.count, particles.spread_m()
     for _ in range(15):
-        particles.predict(split_step(Pose2D(0.0, 0.0, 0.0), CONFIG))
-        particles.weigh(beams.spread(CONFIG.num_beams))
-        particles.normalise()
-        mean = particles.cluster()
-        particles.resample()
+        step = split_step(Pose2D(0.0, 0.0, 0.0), CONFIG)
+        mean = particles.observe(step, beams.spread(CONFIG.num_beams))
+        particles.redraw(mean)
     assert particles.count < many
     assert particles.spread_m() < 0.3 * wide
     assert field.to_map(mean).distance_to(pose) < 0.08
@@ -90,7 +89,6 @@ def test_evidence_that_excludes_all_particles_replaces_their_weights(flat: GridM
     particles.reset(field.to_cells(pose), np.diag([10.0, 10.0, 0.2]) ** 2)
     particles.weights[:] = 0.0
     particles.weigh(beams.spread(CONFIG.num_beams))
-    particles.normalise()
     assert particles.weights.sum() == pytest.approx(1.0, abs=1e-4)
 
 

@@ -128,3 +128,38 @@ def test_nothing_is_lost_between_many_threads():
     assert sorted(done) == [1000 * i + j for i in range(4) for j in range(500)]
     for i in range(4):  # each thread's in its order
         assert [n for n in done if n // 1000 == i] == sorted(n for n in done if n // 1000 == i)
+
+
+def test_what_nobody_waits_for_is_there_at_the_next_wake_in_its_place():
+    clock, done = Clock(), list[str]()
+    inbox = Inbox(clock)
+    for i, (word, wakes) in enumerate([("a", False), ("b", True), ("c", False)]):
+        clock.now_ns = i
+        inbox.push(lambda _, word=word: done.append(word), wakes=wakes)
+    assert drain(inbox) == [0, 1, 2]
+    assert done == ["a", "b", "c"]
+
+
+def test_what_nobody_waits_for_does_not_end_a_wait():
+    inbox = Inbox(time.monotonic_ns)
+    quiet = threading.Timer(0.05, lambda: inbox.push(lambda _: None, wakes=False))
+    quiet.start()
+    inbox.wait(0.3)
+    quiet.join()
+    assert not inbox.is_empty
+    before_s = time.monotonic()
+    inbox.wait(PATIENCE_S)  # but nothing waits longer than for the next look
+    assert time.monotonic() - before_s < PATIENCE_S
+
+
+def test_much_that_nobody_waits_for_ends_the_wait():
+    inbox = Inbox(time.monotonic_ns)
+
+    def fill() -> None:
+        for _ in range(inbox_module.MOST_QUIET):
+            inbox.push(lambda _: None, wakes=False)
+
+    threading.Timer(0.05, fill).start()
+    before_s = time.monotonic()
+    inbox.wait(PATIENCE_S)
+    assert time.monotonic() - before_s < PATIENCE_S

@@ -107,3 +107,28 @@ def test_a_clock_that_went_back_ticks_again_at_once():
     clock.offset_ns = 0
     advance(timers, clock, 500)
     assert len(ticks) == 6
+
+
+def test_a_deadline_is_put_off_given_up_and_set_again():
+    timers, clock, calls = Timers(), Clock(), list[int]()
+    deadline = timers.deadline(clock.monotonic_ns, lambda: calls.append(clock.local_ns // MS))
+    advance(timers, clock, 100)
+    deadline.set(0.05)
+    advance(timers, clock, 120)
+    deadline.set(0.05)
+    advance(timers, clock, 300)
+    deadline.set(0.05)
+    deadline.clear()
+    advance(timers, clock, 500)
+    assert calls == [170]
+
+
+def test_periods_of_one_length_begin_together_and_wake_together():
+    timers, clock = Timers(), Clock()
+
+    def busy() -> None:
+        clock.local_ns += 1000
+
+    timers.every(0.1, busy, is_local=True)
+    timers.every(0.1, busy, is_local=True)
+    assert advance(timers, clock, 1000) <= 11 + 1

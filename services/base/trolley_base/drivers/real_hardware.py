@@ -140,7 +140,7 @@ class RealHardware:
             self._conversations.append(talk)
             self._chassis = SerialChassis(talk, start_ns)
         self._robot_ns = robot_ns
-        seeing = SerialLink("lidar", lidar[0], open_port(*lidar), robot_ns)
+        seeing = SerialLink("lidar", lidar[0], open_port(*lidar), robot_ns, is_stream=True)
         self._conversations.append(seeing)
         self._lidar = SerialLidar(seeing, start_ns)
 

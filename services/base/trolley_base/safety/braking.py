@@ -72,6 +72,12 @@ class CommandsUnderWay:
         """How fast the robot may be when all of it has been driven [m/s]."""
         return math.hypot(float(self._slow[0]), float(self._slow[1]))
 
+    def range_with(self, twist: Twist2D) -> tuple[Floats, Floats]:
+        """Return the least and the greatest velocity (3,) of a command and all under way."""
+        known = [(*self._slow.tolist(), twist.vx, twist.vy, twist.wz)]
+        both = np.array([*known, *(both for _, both in self._pieces)]).reshape(-1, 3)
+        return both.min(axis=0), both.max(axis=0)
+
     def add(self, twist: Twist2D, seconds: float) -> None:
         """Add what is commanded now, after `seconds` of the command before."""
         if twist.is_zero and not self._pieces and not self._slow.any():

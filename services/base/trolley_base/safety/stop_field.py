@@ -5,6 +5,7 @@ on any of the paths that the brakes may choose. What leads away from an echo, or
 it is.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,8 +93,9 @@ class StopField:
         """
         if twist.is_zero or len(points) == 0:
             return 1.0
-        speed = max(twist.speed, self._under_way.speed)
-        near = points[np.hypot(points[:, 0], points[:, 1]) < self._reach_of(speed)]
+        near = self._near(twist, points)
+        if len(near) == 0:
+            return 1.0
         gaps = self._gaps(near)
         inside = gaps < 0.0
         if inside.any() and self._leads_on(near[inside], twist):
@@ -130,6 +132,40 @@ class StopField:
         low, high = float(parts[first - 1]), float(parts[first])
         parts = np.linspace(low, high, PARAMS.parts + 2)[:-1]
         return float(parts[num_free(parts[1:])])
+
+    def _box(self, twist: Twist2D) -> tuple[float, float, float]:
+        """Return how far back, ahead and to the sides anything can matter while it stops [m].
+
+        Without sideways motion a way of some length that turns by some angle at most leads to the
+        side by no more than the length times that angle's sine. Most ways lead past most walls.
+        """
+        least, greatest = self._under_way.range_with(twist)
+        slow, fast = float(least[0]), float(greatest[0])
+        sideways = max(-float(least[1]), float(greatest[1]))
+        turning = max(-float(least[2]), float(greatest[2]))
+        speed = math.hypot(max(-slow, fast), sideways)
+        way = self._way_of(speed) + self._margin
+        seconds = self._reaction_s + BRAKING.period_s
+        turn = turning * seconds + 0.5 * turning * turning / self._limits.angular_acceleration
+        pace = max(twist.speed, abs(twist.wz) * self._radius)
+        turn += self._margin * abs(twist.wz) / pace if pace > 0.0 else 0.0
+        # A gap counts for the width as long as its share is less than the whole.
+        around = self._radius + PARAMS.side_margin_m / PARAMS.beside + PARAMS.per_metre * way
+        is_straight = sideways == 0.0 and turn < 0.5 * math.pi
+        back = way if slow < 0.0 or not is_straight else 0.0
+        ahead = way if fast > 0.0 or not is_straight else 0.0
+        side = way * math.sin(turn) if is_straight else way
+        return around + back, around + ahead, around + side
+
+    def _near(self, twist: Twist2D, points: Floats) -> Floats:
+        """Return those of the points (n, 2) that can matter."""
+        speed = max(twist.speed, self._under_way.speed)
+        near = points[np.hypot(points[:, 0], points[:, 1]) < self._reach_of(speed)]
+        if len(near) == 0:
+            return near
+        back, ahead, side = self._box(twist)
+        x, y = near[:, 0], near[:, 1]
+        return near[(x > -back) & (x < ahead) & (np.abs(y) < side)]
 
     def _reach_of(self, speed: float) -> float:
         """Return how far from `base_link` an echo can be met while the robot stops [m]."""

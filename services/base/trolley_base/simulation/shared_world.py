@@ -33,7 +33,8 @@ class SharedWorld:
         self._world = world
         self._others = OtherRobots(self._service.robot, self._name)
         self._service.watch(topics.ROBOT, robot="*", then=self._take_robot)
-        self._service.watch(topics.SIM_TRUTH, robot="*", then=self._take_truth)
+        truth = self._service.watch(topics.SIM_TRUTH, robot="*", then=self._take_truth)
+        truth.wakes = False
 
     def update(self, now_ns: int) -> None:
         """Publish the truth when it is due, and put the other robots where they are."""

@@ -18,15 +18,16 @@ from trolley_localizer.filter.motion_model import OdometryStep
 from trolley_localizer.kernels.layout import Cloud
 from trolley_localizer.kernels.matching import score_particles
 from trolley_localizer.kernels.particles import (
-    count_bins,
-    draw_systematic,
-    gather,
-    mean_near,
-    move_particles,
-    normalise,
+    Evidence,
+    Move,
+    Number,
+    Renewal,
+    Store,
+    observe,
+    redraw,
     scatter_particles,
     variance_of_place,
-    weigh,
+    weigh_by_scan,
 )
 from trolley_localizer.matching.likelihood_field import FULL_SCORE, LikelihoodField
 
@@ -54,23 +55,6 @@ class ParticleFilterParams:
 PARAMS = ParticleFilterParams()
 
 
-def kld_number(bins: int, error: float, quantile: float) -> int:
-    """Return how many particles keep the Kullback-Leibler error below a bound.
-
-    Args:
-        bins: bins with at least one particle.
-        error: largest error (epsilon).
-        quantile: of the standard normal distribution, for the confidence (z).
-
-    Source:
-        Fox (2003), equation 7 (Wilson and Hilferty's approximation).
-    """
-    if bins <= 1:
-        return 1
-    a = 2.0 / (9.0 * (bins - 1))
-    return math.ceil((bins - 1) / (2.0 * error) * (1.0 - a + math.sqrt(a) * quantile) ** 3)
-
-
 def lower_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return L with L L^T = covariance (3, 3), for any symmetric matrix without large defects."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
@@ -93,7 +77,20 @@ class ParticleFilter:
         self._score = np.empty(most, np.int32)
         self._index = np.empty(most, np.int32)
         self._bins = np.empty(2 ** math.ceil(math.log2(2 * most)), np.uint64)
-        self._gain = 0.0
+        self._mean = np.zeros(3)
+        self._variance = 0.0
+        cells = 1.0 / field.resolution
+        self._reaches = np.array(PARAMS.cluster_reach) * [cells, 1.0]
+        self._renewal_root = np.diag(
+            [PARAMS.renewed_dev_m * cells, PARAMS.renewed_dev_m * cells, PARAMS.renewed_dev_rad]
+        )
+        self._number = Number(
+            PARAMS.bin_m * cells,
+            PARAMS.bins_turn,
+            config.min_particles,
+            config.kld_error,
+            config.kld_quantile,
+        )
         self.count = 0
 
     @staticmethod
@@ -127,6 +124,7 @@ class ParticleFilter:
         first = self._draw(3 * self.count)
         scatter_particles(self.cloud, 0, 1, mean, lower_root(covariance), first)
         self._weights[:] = 1.0 / self.count
+        self._variance = variance_of_place(self.cloud, self.weights)
 
     def update(
         self,
@@ -142,64 +140,55 @@ class ParticleFilter:
             refine: gets the mean pose of the heaviest cluster and returns the estimate (3,), around
                 which a small share of the particles is drawn anew.
         """
-        self.predict(step)
-        self.weigh(points)
-        self.normalise()
-        estimate = refine(self.cluster())
-        self.resample()
-        self.renew(estimate)
+        self.redraw(refine(self.observe(step, points)))
 
-    def predict(self, step: OdometryStep) -> None:
-        """Move all particles by one noisy odometry step."""
+    def observe(self, step: OdometryStep, points: Points) -> NDArray[np.float64]:
+        """Move the particles by a noisy odometry step, and weigh them by a scan.
+
+        Returns:
+            The mean pose (3,) of the particles about the heaviest place: from the heaviest particle
+            on, mean after mean.
+        """
         cells = 1.0 / self._field.resolution
-        parts = np.array([step.turn, step.drive * cells, step.after])
-        deviation = np.array(
-            [step.turn_dev, step.drive_dev * cells, step.after_dev, step.slip_dev * cells]
+        move = Move(
+            np.array([step.turn, step.drive * cells, step.after]),
+            np.array(
+                [step.turn_dev, step.drive_dev * cells, step.after_dev, step.slip_dev * cells]
+            ),
+            PARAMS.wide_every,
+            PARAMS.wide_factor,
         )
-        first = self._draw(4 * self.count)
-        move_particles(self.cloud, parts, deviation, PARAMS.wide_every, PARAMS.wide_factor, first)
+        observe(
+            self._mean,
+            self.cloud,
+            self.weights,
+            self._score[: self.count],
+            move,
+            self._draw(4 * self.count),
+            self._evidence(points),
+            self._reaches,
+        )
+        return self._mean.copy()
 
     def weigh(self, points: Points) -> None:
-        """Multiply the weights by the likelihood of beam end points, see `normalise`."""
-        beams = max(points.x.size, 1)
-        score_particles(self._score[: self.count], self.cloud, points, self._field.score)
-        independent = min(float(beams), self._config.independent_beams)
-        self._gain = self._field.log_range / FULL_SCORE * independent / beams
-        weigh(self.weights, self._score[: self.count], self._gain)
+        """Multiply the weights by the likelihood of beam end points; their sum is 1 again."""
+        score = self._score[: self.count]
+        weigh_by_scan(self.weights, score, self.cloud, self._evidence(points))
 
-    def normalise(self) -> None:
-        """Make the sum of the weights 1 after `weigh`."""
-        if not normalise(self.weights):
-            # The old weights and the new evidence exclude each other: start from the evidence.
-            self.weights[:] = 1.0
-            weigh(self.weights, self._score[: self.count], self._gain)
-            normalise(self.weights)
-
-    def resample(self) -> None:
-        """Draw equally weighted particles, as many as their spread asks for."""
+    def redraw(self, about: NDArray[np.float64]) -> None:
+        """Draw equally weighted particles, as many as their spread asks for, some about a pose."""
         offset = float(self._draw(1) % np.uint64(1 << 20)) / (1 << 20)
-        chosen = self._index[: self.count]
-        draw_systematic(chosen, self.weights, offset)
-        bins = count_bins(
-            self._bins, self.cloud, chosen, PARAMS.bin_m / self._field.resolution, PARAMS.bins_turn
-        )
-        wanted = kld_number(bins, self._config.kld_error, self._config.kld_quantile)
-        count = min(max(wanted, self._config.min_particles), self._weights.size)
-        if count != self.count:
-            chosen = self._index[:count]
-            draw_systematic(chosen, self.weights, offset)
-        gather(self._spare, self._cloud, chosen)
+        store = Store(self._cloud, self._spare, self._weights, self._index, self._bins)
+        renewal = Renewal(about, self._renewal_root, PARAMS.renewed_every, self._draw(0))
+        self.count, self._variance = redraw(store, self.count, offset, self._number, renewal)
+        self._draw(3 * self.count)
         self._cloud, self._spare = self._spare, self._cloud
-        self.count = count
-        self._weights[:count] = 1.0 / count
 
-    def renew(self, about: NDArray[np.float64]) -> None:
-        """Draw a small, evenly chosen share of the particles anew around a pose (3,)."""
-        cells = PARAMS.renewed_dev_m / self._field.resolution
-        root = np.diag([cells, cells, PARAMS.renewed_dev_rad])
-        scatter_particles(
-            self.cloud, 0, PARAMS.renewed_every, about, root, self._draw(3 * self.count)
-        )
+    def _evidence(self, points: Points) -> Evidence:
+        beams = max(points.x.size, 1)
+        independent = min(float(beams), self._config.independent_beams)
+        gain = self._field.log_range / FULL_SCORE * independent / beams
+        return Evidence(points, self._field.score, gain)
 
     def best_of(
         self, mean: NDArray[np.float64], root: NDArray[np.float64], points: Points, count: int
@@ -221,22 +210,6 @@ class ParticleFilter:
         best = int(np.argmax(score))
         return np.array([float(part[best]) for part in tries])
 
-    def cluster(self) -> NDArray[np.float64]:
-        """Return the mean pose (3,) of the particles about the heaviest place.
-
-        It begins at the heaviest particle and follows the mean three times.
-        """
-        best = int(np.argmax(self.weights))
-        cloud, weights = self.cloud, self.weights
-        mean = np.array([part[best] for part in cloud])
-        for reach_m, reach_rad in PARAMS.cluster_reach:
-            centre = mean.copy()
-            reach = np.array([reach_m / self._field.resolution, reach_rad])
-            mean_near(mean, cloud, weights, centre, reach)
-        return mean
-
     def spread_m(self) -> float:
         """Return the root mean square distance of the particles from their mean [m]."""
-        if self.count == 0:
-            return 0.0
-        return math.sqrt(variance_of_place(self.cloud, self.weights)) * self._field.resolution
+        return math.sqrt(self._variance) * self._field.resolution

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry.kernels import solve_spd
 from trolley.gridmap.kernels import interpolate
-from trolley.jit import kernel
+from trolley.jit import kernel, loose_kernel
 from trolley.scanning import Points
 from trolley_localizer.kernels.elementary import sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines
@@ -16,7 +16,7 @@ _BLOCK = 32
 """End points are computed in whole blocks: those left over would run one by one."""
 
 
-@kernel
+@loose_kernel("contract")
 def score_particles(
     out_score: NDArray[np.int32],
     cloud: Cloud,

@@ -14,8 +14,8 @@ from trolley.serial_diagnosis import explain
 from trolley_base.drivers.boards import make_board
 from trolley_base.drivers.dialogue import BoardDialogue, LidarDialogue
 from trolley_base.drivers.lidars import make_lidar
-from trolley_base.drivers.serial_device import SerialDevice
-from trolley_base.drivers.serial_link import SerialLink
+from trolley_base.drivers.serial_device import Arrived, Lost, Opened, SerialDevice
+from trolley_base.drivers.serial_link import SerialLink, joined
 
 SECOND_NS = 1_000_000_000
 
@@ -76,3 +76,14 @@ def test_a_port_that_takes_nothing_is_down_and_not_merely_counted(port: str) -> 
     talk.close()
     assert states[-1].state == "down"
     assert "takes nothing" in states[-1].message
+
+
+def test_what_arrived_in_a_row_is_joined_and_a_break_stays_between() -> None:
+    events = [
+        Opened(),
+        Arrived(b"a", 1),
+        Arrived(b"b", 2),
+        Lost("unplugged"),
+        Arrived(b"c", 3),
+    ]
+    assert joined(events) == [Opened(), Arrived(b"ab", 2), Lost("unplugged"), Arrived(b"c", 3)]

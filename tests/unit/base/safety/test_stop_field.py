@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -195,3 +195,30 @@ def test_wheels_that_follow_sooner_than_the_longest_delay_are_reckoned_with(turn
     # With the longest delay it first goes on as before, and does not come as far back.
     post = np.array([[-0.33, 0.0]])
     assert field.scale(Twist2D(-0.4, 0.0, turn), post) < 1.0
+
+
+class LooksEverywhere(StopField):
+    """One that leaves nothing out beforehand."""
+
+    def _box(self, twist: Twist2D) -> tuple[float, float, float]:
+        del twist
+        return math.inf, math.inf, math.inf
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1), is_sideways=st.booleans())
+def test_what_is_left_out_beforehand_could_not_matter(seed: int, is_sideways: bool) -> None:
+    rng = np.random.default_rng(seed)
+    fields = [kind(FOOTPRINT, LIMITS, 0.05, 0.15) for kind in (StopField, LooksEverywhere)]
+    twist = Twist2D.zero()
+    for _ in range(10):
+        if rng.random() < 0.2:
+            vy = float(rng.uniform(-0.3, 0.3)) if is_sideways else 0.0
+            twist = Twist2D(float(rng.uniform(-0.4, 0.4)), vy, float(rng.uniform(-1.5, 1.5)))
+            if rng.random() < 0.3:
+                twist = Twist2D(twist.vx, twist.vy, 0.0)
+        points = rng.uniform(-1.0, 1.0, (int(rng.integers(1, 60)), 2))
+        ours, theirs = (field.scale(twist, points) for field in fields)
+        assert ours == theirs
+        for field in fields:
+            field.follow(twist, 0.02)
