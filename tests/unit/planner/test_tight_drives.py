@@ -14,6 +14,7 @@ from trolley.geometry import Pose2D, Twist2D, angle_difference, integrate_twist
 from trolley.gridmap import GridMap
 from trolley.messages import Scan
 from trolley_planner.control.controller import Motion, limited_change, limits_of
+from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuvering import WayFollower
 from trolley_planner.paths.pose_search import FORWARDS, Maneuver
 
@@ -194,3 +195,18 @@ def test_nobody_looked_at_the_floor_beside_where_the_robot_stands(ride) -> None:
     for cols, known in ((under, [True]), (behind, [False]), (nothing, [])):
         rows = np.full(len(cols), 60)
         assert layer.is_known_free(rows, cols, 15.0).tolist() == known
+
+
+@pytest.mark.parametrize(("yaw", "looks_there"), [(0.0, True), (math.pi, False)])
+def test_a_wall_that_nobody_looks_at_stands_where_the_map_has_it(
+    ride, yaw: float, looks_there: bool
+) -> None:
+    # By the map its face is at x = 4, and a little farther by what the lidar sees.
+    grid, truth = (with_block(empty_room(), x, 2.0, 0.5, 2.0) for x in (4.0, 4.05))
+    drive = ride(HalfBlind(grid, Pose2D(3.6, 3.0, yaw), truth=truth))
+    drive.step(10)
+    fine = FineGrid(drive.navigator.costmap_manager.require_context().costmap, FINE.finest_m, 1.0)
+    fine.update((50, 70), (20, 20))
+    row, col = round(0.5 / fine.fine_m), round(0.5 / fine.fine_m)
+    assert (not fine.mask[row - 8 : row + 8, col].all()) == looks_there
+    assert fine.mask[row - 8 : row + 8, col + 1].all()
