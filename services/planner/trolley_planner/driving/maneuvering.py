@@ -166,6 +166,8 @@ class Maneuvering:
         self.is_tight_ahead = needed is not None
         if self._follower is not None:
             self._check_way(pose, route, aim)
+        if needed is None and self._is_through(pose):
+            self.stop()
         if needed is None or self._goes_on(route, needed) or self._must_rest(now_ns):
             return
         if self._is_anyone_near(pose, MANEUVER.begin_people_m):
@@ -232,6 +234,13 @@ class Maneuvering:
             self.has_arrived = approach.is_there(now.steady)
             if not self.has_arrived:
                 self.stop()
+
+    def _is_through(self, pose: Pose2D) -> bool:
+        """Say whether the robot drives forwards and has room again: the controller does better."""
+        follower, room_m = self._follower, MANEUVER.room_m
+        if follower is None or self._to_goal or not follower.is_forwards:
+            return False
+        return self._context.seen_clearance(pose, room_m) >= room_m
 
     def _goes_on(self, route: Route, needed: int) -> bool:
         """Say whether the way that is followed is long, or leads as far as is needed."""
@@ -419,6 +428,11 @@ class WayFollower:
     def left_m(self) -> float:
         """What is left of it [m]; turns count, too."""
         return float(self._left[self._index])
+
+    @property
+    def is_forwards(self) -> bool:
+        """Whether it drives forwards now."""
+        return int(self._motions[self._run_end]) == FORWARDS
 
     def poses_ahead(self, length_m: float) -> NDArray[np.float64]:
         """Return the poses (n, 3) of this length of the way from the robot on."""
