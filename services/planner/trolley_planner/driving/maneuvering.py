@@ -202,7 +202,9 @@ class Maneuvering:
             limits = limits._replace(slow_speed=MANEUVER.wary * limits.slow_speed)
         here_m = context.seen_clearance(pose, limits.caution_m)
         speed = min(caution_speed(limits, here_m), context.zone_speed(pose))
-        limits = limits._replace(max_speed=speed, max_reverse=min(speed, limits.max_reverse))
+        sees_back = context.costmap.obstacle_layer.looks_all_round
+        backwards = speed if sees_back else min(speed, limits.max_reverse)
+        limits = limits._replace(max_speed=speed, max_reverse=backwards)
         wanted = follower.command(Motion(now.steady, now.motion.twist), limits)
         if wanted is None:
             self._end(now, approach)
