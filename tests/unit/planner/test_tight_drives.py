@@ -143,6 +143,21 @@ def test_it_comes_to_stand_beside_a_wall_as_it_was_asked_to(ride, x: float, yaw:
     assert drive.world.touches == 0
 
 
+@pytest.mark.drives
+@pytest.mark.parametrize(("kind", "is_fast"), [(Flatland, True), (HalfBlind, False)])
+def test_it_backs_fast_only_where_its_lidar_looks(ride, kind, is_fast: bool) -> None:
+    world = kind(empty_room(3.2, 3.2), Pose2D(1.43, 1.30, 2.07), footprint=HOBBY)
+    drive = ride(world)
+    drive.send(Pose2D(1.46, 0.29, math.pi), xy_tolerance=0.05, yaw_tolerance=0.05)
+    fastest = 0.0
+    while drive.navigator.board.is_active:
+        drive.step()
+        fastest = min(fastest, world.twist.vx)
+    assert drive.navigator.board.state == "arrived"
+    assert (fastest < -0.3) == is_fast
+    assert world.touches == 0
+
+
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_way_that_bends_to_and_fro_is_kept_to_although_turning_takes_time(delay: int) -> None:
     step_m, dt_s = 0.02, 0.05
