@@ -8,6 +8,7 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -85,6 +86,7 @@ TRACKING = PeopleTrackerParams()
 
 
 Floats = NDArray[np.float64]
+NO_TRACK = np.empty((0, 5))
 
 
 class TrackedPerson(NamedTuple):
@@ -168,19 +170,15 @@ class _Trail(NamedTuple):
     def expected(self, stamp_ns: int) -> Floats:
         """Return where its middle (2,) must be by now."""
         here = self.track[-1, 1:3]
-        return here if self.motion is None else here + self.motion[0] * self._elapsed_s(stamp_ns)
+        return here if self.motion is None else here + self.motion[0] * self.elapsed_s(stamp_ns)
 
     def reach_m(self, stamp_ns: int) -> float:
         """Return how far from there it is looked for."""
-        elapsed_s = self._elapsed_s(stamp_ns)
+        elapsed_s = self.elapsed_s(stamp_ns)
         return TRACKING.fastest_mps * elapsed_s if self.motion is None else TRACKING.astray_m
 
-    def lately(self, stamp_ns: int) -> Floats:
-        """Return the rows of the track that matter still, their times since a stamp."""
-        track = self.track - (self._elapsed_s(stamp_ns), 0.0, 0.0, 0.0, 0.0)
-        return track[track[:, 0] >= -TRACKING.left_s]
-
-    def _elapsed_s(self, stamp_ns: int) -> float:
+    def elapsed_s(self, stamp_ns: int) -> float:
+        """Return how long ago it was seen last [s]."""
         return (stamp_ns - self.seen_ns) * 1e-9
 
 
@@ -251,12 +249,13 @@ class PeopleTracker:
         self, segment: _Segment, before: _Trail | None, view: _View, earlier: list[_View]
     ) -> _Trail:
         """Return the trail of a segment, which goes on from one before."""
-        here = np.array([[0.0, *segment.place, *segment.points.mean(axis=0)]])
         if before is None:
-            number, track, is_known = next(self._new_numbers), here, False
+            number, is_known = next(self._new_numbers), False
+            track, elapsed_s = NO_TRACK, 0.0
         else:
             number, is_known = before.number, before.person is not None
-            track = np.concatenate([before.lately(view.stamp_ns), here])
+            track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
+        track = longer_track(track, elapsed_s, segment.place, segment.points)
         motion = _motion(track)
         person = _person(segment, track, motion, view, None if is_known else earlier)
         return _Trail(number, view.stamp_ns, segment, track, motion, person)
@@ -291,30 +290,59 @@ def _origins(segments: list[_Segment], trails: list[_Trail], stamp_ns: int) -> l
         return origins
     places = np.array([segment.place for segment in segments])
     expected = np.array([trail.expected(stamp_ns) for trail in trails])
-    reach = np.array([[trail.reach_m(stamp_ns)] for trail in trails])
-    lengths = np.hypot(*np.moveaxis(places - expected[:, None], -1, 0))
-    for origin, index in _assigned(np.where(lengths <= reach, lengths, np.inf)):
-        origins[index] = origin
+    reach_m = np.array([trail.reach_m(stamp_ns) for trail in trails])
+    return assigned(places, expected, reach_m).tolist()
+
+
+@kernel
+def assigned(places: Floats, expected: Floats, reach_m: Floats) -> NDArray[np.int64]:
+    """Return which of the expected places each place is, -1 for none: the nearest pairs first.
+
+    Args:
+        places: (n, 2) [m].
+        expected: (m, 2) [m].
+        reach_m: (m,) how far away from there it may be.
+    """
+    num_expected, num_places = expected.shape[0], places.shape[0]
+    lengths = np.full(num_expected * num_places, np.inf)
+    for row in range(num_expected):
+        for col in range(num_places):
+            dx, dy = places[col, 0] - expected[row, 0], places[col, 1] - expected[row, 1]
+            length = math.hypot(dx, dy)
+            if length <= reach_m[row]:
+                lengths[row * num_places + col] = length
+    origins = np.full(num_places, -1, np.int64)
+    is_taken = np.zeros(num_expected, np.bool_)
+    for flat in np.argsort(lengths, kind="mergesort"):
+        row, col = flat // num_places, flat % num_places
+        if lengths[flat] == np.inf:
+            break
+        if not is_taken[row] and origins[col] < 0:
+            origins[col] = row
+            is_taken[row] = True
     return origins
 
 
-def _assigned(lengths: Floats) -> list[tuple[int, int]]:
-    """Return pairs of rows and columns, the shortest first: each row and column is in one at most.
+@kernel
+def longer_track(track: Floats, elapsed_s: float, place: Floats, points: Floats) -> Floats:
+    """Return what matters still of a track (n, 5), and where it is now as its last row.
 
     Args:
-        lengths: (rows, cols), infinite where they do not belong together.
+        track: see `_Trail.track`.
+        elapsed_s: since its last row.
+        place: (2,) the middle [m].
+        points: (k, 2) what is seen [m].
     """
-    found: list[tuple[int, int]] = []
-    rows, cols = lengths.shape
-    taken_rows, taken_cols = np.zeros(rows, dtype=np.bool_), np.zeros(cols, dtype=np.bool_)
-    for flat in np.argsort(lengths, axis=None, kind="stable").tolist():
-        row, col = divmod(flat, cols)
-        if math.isinf(lengths[row, col]):
-            break
-        if not taken_rows[row] and not taken_cols[col]:
-            found.append((row, col))
-            taken_rows[row] = taken_cols[col] = True
-    return found
+    first, count = 0, track.shape[0]
+    while first < count and track[first, 0] - elapsed_s < -TRACKING.left_s:
+        first += 1
+    longer = np.empty((count - first + 1, 5))
+    longer[:-1] = track[first:]
+    longer[:-1, 0] -= elapsed_s
+    last = longer[-1]
+    last[0], last[1], last[2] = 0.0, place[0], place[1]
+    last[3], last[4] = centre_of(points)
+    return longer
 
 
 def _motion(track: Floats) -> tuple[Floats, float] | None:
@@ -377,21 +405,33 @@ def _segments(points: Floats, origin: Floats, step_rad: float) -> list[_Segment]
     """
     if len(points) < TRACKING.least_points:
         return []
-    gaps = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
-    apart_m = step_rad * np.hypot(*(points - origin).T)
-    joins = gaps <= TRACKING.gap_m + np.sqrt(2.0 * TRACKING.round_m * apart_m)
-    pieces = np.split(points, np.flatnonzero(~joins[1:]) + 1)
+    begins = begins_of(points, origin, step_rad)
+    ends = np.flatnonzero(begins[1:]) + 1
+    pieces = [points[begin:end] for begin, end in pairwise([0, *ends.tolist(), len(points)])]
     # The scan begins and ends in the middle of something.
-    if len(pieces) > 1 and joins[0]:
+    if len(pieces) > 1 and not begins[0]:
         pieces[0] = np.concatenate([pieces.pop(), pieces[0]])
     found: list[_Segment] = []
     for parts in _with_both_legs(_without_edges(pieces)):
-        together = np.concatenate(parts)
+        together = parts[0] if len(parts) == 1 else np.concatenate(parts)
         if _size(together) <= TRACKING.largest_m:
             middles = [_middle(part, origin) for part in parts]
             place = middles[0] if len(middles) == 1 else np.mean(middles, axis=0)
             found.append(_Segment(together, place))
     return found
+
+
+@kernel
+def begins_of(points: Floats, origin: Floats, step_rad: float) -> NDArray[np.bool_]:
+    """Say of points (n, 2) whether they are on something else than the one before; see above."""
+    count = points.shape[0]
+    begins = np.empty(count, np.bool_)
+    for index in range(count):
+        x, y = points[index, 0], points[index, 1]
+        gap = math.hypot(x - points[index - 1, 0], y - points[index - 1, 1])
+        apart_m = step_rad * math.hypot(x - origin[0], y - origin[1])
+        begins[index] = gap > TRACKING.gap_m + math.sqrt(2.0 * TRACKING.round_m * apart_m)
+    return begins
 
 
 def _without_edges(pieces: list[Floats]) -> list[Floats]:
@@ -462,8 +502,15 @@ def _with_both_legs(pieces: list[Floats]) -> list[list[Floats]]:
     return joined
 
 
+@kernel
 def _gap(one: Floats, other: Floats) -> float:
-    return float(np.hypot(*np.moveaxis(one[:, None] - other, -1, 0)).min())
+    """Return the distance between the nearest of points (n, 2) and others (m, 2)."""
+    nearest = math.inf
+    for index in range(one.shape[0]):
+        for second in range(other.shape[0]):
+            dx, dy = one[index, 0] - other[second, 0], one[index, 1] - other[second, 1]
+            nearest = min(nearest, math.hypot(dx, dy))
+    return nearest
 
 
 @kernel
@@ -621,8 +668,10 @@ class MovingObstacles:
     ) -> None:
         """Track people through a new scan; see `PeopleTracker.update`."""
         self.people = self._tracker.update(now_ns, beams, wall_distance_m, resolution_m)
-        growth = np.clip([one.velocity_std for one in self.people], *GROWTH_MPS)
-        self._walkers = np.column_stack([person_discs(self.people), growth])
+        self._walkers = NOBODY
+        if self.people:
+            growth = np.clip([one.velocity_std for one in self.people], *GROWTH_MPS)
+            self._walkers = np.column_stack([person_discs(self.people), growth])
         self._scanned_ns = now_ns
 
     @property

@@ -14,6 +14,7 @@ from trolley.geometry import Pose2D, Twist2D, angle_difference, integrate_twist
 from trolley.gridmap import GridMap
 from trolley.messages import Scan
 from trolley_planner.control.controller import Motion, limited_change, limits_of
+from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuvering import WayFollower
 from trolley_planner.paths.pose_search import FORWARDS, Maneuver
 
@@ -142,6 +143,21 @@ def test_it_comes_to_stand_beside_a_wall_as_it_was_asked_to(ride, x: float, yaw:
     assert drive.world.touches == 0
 
 
+@pytest.mark.drives
+@pytest.mark.parametrize(("kind", "is_fast"), [(Flatland, True), (HalfBlind, False)])
+def test_it_backs_fast_only_where_its_lidar_looks(ride, kind, is_fast: bool) -> None:
+    world = kind(empty_room(3.2, 3.2), Pose2D(1.43, 1.30, 2.07), footprint=HOBBY)
+    drive = ride(world)
+    drive.send(Pose2D(1.46, 0.29, math.pi), xy_tolerance=0.05, yaw_tolerance=0.05)
+    fastest = 0.0
+    while drive.navigator.board.is_active:
+        drive.step()
+        fastest = min(fastest, world.twist.vx)
+    assert drive.navigator.board.state == "arrived"
+    assert (fastest < -0.3) == is_fast
+    assert world.touches == 0
+
+
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_way_that_bends_to_and_fro_is_kept_to_although_turning_takes_time(delay: int) -> None:
     step_m, dt_s = 0.02, 0.05
@@ -194,3 +210,18 @@ def test_nobody_looked_at_the_floor_beside_where_the_robot_stands(ride) -> None:
     for cols, known in ((under, [True]), (behind, [False]), (nothing, [])):
         rows = np.full(len(cols), 60)
         assert layer.is_known_free(rows, cols, 15.0).tolist() == known
+
+
+@pytest.mark.parametrize(("yaw", "looks_there"), [(0.0, True), (math.pi, False)])
+def test_a_wall_that_nobody_looks_at_stands_where_the_map_has_it(
+    ride, yaw: float, looks_there: bool
+) -> None:
+    # By the map its face is at x = 4, and a little farther by what the lidar sees.
+    grid, truth = (with_block(empty_room(), x, 2.0, 0.5, 2.0) for x in (4.0, 4.05))
+    drive = ride(HalfBlind(grid, Pose2D(3.6, 3.0, yaw), truth=truth))
+    drive.step(10)
+    fine = FineGrid(drive.navigator.costmap_manager.require_context().costmap, FINE.finest_m, 1.0)
+    fine.update((50, 70), (20, 20))
+    row, col = round(0.5 / fine.fine_m), round(0.5 / fine.fine_m)
+    assert (not fine.mask[row - 8 : row + 8, col].all()) == looks_there
+    assert fine.mask[row - 8 : row + 8, col + 1].all()

@@ -52,9 +52,9 @@ class ProximityParams(NamedTuple):
     """A rollout ends with the robot standing there for this long [s]:"""
     pass_s: float = 0.7
     """who comes in that time is taken to be there for so long [s],"""
-    right_m: float = 0.02
-    """whoever walks is taken to keep this much to their right by then [m], and more the less sure
-    it is: of two sides that seem as good, the robot chooses the one that people expect it to,"""
+    right_m: float = 0.05
+    """whoever walks is taken to keep this much to their right by then [m]: of two sides that seem
+    as good, the robot chooses the one that people expect it to,"""
     sure_later_s: float = 8.0
     """and counts the less the later they come: 1/e after this time [s]."""
     brake_dt_s: float = 0.05
@@ -177,7 +177,7 @@ def standing_cost(
         away_x = walkers[index, 0] + time_s * vx - place[0]
         away_y = walkers[index, 1] + time_s * vy - place[1]
         later = min(max(-(away_x * vx + away_y * vy) / squared, 0.0), PROXIMITY.stand_s)
-        right = (PROXIMITY.right_m + walkers[index, 5] * later) / math.sqrt(squared)
+        right = PROXIMITY.right_m / math.sqrt(squared)
         there = place[0] - right * vy, place[1] + right * vx
         one = walkers[index : index + 1]
         near = people_proximity_cost(one, body, there, turned, 0.0, time_s + later)

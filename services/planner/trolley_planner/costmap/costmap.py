@@ -25,6 +25,7 @@ from trolley_planner.costmap.inflation import (
     measure_box,
     replace_mask,
     update_distances,
+    weigh_box,
     weigh_into,
 )
 from trolley_planner.costmap.obstacle_layer import ObstacleLayer
@@ -232,8 +233,8 @@ class Costmap:
             boxes += [(row, end, col, end_col) for row, end, col, end_col in around.tolist()]
         else:
             boxes.append(self._measure(flipped))
-        for row, end, col, end_col in boxes:
-            self._weigh(np.s_[row:end, col:end_col])
+        for box in boxes:
+            self._weigh(box)
         self._close_border(self.weights)
         return len(boxes) > 0
 
@@ -246,7 +247,7 @@ class Costmap:
         """Distance to the nearest obstacle, up to the inflation's reach [m]."""
         self.weights = np.empty(self.shape, dtype=np.uint8)
         """Weights by that distance, and where people walk."""
-        self._weigh(np.s_[:, :])
+        self._weigh((0, self.shape[0], 0, self.shape[1]))
         self._close_border(self.weights)
 
     def _measure(self, flipped: NDArray[np.int64]) -> tuple[int, int, int, int]:
@@ -260,15 +261,13 @@ class Costmap:
         measure_box(self.distance_m, self._stands, np.array(box), reach, edge_m, reach_m)
         return box
 
-    def _weigh(self, box: tuple[slice, slice]) -> None:
-        """Bring the weights up to date in a box of cells."""
-        distance_m = np.ascontiguousarray(self.distance_m[box])
-        weights = np.empty(distance_m.shape, dtype=np.uint8)
-        weigh_into(weights, distance_m, self._table, TABLE_STEP_M)
+    def _weigh(self, box: tuple[int, int, int, int]) -> None:
+        """Bring the weights up to date in a box: first and end row, first and end column."""
+        weigh_box(self.weights, self.distance_m, self._table, TABLE_STEP_M, box)
         if self._social_layer.is_anyone_walking:
-            walked = self._social_layer.weights[box]
+            part = np.s_[box[0] : box[1], box[2] : box[3]]
+            weights, walked = self.weights[part], self._social_layer.weights[part]
             np.maximum(weights, walked, out=weights, where=weights != LETHAL)
-        self.weights[box] = weights
 
     def squeeze_weights(
         self, weights: NDArray[np.uint8], distance_m: NDArray[np.float32]

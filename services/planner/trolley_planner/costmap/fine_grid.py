@@ -78,7 +78,7 @@ class FineGrid:
             layer.grid,
             first,
             self.parts,
-            (not costmap.unknown_is_free, has_seen),
+            (not costmap.unknown_is_free, has_seen, layer.in_sight_since),
             costmap.resolution_m,
         )
         if has_seen:
@@ -106,12 +106,13 @@ def fill_window(
     grid: ObstacleGrid,
     first: tuple[int, int],
     parts: int,
-    manner: tuple[bool, bool],
+    manner: tuple[bool, bool, int],
     resolution_m: float,
 ) -> None:
     """Write 1 where something stands: what was seen as the point seen, walls but for their rims.
 
-    A wall fills the cells at its surface only in part; where they end, the lidar sees.
+    A wall fills the cells at its surface only in part; where they end, the lidar sees. Where it
+    does not look, they count as filled.
 
     Args:
         out_mask: (rows * parts, cols * parts) fine cells, overwritten.
@@ -120,15 +121,16 @@ def fill_window(
         grid: what the lidar has seen.
         first: row and column of the costmap at the local costmap's corner; may lie outside.
         parts: fine cells in the edge of a cell of the costmap.
-        manner: whether cells that nobody has seen count as something, and whether what the lidar
-            has seen does.
+        manner: whether cells that nobody has seen count as something, whether what the lidar has
+            seen does, and the number of the scan since which the lidar must have seen a cell to be
+            looking there now.
         resolution_m: cell edge of the costmap [m].
     """
     rows, cols = kinds.shape
     out_mask[:, :] = 0
     fine_rows, fine_cols = out_mask.shape
     scale = parts / resolution_m
-    unknown_blocks, has_seen = manner
+    unknown_blocks, has_seen, since = manner
     for window_row in range(fine_rows // parts):
         for window_col in range(fine_cols // parts):
             row, col = first[0] + window_row, first[1] + window_col
@@ -139,10 +141,10 @@ def fill_window(
             if is_filled or kinds[row, col] == WALL:
                 top, left, bottom, right = 0, 0, parts, parts
                 if not is_filled and parts >= LEAST_PARTS:
-                    top += row > 0 and kinds[row - 1, col] == FREE
-                    bottom -= row < rows - 1 and kinds[row + 1, col] == FREE
-                    left += col > 0 and kinds[row, col - 1] == FREE
-                    right -= col < cols - 1 and kinds[row, col + 1] == FREE
+                    top += row > 0 and shows_face(kinds, grid, row - 1, col, since)
+                    bottom -= row < rows - 1 and shows_face(kinds, grid, row + 1, col, since)
+                    left += col > 0 and shows_face(kinds, grid, row, col - 1, since)
+                    right -= col < cols - 1 and shows_face(kinds, grid, row, col + 1, since)
                 for part_row in range(top, bottom):
                     for part_col in range(left, right):
                         out_mask[window_row * parts + part_row, window_col * parts + part_col] = 1
@@ -153,6 +155,14 @@ def fill_window(
                 fine_row = min(max(fine_row, window_row * parts), (window_row + 1) * parts - 1)
                 fine_col = min(max(fine_col, window_col * parts), (window_col + 1) * parts - 1)
                 out_mask[fine_row, fine_col] = 1
+
+
+@kernel
+def shows_face(
+    kinds: NDArray[np.uint8], grid: ObstacleGrid, row: int, col: int, since: int
+) -> bool:
+    """Say whether a cell beside a wall is free and the lidar looks there; see `fill_window`."""
+    return kinds[row, col] == FREE and grid.observed[row, col] >= since
 
 
 @kernel

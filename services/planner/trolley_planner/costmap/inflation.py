@@ -253,6 +253,20 @@ def weigh_into(
 
 
 @kernel
+def weigh_box(
+    weights: NDArray[np.uint8],
+    distance_m: NDArray[np.float32],
+    table: NDArray[np.uint8],
+    step_m: float,
+    box: tuple[int, int, int, int],
+) -> None:
+    """Write the weights in a box: first and end row, first and end column; see `weigh_into`."""
+    row, end_row, col, end_col = box
+    rows, cols = slice(row, end_row), slice(col, end_col)
+    weigh_into(weights[rows, cols], distance_m[rows, cols], table, step_m)
+
+
+@kernel
 def soften_disc(
     weights: NDArray[np.uint8],
     distance_m: NDArray[np.float32],

@@ -48,8 +48,10 @@ class ObstacleParams(NamedTuple):
     """Nothing is known between neighbouring beams farther apart than this."""
     all_round_rad: float = 1.95 * math.pi
     """A lidar that covers less does not look all round."""
+    sight_scans: int = 3
+    """Such a lidar looks where one of so many of the newest scans saw floor."""
     recent_s: float = 15.0
-    """What such a lidar saw free is free for this long out of its view,"""
+    """What it saw free is free for this long out of its view,"""
     kept_s: float = SIGHT.memory_s - 3.0
     """and to the end of what was begun in time for this long: at `base`'s creep that is 1.2 m. A
     little later `base` lets nobody drive there."""
@@ -73,8 +75,8 @@ class ObstacleGrid(NamedTuple):
     points: NDArray[np.float32]
     """(rows, cols, 2) where in the cell the last echo lay [m]."""
     observed: NDArray[np.int32]
-    """(rows, cols) number of the scan in which a beam last passed, or over which the robot stood;
-    0 = never."""
+    """(rows, cols) number of the scan in which a beam last passed, or over which the robot first
+    stood; 0 = never."""
     stood_ticks: NDArray[np.int32]
     """(rows, cols) robot time when the robot last stood there, in `OBSTACLES.tick_s`; 0 = never."""
     touched: NDArray[np.int32]
@@ -184,6 +186,13 @@ class ObstacleLayer:
         self._scans_ns = other._scans_ns.copy()
         self.looks_all_round = other.looks_all_round
         self.mark_all_dirty()
+
+    @property
+    def in_sight_since(self) -> int:
+        """Number of the scan since which a cell must have been observed to be in sight now."""
+        if self.looks_all_round:
+            return 0
+        return max(self._scan_number - OBSTACLES.sight_scans, 0) + 1
 
     def remove_people(self, walkers: NDArray[np.float64]) -> None:
         """Remove people by the newest scan from what stands.
@@ -520,7 +529,8 @@ def clear_inside_robot(
             if inside_polygon(polygon_cells, col + 0.5, row + 0.5):
                 if grid.observed[row, col] == 0:
                     mark_dirty(grid.dirty, row, col)
-                grid.observed[row, col], grid.stood_ticks[row, col] = now
+                    grid.observed[row, col] = now[0]
+                grid.stood_ticks[row, col] = now[1]
             if grid.evidence[row, col] == 0:
                 continue
             x = grid.points[row, col, 0] / resolution_m

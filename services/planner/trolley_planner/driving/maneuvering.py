@@ -166,6 +166,8 @@ class Maneuvering:
         self.is_tight_ahead = needed is not None
         if self._follower is not None:
             self._check_way(pose, route, aim)
+        if needed is None and self._is_through(pose):
+            self.stop()
         if needed is None or self._goes_on(route, needed) or self._must_rest(now_ns):
             return
         if self._is_anyone_near(pose, MANEUVER.begin_people_m):
@@ -200,7 +202,9 @@ class Maneuvering:
             limits = limits._replace(slow_speed=MANEUVER.wary * limits.slow_speed)
         here_m = context.seen_clearance(pose, limits.caution_m)
         speed = min(caution_speed(limits, here_m), context.zone_speed(pose))
-        limits = limits._replace(max_speed=speed, max_reverse=min(speed, limits.max_reverse))
+        sees_back = context.costmap.obstacle_layer.looks_all_round
+        backwards = speed if sees_back else min(speed, limits.max_reverse)
+        limits = limits._replace(max_speed=speed, max_reverse=backwards)
         wanted = follower.command(Motion(now.steady, now.motion.twist), limits)
         if wanted is None:
             self._end(now, approach)
@@ -232,6 +236,13 @@ class Maneuvering:
             self.has_arrived = approach.is_there(now.steady)
             if not self.has_arrived:
                 self.stop()
+
+    def _is_through(self, pose: Pose2D) -> bool:
+        """Say whether the robot drives forwards and has room again: the controller does better."""
+        follower, room_m = self._follower, MANEUVER.room_m
+        if follower is None or self._to_goal or not follower.is_forwards:
+            return False
+        return self._context.seen_clearance(pose, room_m) >= room_m
 
     def _goes_on(self, route: Route, needed: int) -> bool:
         """Say whether the way that is followed is long, or leads as far as is needed."""
@@ -419,6 +430,11 @@ class WayFollower:
     def left_m(self) -> float:
         """What is left of it [m]; turns count, too."""
         return float(self._left[self._index])
+
+    @property
+    def is_forwards(self) -> bool:
+        """Whether it drives forwards now."""
+        return int(self._motions[self._run_end]) == FORWARDS
 
     def poses_ahead(self, length_m: float) -> NDArray[np.float64]:
         """Return the poses (n, 3) of this length of the way from the robot on."""
