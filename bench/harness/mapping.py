@@ -48,12 +48,13 @@ def map_drive(mapper: Mapper, scans: Iterable[ScanInput]) -> MappedDrive:
         estimate = mapper.step(scan)
         step_s.append(time.process_time() - began_s)
         assert isinstance(estimate, MapEstimate)
+        # Before the map moves under it.
+        anchors.append(mapper.anchor(estimate.pose))
         began_s = time.process_time()
         job = mapper.take_job()
         if job is not None:
             mapper.finish(job.run())
         job_s.append(time.process_time() - began_s)
         states.append(estimate.state)
-        anchors.append(mapper.anchor(estimate.pose))
     poses = [mapper.moved(anchor) for anchor in anchors]
     return MappedDrive(poses, states, np.array(step_s), np.array(job_s))
