@@ -190,7 +190,7 @@ HEADS = [
 def row(one: Result) -> list[str]:
     """The line of a drive in the table."""
     revisits, errors_m = one.revisits, one.errors_m
-    cpu_s = one.drive.step_s.sum() + one.drive.job_s.sum()
+    cpu_s = one.drive.step_s.sum() + one.drive.jobs_s
     truth = one.recording.reference
     return [
         one.name,
