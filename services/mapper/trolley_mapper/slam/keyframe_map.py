@@ -98,7 +98,7 @@ class KeyframeMap:
         """Add a keyframe taken at map_T_base (3,); drop one where many show the same."""
         self.store.add(keyframe, pose, edges)
         self.next_number += 1
-        if not self.store.is_loose(keyframe.number):
+        if not (keyframe.is_blind or self.store.is_loose(keyframe.number)):
             self._occupancy.add(keyframe, pose)
             self.version += 1
         self._drop_redundant()
