@@ -37,6 +37,9 @@ class BackEnd:
         self._job: MapJob | None = None
         self._pending: list[Closure] = []
         self._has_new = False
+        # The keyframe that loops are searched for, and the places left to search.
+        self._query = 0
+        self._loops: list[tuple[int, float]] | None = []
         self._joint: Joint | None = None
         # Places that were not searched yet from the loose part, and whether they all were once.
         self._places: list[Place] = []
@@ -57,10 +60,21 @@ class BackEnd:
             return None
         if self._joint is not None and made.store.is_loose(made.store.newest.number):
             self._job = self._join(made, self._joint, pose)
-        elif self._has_new:
-            self._has_new = False
-            self._job = LoopJob(made.store.copy(), list(self._pending), self._config, made.prior)
+        else:
+            self._job = self._close_loops(made)
         return self._job
+
+    def _close_loops(self, made: KeyframeMap) -> LoopJob | None:
+        """Return the search of one place for the newest keyframe that was not looked for."""
+        if self._has_new:
+            self._has_new = False
+            self._query, self._loops = made.store.newest.number, None
+        if self._loops == [] or self._query not in made.store.rows:
+            return None
+        return LoopJob(
+            made.store.copy(), list(self._pending), self._config, made.prior, self._query,
+            self._loops,
+        )  # fmt: skip
 
     def _join(self, made: KeyframeMap, joint: Joint, pose: NDArray[np.float64]) -> JoinJob | None:
         """Return the search of one place: all of them in turn take long in a large building."""
@@ -87,11 +101,13 @@ class BackEnd:
             for one in closures
             if store.has(one.edge) and all(one.edge is not edge for edge in job.accepted)
         ]
-        if isinstance(job, JoinJob) and job.accepted:
+        if isinstance(job, LoopJob):
+            self._loops = job.places
+        elif job.accepted:
             self._pending, self._joint = [], None
         return True
 
     def keyframes_removed(self, store: KeyframeStore) -> None:
         """Drop the job that is out, and closures whose keyframes are gone."""
-        self._job = None
+        self._job, self._loops = None, []
         self._pending = [one for one in self._pending if store.has(one.edge)]

@@ -107,13 +107,16 @@ class Closure:
 
 @dataclass(eq=False)
 class LoopJob:
-    """Search of loops for the newest keyframe, and optimisation when there are any.
+    """Search of one place for what a keyframe shows, and optimisation when loops are believed.
 
     Attributes:
         store: a copy, changed by the job.
         pending: closures found before that wait for one that agrees.
         config: settings.
         prior: the map that is extended, if one is.
+        query: the keyframe that is looked for.
+        places: to search, the likeliest last: keyframes in their middle, and the distance driven
+            since [m]; None: they are chosen first. The last one is taken off.
         found: closures found now.
         accepted: edges of those that are believed now.
         cut: edges of loops believed before that these contradict.
@@ -124,6 +127,8 @@ class LoopJob:
     pending: list[Closure]
     config: MapperConfig
     prior: GridMap | None
+    query: int
+    places: list[tuple[int, float]] | None
     found: list[Closure] = field(default_factory=list[Closure])
     accepted: list[Edge] = field(default_factory=list[Edge])
     cut: list[Edge] = field(default_factory=list[Edge])
@@ -132,11 +137,11 @@ class LoopJob:
     def run(self) -> "LoopJob":
         """Search, check, optimise and draw; returns itself."""
         search = LoopSearch(self.store, self.config)
-        query = self.store.newest.number
-        for place in search.places(query):
-            closure = search.close(query, place)
-            if closure is not None:
-                self.found.append(closure)
+        if self.places is None:
+            self.places = search.places(self.query)[::-1]
+        closure = search.close(self.query, self.places.pop()) if self.places else None
+        if closure is not None:
+            self.found.append(closure)
         self._believe()
         if self.accepted:
             self._optimise()
