@@ -57,6 +57,12 @@ class ScanMatcherParams:
     """A scan of what was not seen before contradicts by at most this share of its points."""
     min_window: tuple[float, float] = (0.35, 1.0)
     """Half the search window where the scan does not fit where it is expected [m, rad]."""
+    doubtful_cost: float = 3.0
+    """A pose that the odometry speaks against by this log-likelihood must have no rival."""
+    rival_window: tuple[float, float] = (1.0, 0.3)
+    """Half the window in which a scan is tried a quarter turn and more away [m, rad]."""
+    rival_lead: float = 8.0
+    """Lead in log-likelihood over those, or nobody knows which way round the robot is."""
     max_window: tuple[float, float] = (2.0, 1.6)
     """The same at most [m, rad]."""
     window_per_m: float = 2.0
@@ -118,6 +124,9 @@ class MatchQuality:
     """It shows little of what is known, and nothing speaks against where the odometry leads."""
     contradicts: float = 0.0
     """Share of all points that lie where nothing should be, or behind a surface, 0 ... 1."""
+
+    is_ambiguous: bool = False
+    """Wheels slipped, and nobody knows which of several poses is right."""
 
     @property
     def log_likelihood(self) -> float:
@@ -260,6 +269,9 @@ class ScanMatcher:
             match = self._search(local, sweep, match, devs)
         if self._may_be_bent(match, scan):
             match = self._try_unbent(local, scan, match)
+        if match.quality.is_good and self._has_rival(local, match):
+            quality = replace(match.quality, is_good=False, is_ambiguous=True)
+            match = replace(match, quality=quality)
         if match.quality.is_good:
             self._accept(match)
         return match if match.quality.is_good else replace(match, pose=self.pose)
@@ -348,6 +360,24 @@ class ScanMatcher:
             return match
         other = self._match(local, sweep, found[0], 0.05)
         return self._likelier(match, _better(match, other, PARAMS.lead))
+
+    def _has_rival(self, local: LocalMap, match: ScanMatch) -> bool:
+        """Say whether a scan that shows slip fits another way round as well: walls are square."""
+        if self._prior_cost(match) < PARAMS.doubtful_cost:
+            return False
+        cloud = _without_sides(match.sweep).cloud
+        for quarters in (1, 2, 3):
+            yaw = float(match.pose[2]) + 0.5 * math.pi * quarters
+            if abs(math.remainder(yaw - self.pose[2], 2.0 * math.pi)) > PARAMS.max_window[1]:
+                continue
+            around = np.array([self.pose[0], self.pose[1], yaw])
+            found = local.correlate(cloud, around, PARAMS.rival_window, PARAMS.min_score, 0.0)
+            if found is None:
+                continue
+            rival = self._match(local, match.sweep, found[0], 0.05)
+            if self._likelihood(rival) > self._likelihood(match) - PARAMS.rival_lead:
+                return True
+        return False
 
     def _likelier(self, match: ScanMatch, other: ScanMatch) -> ScanMatch:
         """Return another match where scan and odometry together speak for it, else the first."""

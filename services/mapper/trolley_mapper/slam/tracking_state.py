@@ -68,7 +68,10 @@ class TrackingState:
         bad_m = self.bad_m + distance_m
         # A pose that was given and fails at once was the wrong one.
         breaks = (
-            bad_s > lost_after_s or bad_m > PARAMS.lost_after_m or self.proof_m < PARAMS.proof_m
+            quality.is_ambiguous
+            or bad_s > lost_after_s
+            or bad_m > PARAMS.lost_after_m
+            or self.proof_m < PARAMS.proof_m
         )
         name: State = "lost" if breaks or self.is_lost else "unsure"
         return TrackingState(name, bad_s, bad_m, self.proof_m, breaks)
