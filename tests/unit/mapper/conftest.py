@@ -43,6 +43,7 @@ class Drive:
         self.odometry_scale = 1.0
         # What the wheels tell of the time of a scan, in which the robot stands still.
         self.told_in_scan = Pose2D.identity()
+        self.is_covered = False
         self.rng = np.random.default_rng(0)
         self.last: MapEstimate | None = None
 
@@ -69,6 +70,8 @@ class Drive:
         angles = at.yaw - math.pi + np.arange(BEAMS) * (2.0 * math.pi / BEAMS)
         ranges = cast_rays(self.grid.occupied_mask(), 0.05, (at.x, at.y), angles, RANGE_MAX)
         ranges = (ranges + 0.01 * self.rng.standard_normal(BEAMS)).astype(np.float32)
+        if self.is_covered:
+            ranges[:] = 0.12
         ranges.setflags(write=False)
         return ScanInput(
             stamp_ns=self.stamp_ns + 1,

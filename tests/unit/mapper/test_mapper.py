@@ -154,6 +154,44 @@ def test_a_lidar_cut_for_five_seconds_is_bridged_by_odometry(make_drive: MakeDri
     assert drive.error_m() < 0.05
 
 
+@pytest.mark.parametrize("turn_rad", [0.7, -0.8])
+def test_a_turn_that_the_wheels_miss_between_two_scans_does_not_bend_the_map(
+    make_drive: MakeDrive, turn_rad: float
+) -> None:
+    drive = make_drive()
+    drive.tour()
+    for _ in range(3):
+        drive.pose = drive.pose @ Pose2D(0.0, 0.0, turn_rad)
+        assert drive.look(1.0).state == "mapping"
+        assert drive.error_m() < 0.05
+
+
+def test_after_a_long_way_with_a_covered_lidar_the_map_goes_on_apart_until_it_is_proven(
+    make_drive: MakeDrive,
+) -> None:
+    drive = make_drive()
+    drive.tour()
+    grid, keyframes = drive.mapper.grid(), drive.mapper.num_keyframes
+    drive.is_covered, drive.odometry_scale = True, 1.15
+    for count in (18, 100, 18, 60, 18, 90):
+        for _ in range(count):
+            # Home and back, and the wheels report too much of all that.
+            turns = count == 18
+            drive.scan(0.0 if turns else -0.3 if count == 60 else 0.3, 0.8 if turns else 0.0)
+    assert drive.last is not None
+    assert drive.last.state == "unsure"
+    drive.is_covered, drive.odometry_scale = False, 1.0
+    assert drive.look().state == "lost"
+    assert "hangs loose" in drive.look().message
+    assert drive.mapper.grid() is grid
+    assert drive.mapper.num_keyframes == keyframes
+    for _ in range(40):
+        drive.scan(0.0, 0.8)
+    assert drive.last.state == "mapping"
+    assert drive.mapper.num_keyframes > keyframes
+    assert drive.error_m() < 0.05
+
+
 def test_a_lifted_robot_is_lost_and_found_and_the_map_is_not_bent(make_drive: MakeDrive) -> None:
     drive = make_drive()
     drive.tour()

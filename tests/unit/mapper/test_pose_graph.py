@@ -15,6 +15,7 @@ from trolley_mapper.slam.pose_graph import (
     between,
     chained,
     compose,
+    contradicted,
     inverted,
     make_problem,
     optimise,
@@ -100,3 +101,26 @@ def test_a_false_loop_among_true_ones_fades() -> None:
     edges.append(edge(10, 40, np.array([0.5, 0.0, 0.0]), LOOP))
     found = optimise(start, make_problem(edges, {k: k for k in range(60)}), [0])
     assert np.hypot(*(found - truth)[:, :2].T).max() < 0.3
+
+
+@pytest.mark.parametrize("num_wrong", [0, 1, 2])
+def test_loops_that_the_others_and_the_odometry_outvote_are_found(num_wrong: int) -> None:
+    # Twice round a square of 5 m; the odometry turns a little too far.
+    step = np.array([1.0, 0.0, 0.0])
+    turned = np.array([1.0, 0.0, 0.5 * np.pi])
+    true, found = [np.zeros(3)], [np.zeros(3)]
+    edges = []
+    for number in range(1, 41):
+        moved = turned if number % 5 == 0 else step
+        drifted = moved + np.array([0.01, 0.0, 0.004])
+        true.append(compose(true[-1], moved))
+        found.append(compose(found[-1], drifted))
+        edges.append(edge(number - 1, number, drifted, dev=0.03))
+    for number in (24, 28, 33):
+        edges.append(edge(number - 20, number, between(true[number - 20], true[number]), LOOP))
+    for number in range(36, 36 + num_wrong):
+        off = between(true[number - 20], true[number]) + np.array([3.0, 0.0, 0.0])
+        edges.append(edge(number - 20, number, off, LOOP))
+    problem = make_problem(edges, {number: number for number in range(41)})
+    is_out = contradicted(np.array(found), problem, [0])
+    assert is_out.tolist() == [False] * (43) + [True] * num_wrong

@@ -1,7 +1,5 @@
 """Whether a pose is believed, scan by scan."""
 
-import pytest
-
 from trolley_mapper.slam.scan_matcher import MatchQuality
 from trolley_mapper.slam.tracking_state import PARAMS, TrackingState
 
@@ -50,7 +48,17 @@ def test_a_pose_that_was_found_and_fails_at_once_was_the_wrong_one() -> None:
     assert after(TrackingState.unproven(), BAD).is_lost
 
 
-@pytest.mark.parametrize(("match", "name"), [(0.8, "lost"), (0.9, "unsure")])
-def test_a_lost_robot_is_found_by_a_very_good_match_only(match: float, name: str) -> None:
-    quality = MatchQuality(match=match, explained=0.8, is_good=True)
-    assert after(TrackingState.lost(), quality).name == name
+def test_a_scan_a_metre_loses_it_by_distance() -> None:
+    states = [after(TrackingState(), *[BAD] * count, distance_m=1.0) for count in (1, 2)]
+    assert [state.name for state in states] == ["unsure", "lost"]
+    assert states[-1].breaks
+
+
+def test_a_lost_robot_maps_on_and_is_not_found_by_a_match_with_its_own_part() -> None:
+    state = after(TrackingState.lost(), *[GOOD] * 50, NEW, NEW)
+    assert (state.name, state.breaks) == ("lost", False)
+
+
+def test_a_loose_part_that_is_contradicted_ends_as_the_map_would() -> None:
+    assert after(TrackingState.lost(), *[BAD] * 16).breaks
+    assert not after(TrackingState.lost(), *[BAD] * 14).breaks

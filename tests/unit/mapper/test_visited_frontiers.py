@@ -2,7 +2,9 @@
 
 from trolley_mapper.explore.visited_frontiers import (
     MAX_ARRIVALS,
+    MAX_BARREN,
     MAX_FAILURES,
+    REGION_M,
     SAME_M,
     VisitedFrontiers,
 )
@@ -32,3 +34,12 @@ def test_a_place_that_was_reached_once_does_not_count_as_failed() -> None:
     reached, unreached = visited.find_or_add(0.0, 0.0), visited.find_or_add(5.0, 0.0)
     reached.arrivals, reached.failures, unreached.failures = 1, 1, 1
     assert visited.num_failed == 1
+
+
+def test_a_region_where_goals_add_nothing_is_dropped_though_its_frontiers_move_on() -> None:
+    visited = VisitedFrontiers()
+    for number in range(MAX_BARREN):
+        assert not visited.is_barren(1.0, 1.0)
+        visited.add_barren(1.0, 1.0 + 0.9 * REGION_M * (number % 2))
+    assert visited.is_barren(1.0, 1.0)
+    assert not visited.is_barren(1.0 - 1.1 * REGION_M, 1.0)

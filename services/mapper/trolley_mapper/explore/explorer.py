@@ -147,6 +147,8 @@ class Explorer:
         self._run, self._sees_all_round = run, sees_all_round
         self._visited = VisitedFrontiers()
         self._goal: ExplorationGoal | None = None
+        # The frontier that was driven to last, and how much floor was known then [m^2].
+        self._last: tuple[Frontier, float] | None = None
         self._progress = Progress()
         self._others = Others()
         self._surveyed_s: float | None = None
@@ -332,12 +334,22 @@ class Explorer:
                 self._pause_for(what)
         return scene.is_lost or not self.is_under_way
 
+    def _note_growth(self) -> None:
+        """Note where the last goal added no floor."""
+        last, self._last = self._last, None
+        if last is None:
+            return
+        frontier, best_area_m2 = last
+        if self._progress.best_area_m2 <= best_area_m2:
+            self._visited.add_barren(frontier.x, frontier.y)
+
     def _choose(self, scene: Scene, survey: Survey, now_s: float) -> None:
         """Send the best goal, or turn home."""
         report = survey.report
         if self.state == "homing":
             self._go_home(survey.area, scene, now_s)
             return
+        self._note_growth()
         best = self._best(report)
         if not report.can_move or (best is None and self._progress.num_sent == 0):
             if self._lasts("shut in", now_s) <= PARAMS.start_s:
@@ -368,6 +380,8 @@ class Explorer:
         fresh: list[Frontier] = []
         again: list[Frontier] = []
         for one in report.frontiers:
+            if self._visited.is_barren(one.x, one.y):
+                continue
             entry = self._visited.find(one.x, one.y)
             if entry is None or (not entry.is_given_up and entry.failures == 0):
                 fresh.append(one)
@@ -403,6 +417,7 @@ class Explorer:
     ) -> None:
         self._progress.num_sent += 1
         self._progress.num_barren += frontier is not None
+        self._last = None if frontier is None else (frontier, self._progress.best_area_m2)
         goal = SendGoal(
             id=f"map-{self._run}-{self._progress.num_sent}",
             pose=pose.wrapped(),

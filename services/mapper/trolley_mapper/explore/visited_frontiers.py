@@ -9,6 +9,11 @@ MAX_ARRIVALS = 2
 """A frontier that is still there after the robot has stood before it so often stays unknown."""
 MAX_FAILURES = 2
 """A frontier that could not be reached so often is not tried again."""
+REGION_M = 1.5
+"""Frontiers this near to where goals came to nothing belong to the same region [m]."""
+MAX_BARREN = 2
+"""A region is dropped after so many goals there that added no floor: behind a mirror the frontiers
+move on, and what is seen there comes and goes."""
 
 
 @dataclass(slots=True)
@@ -33,6 +38,7 @@ class VisitedFrontiers:
 
     def __init__(self) -> None:
         self._places: list[Visits] = []
+        self._barren: list[Visits] = []
 
     def __len__(self) -> int:
         return len(self._places)
@@ -49,6 +55,15 @@ class VisitedFrontiers:
             visits = Visits(x, y)
             self._places.append(visits)
         return visits
+
+    def add_barren(self, x: float, y: float) -> None:
+        """Note that a goal at a place in the map [m] added no floor."""
+        self._barren.append(Visits(x, y))
+
+    def is_barren(self, x: float, y: float) -> bool:
+        """Say whether the region round a place in the map [m] is not worth another goal."""
+        near = sum(_distance(one, x, y) <= REGION_M for one in self._barren)
+        return near >= MAX_BARREN
 
     @property
     def num_failed(self) -> int:

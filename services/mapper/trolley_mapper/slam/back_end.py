@@ -1,38 +1,28 @@
-"""Heavy work that is done aside: closing loops, and finding a lost robot again."""
+"""Heavy work that is done aside: closing loops, and finding where a loose part belongs."""
 
-import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from trolley.config.mapper import MapperConfig
-from trolley.scanning import ScanInput
+from trolley_mapper.slam.joining import JoinJob, Joint, places_to_try
 from trolley_mapper.slam.keyframe_map import KeyframeMap
 from trolley_mapper.slam.keyframe_store import KeyframeStore
-from trolley_mapper.slam.loop_closure import Closure, LoopJob
-from trolley_mapper.slam.relocalization import RelocalizationJob
-from trolley_mapper.slam.sweep import Sweep
+from trolley_mapper.slam.loop_closure import Closure, LoopJob, Place
 
-MapJob = LoopJob | RelocalizationJob
+MapJob = LoopJob | JoinJob
 
 
 @dataclass(frozen=True, slots=True)
 class BackEndParams:
-    """How often to search, and what to remember. Set by hand."""
+    """What to remember. Set by hand."""
 
-    search_again_s: float = 2.0
-    """Time between two searches for a lost robot [s]."""
     max_pending: int = 30
     """Closures that wait for one that agrees with them."""
 
 
 PARAMS = BackEndParams()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Observation:
-    """A scan as it was measured, and its points."""
-
-    scan: ScanInput
-    sweep: Sweep
 
 
 class BackEnd:
@@ -46,46 +36,78 @@ class BackEnd:
         self._config = config
         self._job: MapJob | None = None
         self._pending: list[Closure] = []
-        self._wants_loops = False
-        self._since_search_s = math.inf
+        self._has_new = False
+        # The keyframe that loops are searched for, and the places left to search.
+        self._query = 0
+        self._loops: list[tuple[int, float]] | None = []
+        self._joint: Joint | None = None
+        # Places that were not searched yet from the loose part, and whether they all were once.
+        self._places: list[Place] = []
+        self._is_searched = False
 
     def keyframe_added(self) -> None:
-        """Search loops for the newest keyframe at the next chance."""
-        self._wants_loops = True
+        """Search for the newest keyframe at the next chance."""
+        self._has_new = True
 
-    def time_passed(self, elapsed_s: float) -> None:
-        """Count the time since the last search for a lost robot."""
-        self._since_search_s += elapsed_s
+    def part_began(self, joint: Joint) -> None:
+        """Look for where a new part belongs from now on; nothing that was found before counts."""
+        self._joint, self._places, self._is_searched = joint, [], False
+        self._pending, self._job = [], None
 
-    def next_job(self, made: KeyframeMap, latest: Observation, *, is_lost: bool) -> MapJob | None:
-        """Return work to do now, or None."""
+    def next_job(self, made: KeyframeMap, pose: NDArray[np.float64]) -> MapJob | None:
+        """Return work to do now, or None; the robot is at a pose (3,) by its odometry."""
         if self._job is not None or made.is_empty:
             return None
-        if is_lost:
-            if self._since_search_s < PARAMS.search_again_s or latest.sweep.is_blind:
-                return None
-            self._since_search_s = 0.0
-            self._job = RelocalizationJob(made.store.copy(), latest.sweep, latest.scan.odom_T_base)
-        elif self._wants_loops:
-            self._wants_loops = False
-            self._job = LoopJob(made.store.copy(), list(self._pending), self._config, made.prior)
+        if self._joint is not None and made.store.is_loose(made.store.newest.number):
+            self._job = self._join(made, self._joint, pose)
+        else:
+            self._job = self._close_loops(made)
         return self._job
+
+    def _close_loops(self, made: KeyframeMap) -> LoopJob | None:
+        """Return the search of one place for the newest keyframe that was not looked for."""
+        if self._has_new:
+            self._has_new = False
+            self._query, self._loops = made.store.newest.number, None
+        if self._loops == [] or self._query not in made.store.rows:
+            return None
+        return LoopJob(
+            made.store.copy(), list(self._pending), self._config, made.prior, self._query,
+            self._loops,
+        )  # fmt: skip
+
+    def _join(self, made: KeyframeMap, joint: Joint, pose: NDArray[np.float64]) -> JoinJob | None:
+        """Return the search of one place: all of them in turn take long in a large building."""
+        if not self._places:
+            if not self._has_new:
+                return None
+            self._has_new = False
+            self._places = places_to_try(made.store, joint, pose)[::-1]
+        place = self._places.pop() if self._places else None
+        self._is_searched = self._is_searched or not self._places
+        return JoinJob(
+            made.store.copy(), list(self._pending), self._config, made.prior, joint, place,
+            self._is_searched,
+        )  # fmt: skip
 
     def finish(self, job: MapJob, store: KeyframeStore) -> bool:
         """Take a job back; False if it no longer counts, since keyframes were removed meanwhile."""
         if job is not self._job:
             return False
         self._job = None
+        closures = [*self._pending, *job.found][-PARAMS.max_pending :]
+        self._pending = [
+            one
+            for one in closures
+            if store.has(one.edge) and all(one.edge is not edge for edge in job.accepted)
+        ]
         if isinstance(job, LoopJob):
-            closures = [*self._pending, *job.found][-PARAMS.max_pending :]
-            self._pending = [
-                one
-                for one in closures
-                if store.has(one.edge) and all(one.edge is not edge for edge in job.accepted)
-            ]
+            self._loops = job.places
+        elif job.accepted:
+            self._pending, self._joint = [], None
         return True
 
     def keyframes_removed(self, store: KeyframeStore) -> None:
         """Drop the job that is out, and closures whose keyframes are gone."""
-        self._job = None
+        self._job, self._loops = None, []
         self._pending = [one for one in self._pending if store.has(one.edge)]

@@ -18,13 +18,14 @@ class MapEstimate:
     stamp_ns: int
     """Robot time of the scan's first beam, for which the pose holds [ns]."""
     pose: Pose2D
-    """`map_T_base`; while `lost` what the odometry makes of the last one that was known."""
+    """`map_T_base`; while `lost` what odometry and scans make of the last one that was known."""
     covariance: NDArray[np.float64]
     """(3, 3) over x, y [m], yaw [rad] in the map frame, against the keyframes nearby."""
     match: float
     """Share of the scan that the map explains, 0 ... 1."""
     state: State
-    """`mapping`: the map grows. `unsure`: followed, the map does not grow. `lost`: neither."""
+    """`mapping`: the map grows. `unsure`: followed, the map does not grow. `lost`: what is mapped
+    hangs loose until it is known how it lies to the map."""
     message: str
     """What is the matter, in one sentence; empty when all is well."""
     map_T_odom: Pose2D

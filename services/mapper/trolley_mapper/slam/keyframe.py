@@ -42,6 +42,11 @@ class Keyframe:
         )
 
     @property
+    def is_blind(self) -> bool:
+        """Whether it shows nothing: it was taken where the lidar was covered."""
+        return len(self.points) == 0
+
+    @property
     def is_prior(self) -> bool:
         """Whether it is a map made before instead of a scan."""
         return self.floor is not None

@@ -13,7 +13,7 @@ from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.estimate import Anchor
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
-from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_keyframes
+from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import Edge
 from trolley_mapper.slam.prior_map import prior_keyframe
 from trolley_mapper.slam.serialization import State
@@ -76,7 +76,10 @@ class KeyframeMap:
     @property
     def num_keyframes(self) -> int:
         """Number of scans that the map is made of."""
-        return len(self.store) - (self.store.prior is not None)
+        return sum(
+            not (one.is_prior or one.is_blind or self.store.is_loose(one.number))
+            for one in self.store.keyframes
+        )
 
     @property
     def num_bytes(self) -> int:
@@ -94,9 +97,10 @@ class KeyframeMap:
     def add(self, keyframe: Keyframe, pose: NDArray[np.float64], edges: Sequence[Edge]) -> None:
         """Add a keyframe taken at map_T_base (3,); drop one where many show the same."""
         self.store.add(keyframe, pose, edges)
-        self._occupancy.add(keyframe, pose)
         self.next_number += 1
-        self.version += 1
+        if not (keyframe.is_blind or self.store.is_loose(keyframe.number)):
+            self._occupancy.add(keyframe, pose)
+            self.version += 1
         self._drop_redundant()
 
     def _drop_redundant(self) -> None:
@@ -125,6 +129,11 @@ class KeyframeMap:
         self._draw()
         self.version += 1
 
+    def drop(self, numbers: list[int]) -> None:
+        """Forget keyframes that hang loose: the grid does not show them."""
+        self.anchors.forget(self.store, numbers)
+        self.store.remove(numbers)
+
     def take_over(
         self, optimised: KeyframeStore, occupancy: LogOddsGrid, loops: Sequence[Edge]
     ) -> NDArray[np.float64]:
@@ -138,15 +147,14 @@ class KeyframeMap:
         correction, later = self.store.move_to(optimised)
         self._occupancy = occupancy
         for one in later:
-            self._occupancy.add(one, self.store.pose(one.number))
+            if not self.store.is_loose(one.number):
+                self._occupancy.add(one, self.store.pose(one.number))
         self.version += 1
         return correction
 
     def _draw(self) -> None:
         store = self.store
-        self._occupancy = draw_keyframes(
-            self._config.resolution_m, self.prior, store.keyframes, store.poses
-        )
+        self._occupancy = draw_map(self._config.resolution_m, self.prior, store)
 
     # Poses that move with it.
 

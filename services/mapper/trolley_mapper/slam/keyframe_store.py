@@ -32,7 +32,11 @@ PARAMS = KeyframeStoreParams()
 
 
 class KeyframeStore:
-    """All keyframes in the order in which they were taken."""
+    """All keyframes in the order in which they were taken.
+
+    Edges hold them together in parts. The first keyframe's part is the map; the others hang loose:
+    how they lie to it is not known yet.
+    """
 
     def __init__(self) -> None:
         self.keyframes: list[Keyframe] = []
@@ -40,6 +44,8 @@ class KeyframeStore:
         self.poses = np.empty((0, 3))
         self.edges: list[Edge] = []
         self._neighbours: dict[int, dict[int, float]] = {}
+        # The lowest number of the part that a keyframe is in.
+        self._parts: dict[int, int] = {}
 
     @property
     def num_bytes(self) -> int:
@@ -60,6 +66,7 @@ class KeyframeStore:
         other.keyframes, other.rows = list(self.keyframes), dict(self.rows)
         other.poses, other.edges = self.poses.copy(), list(self.edges)
         other._neighbours = {number: dict(near) for number, near in self._neighbours.items()}
+        other._parts = dict(self._parts)
         return other
 
     def pose(self, number: int) -> NDArray[np.float64]:
@@ -72,8 +79,31 @@ class KeyframeStore:
         self.keyframes.append(keyframe)
         self.poses = np.vstack([self.poses, pose])
         self._neighbours[keyframe.number] = {}
+        self._parts[keyframe.number] = keyframe.number
         for edge in edges:
             self.link(edge)
+
+    # Parts.
+
+    def part_of(self, number: int) -> list[int]:
+        """Return the keyframes that edges lead to from one, itself among them, the oldest first."""
+        part = self._parts[number]
+        return [one.number for one in self.keyframes if self._parts[one.number] == part]
+
+    def is_loose(self, number: int) -> bool:
+        """Say whether no edges lead from the first keyframe to this one."""
+        return self._parts[number] != self._parts[self.keyframes[0].number]
+
+    @property
+    def loose(self) -> NDArray[np.bool_]:
+        """(n,) which keyframes hang loose."""
+        return np.array([self.is_loose(one.number) for one in self.keyframes], bool)
+
+    @property
+    def anchored_rows(self) -> list[int]:
+        """The first row of each part: its pose stays when the others are optimised."""
+        parts = [self._parts[one.number] for one in self.keyframes]
+        return [parts.index(part) for part in dict.fromkeys(parts)]
 
     @property
     def prior(self) -> int | None:
@@ -87,6 +117,16 @@ class KeyframeStore:
 
     def link(self, edge: Edge) -> None:
         """Add an edge between two keyframes."""
+        self._connect(edge)
+        one, other = sorted((self._parts[edge.first], self._parts[edge.second]))
+        if one != other:
+            self._parts.update({n: one for n, part in self._parts.items() if part == other})
+
+    def cut(self, edges: Sequence[Edge]) -> None:
+        """Remove edges; what they alone held hangs loose."""
+        self._reconnect([edge for edge in self.edges if all(edge is not one for one in edges)])
+
+    def _connect(self, edge: Edge) -> None:
         self.edges.append(edge)
         # A map made before is as large as it is: its origin lies anywhere.
         length = 0.0 if edge.first == self.prior else math.hypot(edge.step[0], edge.step[1])
@@ -103,9 +143,17 @@ class KeyframeStore:
         self.poses = self.poses[kept]
         self.rows = {one.number: row for row, one in enumerate(self.keyframes)}
         edges = [e for e in self.edges if e.first not in gone and e.second not in gone]
+        self._reconnect(edges)
+
+    def _reconnect(self, edges: list[Edge]) -> None:
+        """Take these edges in place of all that there are."""
         self.edges, self._neighbours = [], {number: {} for number in self.rows}
         for edge in edges:
-            self.link(edge)
+            self._connect(edge)
+        self._parts = {}
+        for number in sorted(self.rows):
+            if number not in self._parts:
+                self._parts.update(dict.fromkeys(self.distances_from(number, math.inf), number))
 
     def dissolve(self, number: int) -> None:
         """Forget a keyframe, but keep what its edges say of the others.
@@ -208,7 +256,11 @@ class KeyframeStore:
             most: how many at most.
             always: chosen first.
         """
-        some = [number for number in numbers if number != self.prior]
+        some = [
+            number
+            for number in numbers
+            if number != self.prior and not self.keyframes[self.rows[number]].is_blind
+        ]
         if not some:
             return sorted(always)
         poses = self.poses[[self.rows[number] for number in some]]

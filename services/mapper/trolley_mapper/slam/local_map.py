@@ -45,6 +45,11 @@ class LocalMapParams:
     """Standard deviation of a point in that grid [m]."""
     num_levels: int = 5
     """Levels of its pyramid."""
+    search_far_m: float = 12.0
+    """Points farther from the robot are not searched with: the alignment after it takes them [m].
+    """
+    search_spare_m: float = 1.0
+    """The grid reaches this far beyond what a search needs, for the next one nearby [m]."""
     search_points: int = 180
     """Points of a scan that are searched with, about."""
     free_beams: int = 120
@@ -100,8 +105,10 @@ class LocalMap:
             every = max(len(one.points) // PARAMS.free_beams, 1)
             surfels.mark_free(self.surfels, one.points, one.laser, pose, every)
         surfels.normalise_surfels(self.surfels, self.count)
-        self._levels: NDArray[np.uint8] | None = None
+        self._levels = np.empty((PARAMS.num_levels, correlate.LAYERS, 0, 0), np.uint8)
         self._fine_frame = np.empty(3)
+        # Corners (2, 2) of what the levels show [m].
+        self._drawn = np.zeros((2, 2))
 
     def align(
         self,
@@ -179,9 +186,10 @@ class LocalMap:
         Returns:
             The pose (3,) to about a cell, and its score; None if there is none.
         """
-        levels = self._pyramid()
-        every = max(len(cloud.points) // PARAMS.search_points, 1)
-        some = Cloud(*(np.ascontiguousarray(one[::every]) for one in cloud))
+        levels = self._pyramid(around[:2], window[0] + PARAMS.search_far_m)
+        near = np.flatnonzero(np.hypot(*cloud.points.T) <= PARAMS.search_far_m)
+        every = max(len(near) // PARAMS.search_points, 1)
+        some = Cloud(*(np.ascontiguousarray(one[near[::every]]) for one in cloud))
         points = some.points
         far = float(np.quantile(np.hypot(*points.T), 0.8)) if len(points) else 1.0
         step = PARAMS.fine_cell_m / max(far, 1.0)
@@ -198,19 +206,22 @@ class LocalMap:
         pose = np.array([around[0], around[1], yaws[heading]]) + shift
         return pose, float(best[0])
 
-    def _pyramid(self) -> NDArray[np.uint8]:
-        """Return the grids for correlative matching, drawn when first needed."""
-        if self._levels is None:
-            place = self.surfels.place[: self.count]
-            low = place.min(axis=0) - 0.5 if self.count else np.zeros(2)
-            high = place.max(axis=0) + 0.5 if self.count else np.ones(2)
-            cols, rows = np.ceil((high - low) / PARAMS.fine_cell_m).astype(int)
-            self._fine_frame = np.array([low[0], low[1], 1.0 / PARAMS.fine_cell_m])
-            self._levels = np.empty((PARAMS.num_levels, correlate.LAYERS, rows, cols), np.uint8)
-            correlate.draw_likelihood(
-                self._levels[0], self.surfels, self.count, self._fine_frame, PARAMS.blur_m
-            )
-            correlate.fill_pyramid(self._levels)
+    def _pyramid(self, centre: NDArray[np.float64], reach_m: float) -> NDArray[np.uint8]:
+        """Return the grids for correlative matching, drawn round a place (2,) when first needed."""
+        place = self.surfels.place[: self.count] if self.count else centre[None]
+        bounds = np.array([place.min(axis=0) - 0.5, place.max(axis=0) + 0.5])
+        wanted = np.clip([centre - reach_m, centre + reach_m], bounds[0], bounds[1])
+        if (wanted[0] >= self._drawn[0]).all() and (wanted[1] <= self._drawn[1]).all():
+            return self._levels
+        spare = np.array([[-PARAMS.search_spare_m], [PARAMS.search_spare_m]])
+        low, high = self._drawn = np.clip(wanted + spare, bounds[0], bounds[1])
+        cols, rows = np.maximum(np.ceil((high - low) / PARAMS.fine_cell_m), 1).astype(int)
+        self._fine_frame = np.array([low[0], low[1], 1.0 / PARAMS.fine_cell_m])
+        self._levels = np.empty((PARAMS.num_levels, correlate.LAYERS, rows, cols), np.uint8)
+        correlate.draw_likelihood(
+            self._levels[0], self.surfels, self.count, self._fine_frame, PARAMS.blur_m
+        )
+        correlate.fill_pyramid(self._levels)
         return self._levels
 
 

@@ -13,12 +13,13 @@ from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.local_map import LocalMap
-from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_keyframes
+from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import (
     LOOP,
     Edge,
     between,
     compose,
+    contradicted,
     make_problem,
     optimise,
     squared_errors,
@@ -82,6 +83,21 @@ PARAMS = LoopParams()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """Where a keyframe is looked for.
+
+    Attributes:
+        middle: (2,) x, y [m] in `map`.
+        window: half its edge [m] and half its range of headings [rad].
+        yaw: the middle of these [rad].
+    """
+
+    middle: NDArray[np.float64]
+    window: tuple[float, float]
+    yaw: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Closure:
     """A place that was recognised, not yet believed: an edge from the old to the new keyframe."""
 
@@ -91,15 +107,19 @@ class Closure:
 
 @dataclass(eq=False)
 class LoopJob:
-    """Search of loops for the newest keyframe, and optimisation when there are any.
+    """Search of one place for what a keyframe shows, and optimisation when loops are believed.
 
     Attributes:
         store: a copy, changed by the job.
         pending: closures found before that wait for one that agrees.
         config: settings.
         prior: the map that is extended, if one is.
+        query: the keyframe that is looked for.
+        places: to search, the likeliest last: keyframes in their middle, and the distance driven
+            since [m]; None: they are chosen first. The last one is taken off.
         found: closures found now.
         accepted: edges of those that are believed now.
+        cut: edges of loops believed before that these contradict.
         occupancy: the map drawn anew, if anything has moved.
     """
 
@@ -107,18 +127,21 @@ class LoopJob:
     pending: list[Closure]
     config: MapperConfig
     prior: GridMap | None
+    query: int
+    places: list[tuple[int, float]] | None
     found: list[Closure] = field(default_factory=list[Closure])
     accepted: list[Edge] = field(default_factory=list[Edge])
+    cut: list[Edge] = field(default_factory=list[Edge])
     occupancy: LogOddsGrid | None = None
 
     def run(self) -> "LoopJob":
         """Search, check, optimise and draw; returns itself."""
         search = LoopSearch(self.store, self.config)
-        query = self.store.newest.number
-        for place in search.places(query):
-            closure = search.close(query, place)
-            if closure is not None:
-                self.found.append(closure)
+        if self.places is None:
+            self.places = search.places(self.query)[::-1]
+        closure = search.close(self.query, self.places.pop()) if self.places else None
+        if closure is not None:
+            self.found.append(closure)
         self._believe()
         if self.accepted:
             self._optimise()
@@ -150,15 +173,24 @@ class LoopJob:
         relax(self.store, is_robust=False)
         strain = total_error(self.store) - strain
         is_doubtful = strain > PARAMS.doubtful_strain * len(self.accepted)
-        if strain > PARAMS.max_strain * len(self.accepted) or (
-            is_doubtful and distance_covered(apart, self.accepted) < PARAMS.proof_m
-        ):
-            self.store, self.accepted = apart, []
+        is_short = distance_covered(apart, self.accepted) < PARAMS.proof_m
+        is_strained = strain > PARAMS.max_strain * len(self.accepted)
+        if (is_doubtful and is_short) or (is_strained and not self._cut_contradicted()):
+            self.store, self.accepted, self.cut = apart, [], []
             return
         relax(self.store)
-        self.occupancy = draw_keyframes(
-            self.config.resolution_m, self.prior, self.store.keyframes, self.store.poses
-        )
+        self.occupancy = draw_map(self.config.resolution_m, self.prior, self.store)
+
+    def _cut_contradicted(self) -> bool:
+        """Cut loops of before that the new ones outvote; False where it is the other way round."""
+        problem = make_problem(self.store.edges, self.store.rows)
+        is_out = contradicted(self.store.poses, problem, self.store.anchored_rows)
+        out = [edge for edge, is_one in zip(self.store.edges, is_out, strict=True) if is_one]
+        if not out or any(edge is new for edge in out for new in self.accepted):
+            return False
+        self.store.cut(out)
+        self.cut = out
+        return True
 
 
 def total_error(store: KeyframeStore) -> float:
@@ -175,9 +207,9 @@ def distance_covered(store: KeyframeStore, edges: Sequence[Edge]) -> float:
 
 
 def relax(store: KeyframeStore, is_robust: bool = True) -> None:
-    """Optimise all poses of an store; the first stays."""
+    """Optimise all poses of a store; the first of each part stays."""
     problem = make_problem(store.edges, store.rows)
-    store.poses = optimise(store.poses, problem, [0], is_robust)
+    store.poses = optimise(store.poses, problem, store.anchored_rows, is_robust)
 
 
 def agree(store: KeyframeStore, one: Edge, other: Edge) -> bool:
@@ -210,14 +242,16 @@ class LoopSearch:
         pose = store.pose(query)
         away = np.hypot(*(store.poses[:, :2] - pose[:2]).T)
         chosen: list[tuple[int, float]] = []
-        if store.prior is not None and store.prior not in near:
-            chosen.append((store.prior, distances.get(store.prior, math.inf)))
+        if store.prior in distances and store.prior not in near:
+            chosen.append((store.prior, distances[store.prior]))
         order: list[int] = np.argsort(away).tolist()
         for row in order:
             number = store.keyframes[row].number
-            distance_m = distances.get(number, math.inf)
             if number in near or number >= query or number == store.prior:
                 continue
+            if number not in distances:
+                continue
+            distance_m = distances[number]
             if away[row] > self._window(distance_m)[0] + PARAMS.overlap_m:
                 continue
             here = store.poses[row, :2]
@@ -246,55 +280,74 @@ class LoopSearch:
         near = store.distances_from(query, self._config.local_way_m)
         around = [n for n in store.distances_from(number, PARAMS.place_distance_m) if n not in near]
         chosen = store.choose_near(around, store.pose(query), PARAMS.max_place, [number])
-        centre = store.pose(query if number == store.prior else number)[:2]
-        local = self._local(chosen, centre)
-        sweep = self._query_sweep(query)
-        predicted = store.pose(query)
-        found = local.correlate(
-            sweep.cloud, predicted, self._window(distance_m), PARAMS.min_score, PARAMS.pull
-        )
-        if found is None:
-            return None
-        pose, _ = local.align(found[0], sweep.cloud, found[0], np.diag([1.0, 1.0, 1.0]), 0.3)
-        # Beams of the others come from elsewhere: only the newest can show what contradicts.
-        own = store.keyframes[store.rows[query]]
-        seen = Sweep(own.cloud(), own.laser.astype(np.float64), False)
-        quality = judge(local, pose, seen, by_side=True)
-        if quality.match < PARAMS.min_match or quality.explained < PARAMS.min_explained:
-            return None
-        hessians, counts = local.contributions(pose, sweep.cloud)
-        best = int(np.argmax(counts))
-        first = chosen[best]
-        edge = Edge(
-            first,
-            query,
-            between(store.pose(first), pose),
-            to_frame(hessians.sum(axis=0), float(pose[2])) + np.diag([1.0, 1.0, 1.0]),
-            LOOP,
-        )
-        return Closure(edge, quality)
+        pose = store.pose(query)
+        middle = pose if number == store.prior else store.pose(number)
+        window = self._window(distance_m)
+        around_here = Place(pose[:2], window, float(pose[2]))
+        return closing(store, query, around_here, chosen, self._config.local_reach_m, middle[:2])
 
-    def _local(self, numbers: Sequence[int], centre: NDArray[np.float64]) -> LocalMap:
-        store = self._store
-        keyframes = [store.keyframes[store.rows[n]] for n in numbers]
-        poses = np.array([store.pose(n) for n in numbers])
-        return LocalMap(keyframes, poses, centre, self._config.local_reach_m)
 
-    def _query_sweep(self, query: int) -> Sweep:
-        """Return what the last few keyframes saw, as seen from the newest."""
-        store = self._store
-        distances = store.distances_from(query, PARAMS.query_distance_m)
-        recent = sorted((n for n in distances if n <= query), reverse=True)[: PARAMS.max_query]
-        points: list[NDArray[np.float64]] = []
-        normals: list[NDArray[np.float64]] = []
-        for number in recent:
-            one: Keyframe = store.keyframes[store.rows[number]]
-            cloud = one.cloud()
-            step = between(store.pose(query), store.pose(number))
-            cos, sin = math.cos(step[2]), math.sin(step[2])
-            turn = np.array([[cos, sin], [-sin, cos]])
-            every = max(len(cloud.points) * len(recent) // 600, 1)
-            points.append(cloud.points[::every] @ turn + step[:2])
-            normals.append(cloud.normals[::every] @ turn)
-        laser = store.keyframes[store.rows[query]].laser.astype(np.float64)
-        return Sweep(Cloud(np.vstack(points), np.vstack(normals)), laser, is_blind=False)
+def closing(
+    store: KeyframeStore,
+    query: int,
+    place: Place,
+    numbers: Sequence[int],
+    reach_m: float,
+    centre: NDArray[np.float64] | None = None,
+) -> Closure | None:
+    """Try to find what a keyframe shows at a place.
+
+    Args:
+        store: the keyframes.
+        query: the keyframe that is looked for.
+        place: where.
+        numbers: the keyframes that show the place.
+        reach_m: surfaces this near to it are compared with [m].
+        centre: (2,) or to this, if it is not the middle of the window [m].
+    """
+    if not numbers:
+        return None
+    keyframes = [store.keyframes[store.rows[n]] for n in numbers]
+    poses = np.array([store.pose(n) for n in numbers])
+    local = LocalMap(keyframes, poses, place.middle if centre is None else centre, reach_m)
+    sweep = recently_seen(store, query)
+    predicted = np.array([*place.middle, place.yaw])
+    found = local.correlate(sweep.cloud, predicted, place.window, PARAMS.min_score, PARAMS.pull)
+    if found is None:
+        return None
+    pose, _ = local.align(found[0], sweep.cloud, found[0], np.diag([1.0, 1.0, 1.0]), 0.3)
+    # Beams of the others come from elsewhere: only the newest can show what contradicts.
+    own = store.keyframes[store.rows[query]]
+    seen = Sweep(own.cloud(), own.laser.astype(np.float64), is_blind=False)
+    quality = judge(local, pose, seen, by_side=True)
+    if quality.match < PARAMS.min_match or quality.explained < PARAMS.min_explained:
+        return None
+    hessians, counts = local.contributions(pose, sweep.cloud)
+    first = numbers[int(np.argmax(counts))]
+    edge = Edge(
+        first,
+        query,
+        between(store.pose(first), pose),
+        to_frame(hessians.sum(axis=0), float(pose[2])) + np.diag([1.0, 1.0, 1.0]),
+        LOOP,
+    )
+    return Closure(edge, quality)
+
+
+def recently_seen(store: KeyframeStore, query: int) -> Sweep:
+    """Return what the last few keyframes saw, as seen from the newest."""
+    distances = store.distances_from(query, PARAMS.query_distance_m)
+    recent = sorted((n for n in distances if n <= query), reverse=True)[: PARAMS.max_query]
+    points: list[NDArray[np.float64]] = []
+    normals: list[NDArray[np.float64]] = []
+    for number in recent:
+        one: Keyframe = store.keyframes[store.rows[number]]
+        cloud = one.cloud()
+        step = between(store.pose(query), store.pose(number))
+        cos, sin = math.cos(step[2]), math.sin(step[2])
+        turn = np.array([[cos, sin], [-sin, cos]])
+        every = max(len(cloud.points) * len(recent) // 600, 1)
+        points.append(cloud.points[::every] @ turn + step[:2])
+        normals.append(cloud.normals[::every] @ turn)
+    laser = store.keyframes[store.rows[query]].laser.astype(np.float64)
+    return Sweep(Cloud(np.vstack(points), np.vstack(normals)), laser, is_blind=False)

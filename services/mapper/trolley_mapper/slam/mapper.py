@@ -1,13 +1,14 @@
 """SLAM without wire, clock and files: scans and odometry in, poses and a map out.
 
-With each scan: predict from odometry, match the scan, judge the match, add a keyframe. Aside: close
-loops and optimise, or relocalize a lost robot.
+With each scan: predict from odometry, match the scan, judge the match, add a keyframe. Where scans
+contradict what was seen, or nothing was seen for long, a new part begins, which hangs loose. Aside:
+close loops and optimise, or find out where a loose part belongs and join it.
 
 Frames: `map` (fixed by the first keyframe, or by the map that is extended), `odom`, `base_link`.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -17,18 +18,19 @@ from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.scanning import Motion, Reject, ScanInput, motion_since, problem_of
+from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.slam import sentences
-from trolley_mapper.slam.back_end import BackEnd, MapJob, Observation
+from trolley_mapper.slam.back_end import BackEnd, MapJob
 from trolley_mapper.slam.edges import odometry_edge, scan_match_edges
 from trolley_mapper.slam.estimate import Anchor, MapEstimate
+from trolley_mapper.slam.joining import JoinJob, Joint
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_map import KeyframeMap
 from trolley_mapper.slam.local_map import LocalMap, Neighbourhood
 from trolley_mapper.slam.loop_closure import LoopJob
 from trolley_mapper.slam.motion_model import motion_covariance
 from trolley_mapper.slam.odometry_scale import OdometryScale
-from trolley_mapper.slam.pose_graph import Edge, between, compose, to_frame
-from trolley_mapper.slam.relocalization import RelocalizationJob
+from trolley_mapper.slam.pose_graph import Edge, between, to_frame
 from trolley_mapper.slam.scan_matcher import MatchQuality, ScanMatch, ScanMatcher
 from trolley_mapper.slam.serialization import State, unpack
 from trolley_mapper.slam.sweep import FRONT_END, Sweep, read_sweep
@@ -45,8 +47,15 @@ class MapperParams:
     """After a jump of the odometry [m, rad]."""
     given_devs: tuple[float, float] = (0.2, 0.15)
     """Of a start pose on an existing map [m, rad]."""
-    found_devs: tuple[float, float] = (0.1, 0.05)
-    """Of a pose that relocalization has found [m, rad]."""
+    slip_devs: tuple[float, float] = (0.3, 0.3)
+    """Of what the wheels report of a step in which they slipped [m, rad]."""
+    blind_devs: tuple[float, float] = (0.35, 0.2)
+    """After driving blindly so far that the pose is less sure, one scan cannot tell where it is:
+    a new part begins [m, rad]."""
+    blind_times: float = 3.0
+    """While nothing is seen, a keyframe waits for this many times the usual distance."""
+    min_part: int = 3
+    """Loose parts of fewer scans are forgotten when the next one begins."""
     slip_patience: float = 2.0
     """While wheels slip, a keyframe waits for this many times the usual distance."""
 
@@ -77,7 +86,8 @@ class Mapper:
         self._tracking = TrackingState()
         self._neighbourhood = Neighbourhood(config)
         self._back_end = BackEnd(config)
-        self._latest: Observation | None = None
+        self._latest: ScanInput | None = None
+        self._is_blind = False
         # Covariance (3, 3) of the odometry since the newest keyframe; None where the two are not
         # connected.
         self._odometry_covariance: NDArray[np.float64] | None = None
@@ -92,36 +102,61 @@ class Mapper:
 
     def step(self, scan: ScanInput) -> MapEstimate | Reject:
         """Take one scan and its odometry into account."""
-        reject = problem_of(scan, None if self._latest is None else self._latest.scan.stamp_ns)
+        reject = problem_of(scan, None if self._latest is None else self._latest.stamp_ns)
         if reject is not None:
             return reject
         motion = self._predict(scan)
         sweep = read_sweep(scan, self._config.max_range_m)
-        self._latest = Observation(scan, sweep)
+        self._latest = scan
+        was_blind, self._is_blind = self._is_blind, sweep.is_blind
         if sweep.is_blind:
-            return self._estimate(scan, 0.0, sentences.BLIND)
+            return self._follow_blindly(scan, sweep)
         if self._map.is_empty:
             self._add_keyframe(scan, sweep)
             return self._estimate(scan, 1.0, "")
+        if self._is_adrift or (was_blind and self._is_vague):
+            self._begin_part(scan, sweep)
+            return self._estimate(scan, 0.0, self._message())
         match = self._matcher.correct(self._local_map(), sweep, scan)
         self._judge(match.quality, motion)
-        if self._may_grow(match.quality) and self._has_moved():
+        if self._tracking.breaks:
+            self._begin_part(scan, sweep)
+        elif self._may_grow(match.quality) and self._has_moved():
             self._add_keyframe(scan, match.sweep, match)
         return self._estimate(scan, match.quality.match, self._message())
+
+    def _follow_blindly(self, scan: ScanInput, sweep: Sweep) -> MapEstimate:
+        """Follow the odometry alone; keyframes that show nothing keep what it says of the path."""
+        if not self._map.is_empty and self._is_connected and not self._is_paused:
+            nothing = replace(sweep, cloud=Cloud(np.empty((0, 2)), np.empty((0, 2))))
+            if self._moved_share() >= PARAMS.blind_times:
+                self._add_keyframe(scan, nothing)
+        if self._is_vague and not self._tracking.is_lost:
+            self._tracking = TrackingState("unsure")
+        return self._estimate(scan, 0.0, sentences.BLIND)
+
+    @property
+    def _is_vague(self) -> bool:
+        """Whether odometry alone has led so far that one scan cannot tell where the robot is."""
+        return bool(np.any(np.array(self._matcher.devs) > PARAMS.blind_devs))
+
+    @property
+    def _is_adrift(self) -> bool:
+        """Whether the robot is in no part at all."""
+        store = self._map.store
+        return self._tracking.is_lost and not store.is_loose(store.newest.number)
 
     def _predict(self, scan: ScanInput) -> Motion:
         """Follow the odometry since the scan before."""
         if self._latest is None:
             return Motion(Pose2D.identity(), 0.0)
-        motion = motion_since(self._latest.scan, scan, FRONT_END)
+        motion = motion_since(self._latest, scan, FRONT_END)
         if motion.is_jump:
             self._matcher.loosen(PARAMS.jump_devs)
-            dev_m, dev_rad = PARAMS.jump_devs
-            self._add_odometry(np.diag(np.square([dev_m, dev_m, dev_rad])))
+            self._add_odometry(_covariance(PARAMS.jump_devs))
         step = self._odometry_scale.correct(motion.step)
         self._matcher.predict(step)
         self._add_odometry(motion_covariance(_distance_m(motion.step), abs(step.yaw)))
-        self._back_end.time_passed(motion.elapsed_s)
         return motion
 
     def _judge(self, quality: MatchQuality, motion: Motion) -> None:
@@ -129,25 +164,29 @@ class Mapper:
         self._tracking = self._tracking.after(
             quality, motion.elapsed_s, _distance_m(motion.step), self._config.lost_after_s
         )
-        if self._tracking.is_lost:
-            self._odometry_covariance = None
+        if self._matcher.is_slipping:
+            self._add_odometry(_covariance(PARAMS.slip_devs))
 
     def _may_grow(self, quality: MatchQuality) -> bool:
         """Say whether a scan may become part of the map."""
         fits = quality.is_good or (quality.is_new and self._is_connected)
-        return fits and self._tracking.name == "mapping" and not self._is_paused
+        is_paused = self._is_paused and not self._tracking.is_lost
+        return fits and self._tracking.name != "unsure" and not is_paused
 
     def _has_moved(self) -> bool:
         """Say whether the robot has moved enough since the newest keyframe."""
-        if not self._is_connected:
+        if not self._is_connected or self._map.store.newest.is_blind:
             return True
+        # While wheels slip, the motion during the scan is not known either: wait, if not for long.
+        return self._moved_share() >= (PARAMS.slip_patience if self._matcher.is_slipping else 1.0)
+
+    def _moved_share(self) -> float:
+        """Return how far the robot is from the newest keyframe, 1: as far as the next one."""
         step = between(self._map.store.poses[-1], self._matcher.pose)
-        share = max(
+        return max(
             math.hypot(step[0], step[1]) / self._config.keyframe_distance_m,
             abs(step[2]) / self._config.keyframe_turn_rad,
         )
-        # While wheels slip, the motion during the scan is not known either: wait, if not for long.
-        return share >= (PARAMS.slip_patience if self._matcher.is_slipping else 1.0)
 
     def _message(self) -> str:
         """What is the matter, in one sentence; empty when all is well."""
@@ -172,6 +211,32 @@ class Mapper:
 
     # The map grows.
 
+    def _begin_part(self, scan: ScanInput, sweep: Sweep) -> None:
+        """Begin a part of which only the odometry says how it lies to the map, if that."""
+        store, pose, number = self._map.store, self._matcher.pose, self._map.next_number
+        covariance = edge = None
+        if store.newest.is_blind and self._odometry_covariance is not None:
+            poses = (store.poses[-1], pose)
+            ends = (store.newest.number, number)
+            edge = odometry_edge(ends, poses, self._odometry_covariance, np.zeros((3, 3)))
+            covariance = self._matcher.covariance.copy()
+        self._drop_small_part()
+        self._tracking = TrackingState.lost()
+        self._matcher.reset(pose, PARAMS.origin_devs)
+        self._odometry_covariance = None
+        self._add_keyframe(scan, sweep)
+        self._back_end.part_began(Joint(number, pose.copy(), covariance, edge))
+
+    def _drop_small_part(self) -> None:
+        """Forget the newest part if it hangs loose and shows next to nothing."""
+        store = self._map.store
+        if not store.is_loose(store.newest.number):
+            return
+        part = store.part_of(store.newest.number)
+        if len(part) < PARAMS.min_part:
+            self._map.drop(part)
+            self._back_end.keyframes_removed(store)
+
     def _add_keyframe(self, scan: ScanInput, sweep: Sweep, match: ScanMatch | None = None) -> None:
         """Add a scan to the map, with edges to what it was matched with and driven from."""
         pose, number = self._matcher.pose, self._map.next_number
@@ -180,7 +245,8 @@ class Mapper:
         self._odometry_scale.restart()
         self._odometry_covariance = np.zeros((3, 3))
         self._neighbourhood.invalidate()
-        self._back_end.keyframe_added()
+        if len(sweep.cloud.points):
+            self._back_end.keyframe_added()
 
     def _edges(self, number: int, match: ScanMatch | None) -> list[Edge]:
         """Return the edges of a new keyframe; its match teaches the odometry's scale, too."""
@@ -221,36 +287,26 @@ class Mapper:
         """Return work to do now, or None. Give it back to `finish` when it is done."""
         if self._latest is None:
             return None
-        return self._back_end.next_job(self._map, self._latest, is_lost=self._tracking.is_lost)
+        return self._back_end.next_job(self._map, self._matcher.pose)
 
     def finish(self, job: MapJob) -> None:
         """Take the outcome of a job into account."""
-        if not self._back_end.finish(job, self._map.store):
+        if not self._back_end.finish(job, self._map.store) or job.occupancy is None:
             return
-        if isinstance(job, RelocalizationJob):
-            self._take_found_pose(job)
-        else:
-            self._take_loops(job)
-
-    def _take_found_pose(self, job: RelocalizationJob) -> None:
-        """Go on from where a lost robot was found."""
-        if job.found is None or self._latest is None or not self._tracking.is_lost:
-            return
-        step = job.odom_T_base.inverse() @ self._latest.scan.odom_T_base
-        self._matcher.reset(compose(job.found, step.as_array()), PARAMS.found_devs)
-        self._tracking = TrackingState.unproven()
-        self._neighbourhood.invalidate()
-
-    def _take_loops(self, job: LoopJob) -> None:
-        """Take over loop closures, and the poses and the grid that follow from them."""
-        if job.occupancy is None:
-            return
+        part = self._map.store.part_of(self._map.store.newest.number)
+        if isinstance(job, LoopJob):
+            self._map.store.cut(job.cut)
         loops = [edge for edge in job.accepted if self._map.store.has(edge)]
         correction = self._map.take_over(job.store, job.occupancy, loops)
         self._matcher.move(correction)
         self._neighbourhood.invalidate()
         self.num_loops += len(loops)
         self._closed_loop = True
+        if isinstance(job, JoinJob):
+            self._tracking = TrackingState()
+        if isinstance(job, JoinJob) and self._is_paused:
+            self._remove([self._map.store.rows[number] for number in part])
+            self._odometry_covariance = None
 
     # What people ask for.
 
@@ -282,7 +338,7 @@ class Mapper:
         """
         if self._map.is_empty or self._latest is None:
             return None
-        rows = self._map.rows_since(self._latest.scan.stamp_ns - round(seconds * 1e9))
+        rows = self._map.rows_since(self._latest.stamp_ns - round(seconds * 1e9))
         if rows:
             self._remove(rows)
         store = self._map.store
@@ -338,10 +394,18 @@ class Mapper:
         state = unpack(data)
         mapper = cls(config, state.pose)
         mapper._map, mapper.num_loops = KeyframeMap.restore(config, state), state.num_loops
+        # Nobody knows any more how loose parts lie.
+        store = mapper._map.store
+        mapper._map.drop([one.number for one in store.keyframes if store.is_loose(one.number)])
         if not mapper._map.is_empty:
             mapper._matcher.reset(state.pose.as_array(), PARAMS.given_devs)
             mapper._tracking = TrackingState.unproven()
         return mapper
+
+
+def _covariance(devs: tuple[float, float]) -> NDArray[np.float64]:
+    """Return a covariance (3, 3) with these standard deviations [m, rad]."""
+    return np.diag(np.square([devs[0], devs[0], devs[1]]))
 
 
 def _distance_m(step: Pose2D) -> float:

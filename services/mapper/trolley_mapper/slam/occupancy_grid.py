@@ -1,7 +1,6 @@
 """The occupancy grid: which cells are walls, which are free, drawn from keyframes."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley_mapper.kernels.trace import trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.keyframe_store import KeyframeStore
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,16 +130,12 @@ class LogOddsGrid:
         self._marks[values >= 0] = self._mark
 
 
-def draw_keyframes(
-    resolution: float,
-    prior: GridMap | None,
-    keyframes: Sequence[Keyframe],
-    poses: NDArray[np.float64],
-) -> LogOddsGrid:
-    """Draw keyframes at their map_T_base (n, 3), over a map made before if there is one."""
+def draw_map(resolution: float, prior: GridMap | None, store: KeyframeStore) -> LogOddsGrid:
+    """Draw all keyframes but those that hang loose, over a map made before if there is one."""
     occupancy = LogOddsGrid(resolution, prior)
-    for one, pose in zip(keyframes, poses, strict=True):
-        occupancy.add(one, pose)
+    for one, pose, is_loose in zip(store.keyframes, store.poses, store.loose, strict=True):
+        if not is_loose:
+            occupancy.add(one, pose)
     return occupancy
 
 

@@ -2,7 +2,8 @@
 
 Source:
     Grisetti, Kümmerle, Stachniss, Burgard, A Tutorial on Graph-Based SLAM (2010); Agarwal, Tipaldi,
-    Spinello, Stachniss, Burgard, Robust Map Optimization using Dynamic Covariance Scaling (2013).
+    Spinello, Stachniss, Burgard, Robust Map Optimization using Dynamic Covariance Scaling (2013);
+    Yang, Antonante, Tzoumas, Carlone, Graduated Non-Convexity for Robust Spatial Perception (2020).
 """
 
 import importlib
@@ -37,6 +38,10 @@ class PoseGraphParams:
     """Damped Gauss-Newton steps at most."""
     min_damping: float = 1e-6
     """Share of the diagonal that is added to it (Levenberg, Marquardt)."""
+    inlier: float = 25.0
+    """Squared error of a loop up to which it may hold, when loops contradict each other."""
+    sharpening: float = 1.6
+    """Growth of the non-convexity from step to step (Yang 2020, mu)."""
     max_information: float = 2.5e5
     """Averaging makes nothing surer than this: a deviation of 2 mm or mrad."""
 
@@ -190,18 +195,52 @@ def optimise(
         return poses.copy()
     column = np.full(len(poses), -1, np.int64)
     column[free] = np.arange(int(free.sum()))
-    found = _descend(poses, problem, column, robust=False)
-    return _descend(found, problem, column, robust=True) if robust else found
+    found = _descend(poses, problem, column, np.ones(len(problem.first)))
+    return _descend(found, problem, column) if robust else found
+
+
+def contradicted(
+    poses: NDArray[np.float64], problem: Problem, fixed: Sequence[int]
+) -> NDArray[np.bool_]:
+    """Say which loops (m,) the others and the odometry vote down, by truncated least squares.
+
+    Args:
+        poses: (n, 3) start, x, y [m], yaw [rad].
+        problem: the edges.
+        fixed: rows of the poses that stay.
+    """
+    is_loop = problem.kind == LOOP
+    free = np.ones(len(poses), bool)
+    free[list(fixed)] = False
+    column = np.full(len(poses), -1, np.int64)
+    column[free] = np.arange(int(free.sum()))
+    weights = np.ones(len(is_loop))
+    poses = _descend(poses, problem, column, weights)
+    chi2 = squared_errors(poses, problem)
+    worst = float(chi2[is_loop].max(initial=0.0))
+    mu = PARAMS.inlier / max(2.0 * worst - PARAMS.inlier, 1e-9)
+    while worst > PARAMS.inlier and mu < 1e3:
+        low, high = (PARAMS.inlier * share for share in (mu / (mu + 1.0), (mu + 1.0) / mu))
+        fading = np.sqrt(PARAMS.inlier * mu * (mu + 1.0) / np.maximum(chi2, 1e-9)) - mu
+        fading = np.where(chi2 <= low, 1.0, np.where(chi2 >= high, 0.0, fading))
+        weights = np.where(is_loop, fading, 1.0)
+        poses = _descend(poses, problem, column, weights)
+        chi2 = squared_errors(poses, problem)
+        mu *= PARAMS.sharpening
+    return is_loop & (weights < 0.5)
 
 
 def _descend(
-    poses: NDArray[np.float64], problem: Problem, column: NDArray[np.int64], robust: bool
+    poses: NDArray[np.float64],
+    problem: Problem,
+    column: NDArray[np.int64],
+    given: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Take damped Gauss-Newton steps until nothing moves."""
+    """Take damped Gauss-Newton steps until nothing moves; loops fade where no weights are given."""
     damping = PARAMS.min_damping
     chi2 = squared_errors(poses, problem)
     for _ in range(PARAMS.max_iterations):
-        weights = scales(chi2, problem) if robust else np.ones(len(chi2))
+        weights = scales(chi2, problem) if given is None else given
         delta = _step(poses, problem, column, weights, damping)
         moved = poses.copy()
         moved[column >= 0] += delta

@@ -32,11 +32,18 @@ class ScanMatcherParams:
     """The heading is never believed to be surer than this [rad]."""
     contradiction: float = 3.0
     """Beyond this many standard deviations odometry and scan contradict each other."""
-    gate: float = 4.0
-    """A pose beyond this many standard deviations of the odometry is not believed by one scan, set
-    by hand."""
     gate_devs: tuple[float, float] = (0.05, 0.08)
     """Besides, the odometry may be off by this much at any scan, late or slipping [m, rad]."""
+    slip_cost: float = 8.0
+    """Wheels that slip may report anything: log-likelihood that any pose costs at most, set by hand
+    as 4 standard deviations do."""
+    evidence: float = 25.0
+    """Log-likelihood of a scan that is explained in all its points: neighbours err together."""
+    contradiction_cost: float = 1.5
+    """A point that contradicts what is known weighs this many that are explained."""
+    slip_lead: float = 16.0
+    """Lead in log-likelihood over where the odometry leads of a pose that it speaks against: turns
+    that wheels had missed led by 32 to 45, places that look alike by 4."""
     slipping_information: float = 0.05
     """Information of wheels that slipped at the last scan, as a share: else they carry the pose
     along little by little where the scan does not show it well."""
@@ -48,9 +55,15 @@ class ScanMatcherParams:
     """Number of points that a good match explains."""
     max_new_contradicts: float = 0.15
     """A scan of what was not seen before contradicts by at most this share of its points."""
-    min_window: tuple[float, float] = (0.35, 0.3)
+    min_window: tuple[float, float] = (0.35, 1.0)
     """Half the search window where the scan does not fit where it is expected [m, rad]."""
-    max_window: tuple[float, float] = (2.0, 1.0)
+    doubtful_cost: float = 3.0
+    """A pose that the odometry speaks against by this log-likelihood must have no rival."""
+    rival_window: tuple[float, float] = (1.0, 0.3)
+    """Half the window in which a scan is tried a quarter turn and more away [m, rad]."""
+    rival_lead: float = 8.0
+    """Lead in log-likelihood over those, or nobody knows which way round the robot is."""
+    max_window: tuple[float, float] = (2.0, 1.6)
     """The same at most [m, rad]."""
     window_per_m: float = 2.0
     """It grows by this for each metre that the odometry reports: wheels that spin report distance
@@ -109,6 +122,16 @@ class MatchQuality:
     """It fits, and shows enough of what is known to be sure."""
     is_new: bool = False
     """It shows little of what is known, and nothing speaks against where the odometry leads."""
+    contradicts: float = 0.0
+    """Share of all points that lie where nothing should be, or behind a surface, 0 ... 1."""
+
+    is_ambiguous: bool = False
+    """Wheels slipped, and nobody knows which of several poses is right."""
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the scan, but for a constant: what is new speaks neither for a pose nor against it."""
+        return PARAMS.evidence * (self.explained - PARAMS.contradiction_cost * self.contradicts)
 
     @property
     def value(self) -> float:
@@ -144,9 +167,8 @@ def judge(
     fits = match >= PARAMS.min_match and explained >= PARAMS.min_explained_points
     contradicts = (known - explained) / max(count, 1)
     is_good = fits and share >= PARAMS.min_explained
-    return MatchQuality(
-        match, share, is_good, not is_good and contradicts < PARAMS.max_new_contradicts
-    )
+    is_new = not is_good and contradicts < PARAMS.max_new_contradicts
+    return MatchQuality(match, share, is_good, is_new, contradicts)
 
 
 def _without_sides(sweep: Sweep) -> Sweep:
@@ -247,6 +269,9 @@ class ScanMatcher:
             match = self._search(local, sweep, match, devs)
         if self._may_be_bent(match, scan):
             match = self._try_unbent(local, scan, match)
+        if match.quality.is_good and self._has_rival(local, match):
+            quality = replace(match.quality, is_good=False, is_ambiguous=True)
+            match = replace(match, quality=quality)
         if match.quality.is_good:
             self._accept(match)
         return match if match.quality.is_good else replace(match, pose=self.pose)
@@ -274,7 +299,7 @@ class ScanMatcher:
         if math.hypot(away[0], away[1]) < PARAMS.apart_m and abs(away[2]) < PARAMS.apart_rad:
             return match
         other = self._match(local, sweep, kept_on, 0.05)
-        return self._possible(match, _better(match, other, PARAMS.lead_as_before))
+        return self._likelier(match, _better(match, other, PARAMS.lead_as_before))
 
     def _try_stood(self, local: LocalMap, sweep: Sweep, match: ScanMatch) -> ScanMatch:
         """Try whether the robot stood while the wheels turned, where few surfaces tell."""
@@ -290,7 +315,7 @@ class ScanMatcher:
         # Who drives on sees what nobody saw: about a step's share of how far one sees.
         far_m = float(np.quantile(np.hypot(*sweep.cloud.points.T), PARAMS.far_share))
         enough += math.hypot(away[0], away[1]) / max(far_m, 1e-3)
-        return self._possible(match, _closer(local, match, other, enough))
+        return self._likelier(match, _closer(local, match, other, enough))
 
     def _try_unbent(self, local: LocalMap, scan: ScanInput, match: ScanMatch) -> ScanMatch:
         """Try whether the wheels turned during the scan and the robot did not: that bends it."""
@@ -334,17 +359,49 @@ class ScanMatcher:
         if found is None:
             return match
         other = self._match(local, sweep, found[0], 0.05)
-        return self._possible(match, _better(match, other, PARAMS.lead))
+        return self._likelier(match, _better(match, other, PARAMS.lead))
 
-    def _possible(self, match: ScanMatch, other: ScanMatch) -> ScanMatch:
-        """Return another match where the odometry allows it, else the first."""
+    def _has_rival(self, local: LocalMap, match: ScanMatch) -> bool:
+        """Say whether a scan that shows slip fits another way round as well: walls are square."""
+        if self._prior_cost(match) < PARAMS.doubtful_cost:
+            return False
+        cloud = _without_sides(match.sweep).cloud
+        for quarters in (1, 2, 3):
+            yaw = float(match.pose[2]) + 0.5 * math.pi * quarters
+            if abs(math.remainder(yaw - self.pose[2], 2.0 * math.pi)) > PARAMS.max_window[1]:
+                continue
+            around = np.array([self.pose[0], self.pose[1], yaw])
+            found = local.correlate(cloud, around, PARAMS.rival_window, PARAMS.min_score, 0.0)
+            if found is None:
+                continue
+            rival = self._match(local, match.sweep, found[0], 0.05)
+            if self._likelihood(rival) > self._likelihood(match) - PARAMS.rival_lead:
+                return True
+        return False
+
+    def _likelier(self, match: ScanMatch, other: ScanMatch) -> ScanMatch:
+        """Return another match where scan and odometry together speak for it, else the first."""
+        if other is match:
+            return match
+        lead = self._likelihood(other) - self._likelihood(match)
+        return (
+            other
+            if self._prior_cost(other) < PARAMS.slip_cost or lead > PARAMS.slip_lead
+            else match
+        )
+
+    def _likelihood(self, match: ScanMatch) -> float:
+        """Return the log-likelihood of scan and odometry from a pose, but for a constant."""
+        return match.quality.log_likelihood - self._prior_cost(match)
+
+    def _prior_cost(self, match: ScanMatch) -> float:
+        """Return what the odometry says against a pose; wheels that slip say nothing."""
         believed = PARAMS.slipping_information if self.is_slipping else 1.0
-        away = other.pose - self.pose
+        away = match.pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         dev_m, dev_rad = PARAMS.gate_devs
         together = self.covariance / believed + np.diag(np.square([dev_m, dev_m, dev_rad]))
-        is_possible = float(away @ np.linalg.solve(together, away)) <= PARAMS.gate**2
-        return other if is_possible else match
+        return min(0.5 * float(away @ np.linalg.solve(together, away)), PARAMS.slip_cost)
 
     def _accept(self, match: ScanMatch) -> None:
         """Take a match over; it is slip where the wheels said something else."""

@@ -14,8 +14,8 @@ class TrackingParams:
 
     max_step_s: float = 0.3
     """A pause of the lidar proves nothing: it counts as a bad match for at most this long [s]."""
-    found_match: float = 0.85
-    """A lost robot is somewhere else: what fits no better than this where it was is chance."""
+    lost_after_m: float = 1.5
+    """Or it is lost after driving this far without a good match, where scans are few [m]."""
     proof_m: float = 0.4
     """A pose that was given or found is believed after this distance without a bad match [m]."""
 
@@ -30,18 +30,22 @@ class TrackingState:
     name: State = "mapping"
     bad_s: float = 0.0
     """Time without a good match [s]."""
+    bad_m: float = 0.0
+    """Distance driven without one [m]."""
     proof_m: float = math.inf
-    """Distance driven without a bad match since the pose was given or found [m]."""
+    """Distance driven without a bad match since the pose was given [m]."""
+    breaks: bool = False
+    """The scans contradict what was seen before: a new part of the map must begin."""
 
     @classmethod
     def unproven(cls) -> "TrackingState":
-        """A pose was given or found, and must be proven."""
+        """A pose was given, and must be proven."""
         return cls("unsure", proof_m=0.0)
 
     @classmethod
     def lost(cls) -> "TrackingState":
-        """There is no pose to prove."""
-        return cls("lost", proof_m=0.0)
+        """The robot is in a part of which nobody knows yet how it lies to the map."""
+        return cls("lost")
 
     def after(
         self, quality: MatchQuality, elapsed_s: float, distance_m: float, lost_after_s: float
@@ -49,26 +53,32 @@ class TrackingState:
         """Return the state after a match.
 
         Args:
-            quality: of the match.
+            quality: of the match, with the part that the robot is in.
             elapsed_s: time since the one before [s].
             distance_m: driven since then [m].
             lost_after_s: time without a good match after which the robot is lost [s].
         """
-        was_lost = self.name == "lost"
-        if was_lost and quality.match < PARAMS.found_match:
-            return self
-        if quality.is_good or (quality.is_new and self.name == "mapping"):
-            proof_m = 0.0 if was_lost else self.proof_m + distance_m
+        if quality.is_good or (quality.is_new and self.name != "unsure"):
+            if self.is_lost:
+                return TrackingState.lost()
+            proof_m = self.proof_m + distance_m
             is_proven = proof_m >= PARAMS.proof_m
-            return TrackingState("mapping" if is_proven else "unsure", 0.0, proof_m)
+            return TrackingState("mapping" if is_proven else "unsure", proof_m=proof_m)
         bad_s = self.bad_s + min(elapsed_s, PARAMS.max_step_s)
-        # A pose that was found and fails at once was the wrong one.
-        is_lost = was_lost or bad_s > lost_after_s or self.proof_m < PARAMS.proof_m
-        return TrackingState("lost" if is_lost else "unsure", bad_s, self.proof_m)
+        bad_m = self.bad_m + distance_m
+        # A pose that was given and fails at once was the wrong one.
+        breaks = (
+            quality.is_ambiguous
+            or bad_s > lost_after_s
+            or bad_m > PARAMS.lost_after_m
+            or self.proof_m < PARAMS.proof_m
+        )
+        name: State = "lost" if breaks or self.is_lost else "unsure"
+        return TrackingState(name, bad_s, bad_m, self.proof_m, breaks)
 
     @property
     def is_lost(self) -> bool:
-        """Whether the robot must be searched for."""
+        """Whether it must be found out where the robot is on the map."""
         return self.name == "lost"
 
     @property

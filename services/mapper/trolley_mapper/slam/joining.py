@@ -1,0 +1,320 @@
+"""Joining a part that hangs loose to the map: where it lies, and what it takes to believe that.
+
+Source:
+    Mangelson et al., Pairwise Consistent Measurement Set Maximization (2018), for closures that are
+    believed where they agree; Hess et al., Real-Time Loop Closure in 2D LIDAR SLAM (2016), for the
+    search.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config.mapper import MapperConfig
+from trolley.gridmap import GridMap
+from trolley_mapper.kernels.layout import Cloud
+from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
+from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.local_map import LocalMap
+from trolley_mapper.slam.loop_closure import Closure, Place, agree, closing, relax, total_error
+from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
+from trolley_mapper.slam.pose_graph import Edge, between, compose, to_frame
+from trolley_mapper.slam.sweep import Sweep
+
+
+@dataclass(frozen=True, slots=True)
+class JoinParams:
+    """Where a loose part is looked for, and when it is joined. Set by hand."""
+
+    place_m: float = 2.5
+    """Places that are searched lie this far apart along an axis [m]."""
+    window_m: float = 4.0
+    """Half the window at each of them: floor that was not driven over is searched, too [m]."""
+    around_m: float = 12.0
+    """Keyframes this near to a place are compared with [m]."""
+    reach_m: float = 14.0
+    """Surfaces this near to it [m]."""
+    devs: float = 4.0
+    """Places beyond this many standard deviations of the odometry are not searched."""
+    hint_window: tuple[float, float] = (0.4, 0.15)
+    """Half the window where an earlier closure leads [m, rad]."""
+    max_hints: int = 3
+    """Earlier closures that are followed up with each scan."""
+    proof_m: float = 3.0
+    """A join is believed once closures agree over this distance driven [m]."""
+    clear_proof_m: float = 0.6
+    """Or over this, where they show little that is new [m]."""
+    turn_m: float = 0.5
+    """A turn by 1 rad shows as much that is new as driving this far [m/rad]."""
+    clear_explained: float = 0.75
+    """They show little that is new if they explain this share of their points."""
+    pinned: float = 100.0
+    """Information on the place that they show together in every direction, or they may lie anywhere
+    along a corridor [1/m^2]."""
+    lead: float = 20.0
+    """Lead in log-likelihood over any other place: as of one scan that fits well, and nowhere else.
+    """
+    max_checked: int = 12
+    """Scans of the part that are compared with the map before it is joined."""
+    checked_near_m: float = 0.15
+    """A point this near to a surface is explained then: the part may be a little bent [m]."""
+    min_match: float = 0.8
+    """Share of all their points in known space that must be explained."""
+    joint_error: float = 25.0
+    """Squared error that the odometry across the gap may add; else the wheels slipped there."""
+
+
+PARAMS = JoinParams()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """What is known of how a loose part lies to the map.
+
+    Attributes:
+        number: of its first keyframe.
+        pose: (3,) where the odometry had it.
+        covariance: (3, 3) of that; None: it may lie anywhere.
+        edge: from the keyframe before, if only the lidar was covered in between.
+    """
+
+    number: int
+    pose: NDArray[np.float64]
+    covariance: NDArray[np.float64] | None
+    edge: Edge | None
+
+    def reach_m(self, away_m: float) -> float:
+        """How far off something may be that lies so far from the part's beginning [m]."""
+        if self.covariance is None:
+            return math.inf
+        dev_m = math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+        return PARAMS.devs * (dev_m + away_m * math.sqrt(float(self.covariance[2, 2])))
+
+
+def places_to_try(store: KeyframeStore, joint: Joint, pose: NDArray[np.float64]) -> list[Place]:
+    """Return the places of the map where the robot may be, the likeliest first.
+
+    Args:
+        store: the keyframes.
+        joint: of the part that the robot is in.
+        pose: (3,) where the odometry has the robot.
+    """
+    some = [store.poses[~store.loose, :2]]
+    if store.prior is not None:
+        floor = store.keyframes[0].floor
+        some = [some[0][1:]] if floor is None else [some[0][1:], floor.astype(np.float64)]
+    points = np.vstack(some)
+    away = np.hypot(*(points - pose[:2]).T)
+    reach_m = joint.reach_m(float(np.hypot(*(pose - joint.pose)[:2]))) + PARAMS.window_m
+    order = np.argsort(away)
+    left = points[order][away[order] <= reach_m]
+    places: list[Place] = []
+    while len(left):
+        places.append(Place(left[0].copy(), (PARAMS.window_m, math.pi)))
+        left = left[np.abs(left - left[0]).max(axis=1) > PARAMS.place_m]
+    return places
+
+
+@dataclass(eq=False)
+class JoinJob:
+    """Search of one place for what the newest keyframe shows, and joining when all is proven.
+
+    Attributes:
+        store: a copy, changed by the job.
+        pending: closures found before.
+        config: settings.
+        prior: the map that is extended, if one is.
+        joint: what is known of how the part lies.
+        place: to search; None: only where earlier closures lead.
+        is_searched: all places have been searched from this part.
+        found: closures found now.
+        accepted: edges of those that are believed now, and of the odometry across the gap.
+        occupancy: the map drawn anew, if the part was joined.
+    """
+
+    store: KeyframeStore
+    pending: list[Closure]
+    config: MapperConfig
+    prior: GridMap | None
+    joint: Joint
+    place: Place | None
+    is_searched: bool
+    found: list[Closure] = field(default_factory=list[Closure])
+    accepted: list[Edge] = field(default_factory=list[Edge])
+    occupancy: LogOddsGrid | None = None
+    _poses: dict[int, NDArray[np.float64]] = field(default_factory=dict[int, NDArray[np.float64]])
+
+    def run(self) -> "JoinJob":
+        """Search, judge, join; returns itself."""
+        for place in self._places():
+            closure = self._close(place)
+            if closure is not None and not self._is_known(closure):
+                self.found.append(closure)
+        best = self._best()
+        if best and self._fits(best[-1]):
+            self._join([one.edge for one in best])
+        return self
+
+    def _places(self) -> list[Place]:
+        """Where earlier closures lead, the newest first, then the place of this job."""
+        query = self.store.newest.number
+        hints: list[Closure] = []
+        for one in reversed(self.pending):
+            is_followed = any(self._is_same(one, other) for other in hints)
+            if one.edge.second != query and not is_followed and not self._is_known(one):
+                hints.append(one)
+        places = [
+            Place(pose[:2], PARAMS.hint_window, float(pose[2]))
+            for pose in (self._leads_to(one) for one in hints[: PARAMS.max_hints])
+        ]
+        return places if self.place is None else [*places, self.place]
+
+    def _is_known(self, closure: Closure) -> bool:
+        """Say whether the newest keyframe was found in a closure's place already."""
+        query = self.store.newest.number
+        return any(
+            one.edge.second == query and self._is_same(one, closure)
+            for one in [*self.pending, *self.found]
+        )
+
+    def _leads_to(self, closure: Closure) -> NDArray[np.float64]:
+        """Return where a closure has the newest keyframe (3,)."""
+        known = self._poses.get(id(closure))
+        if known is None:
+            store, edge = self.store, closure.edge
+            at = compose(store.pose(edge.first), edge.step)
+            known = compose(at, between(store.pose(edge.second), store.poses[-1]))
+            self._poses[id(closure)] = known
+        return known
+
+    def _is_same(self, one: Closure, other: Closure) -> bool:
+        """Say whether two closures have the newest keyframe in one place."""
+        x, y, yaw = (self._leads_to(one) - self._leads_to(other)).tolist()
+        reach_m, reach_rad = PARAMS.hint_window
+        is_turned = abs(math.remainder(yaw, 2.0 * math.pi)) >= reach_rad
+        return math.hypot(x, y) < reach_m and not is_turned
+
+    def _close(self, place: Place) -> Closure | None:
+        store = self.store
+        away = np.hypot(*(store.poses[:, :2] - place.middle).T)
+        near = np.flatnonzero((away < PARAMS.around_m) & ~store.loose)
+        numbers = [store.keyframes[row].number for row in near.tolist()]
+        always = [] if store.prior is None else [store.prior]
+        pose = np.array([*place.middle, place.yaw])
+        chosen = store.choose_near(numbers, pose, self.config.local_keyframes, always)
+        return closing(store, store.newest.number, place, chosen, PARAMS.reach_m)
+
+    def _best(self) -> list[Closure]:
+        """Return closures that agree over enough distance and have no rivals, else none."""
+        every = [*self.pending, *self.found]
+        groups: list[list[Closure]] = []
+        for one in self.found:
+            number = one.edge.second
+            group = [
+                other
+                for other in every
+                if other.edge.second != number and agree(self.store, other.edge, one.edge)
+            ]
+            groups.append([*group, one])
+        groups.sort(key=len)
+        if not groups or len(groups[-1]) < 2:
+            return []
+        best = groups[-1]
+        if not self.is_searched or self._pinned(best) < PARAMS.pinned:
+            return []
+        rivals = [one for one in every if not self._is_same(one, best[-1])]
+        rival = max((self._likelihood(one, rivals) for one in rivals), default=0.0)
+        if self._likelihood(best[-1], best) < rival + PARAMS.lead:
+            return []
+        is_clear = min(one.quality.explained for one in best) >= PARAMS.clear_explained
+        wanted_m = PARAMS.clear_proof_m if is_clear else PARAMS.proof_m
+        return best if self._shown(best) >= wanted_m else []
+
+    def _pinned(self, closures: Sequence[Closure]) -> float:
+        """Return what closures say of the place in the direction in which they say least."""
+        total = np.zeros((3, 3))
+        for one in closures:
+            yaw = float(compose(self.store.pose(one.edge.first), one.edge.step)[2])
+            total += to_frame(one.edge.information, -yaw)
+        return float(np.linalg.eigvalsh(total[:2, :2])[0])
+
+    def _likelihood(self, closure: Closure, others: Sequence[Closure]) -> float:
+        """Return the log-likelihood of all scans that were found where a closure leads."""
+        best: dict[int, float] = {}
+        for one in others:
+            if self._is_same(one, closure):
+                number, value = one.edge.second, one.quality.log_likelihood
+                best[number] = max(value, best.get(number, 0.0))
+        return sum(best.values())
+
+    def _shown(self, closures: Sequence[Closure]) -> float:
+        """Return how far apart the scans of closures were taken at most [m], turns counted in."""
+        poses = np.array([self.store.pose(one.edge.second) for one in closures])
+        away = between(poses[:, None], poses[None])
+        return float(
+            (np.hypot(away[..., 0], away[..., 1]) + PARAMS.turn_m * np.abs(away[..., 2])).max()
+        )
+
+    def _fits(self, closure: Closure) -> bool:
+        """Say whether the map does not contradict the part where a closure has it."""
+        store = self.store
+        part = [
+            n
+            for n in store.part_of(store.newest.number)
+            if not store.keyframes[store.rows[n]].is_blind
+        ]
+        part = part[:: max(len(part) // PARAMS.max_checked, 1)]
+        new_T_old = compose(self._leads_to(closure), between(store.poses[-1], np.zeros(3)))
+        known, explained = 0, 0
+        for number in part:
+            pose = compose(new_T_old, store.pose(number))
+            away = np.hypot(*(store.poses[:, :2] - pose[:2]).T)
+            near = np.flatnonzero((away < PARAMS.around_m) & ~store.loose)
+            always = [] if store.prior is None else [store.prior]
+            chosen = store.choose_near(
+                [store.keyframes[row].number for row in near.tolist()],
+                pose, self.config.local_keyframes, always,
+            )  # fmt: skip
+            if not chosen:
+                continue
+            local = LocalMap(
+                [store.keyframes[store.rows[n]] for n in chosen],
+                np.array([store.pose(n) for n in chosen]), pose[:2], PARAMS.reach_m,
+            )  # fmt: skip
+            one = store.keyframes[store.rows[number]]
+            sweep = Sweep(one.cloud(), one.laser.astype(np.float64), is_blind=False)
+            cloud = Cloud(sweep.cloud.points, np.zeros_like(sweep.cloud.normals))
+            classes = local.classify(pose, replace(sweep, cloud=cloud), PARAMS.checked_near_m)
+            known += int(np.count_nonzero(classes != UNKNOWN))
+            explained += int(np.count_nonzero(classes == EXPLAINED))
+        return explained >= PARAMS.min_match * known
+
+    def _join(self, closures: list[Edge]) -> None:
+        """Tie the part to the map, lay it there, and draw the map anew."""
+        newest = self.store.newest.number
+        part = self.store.part_of(newest)
+        first = closures[-1]
+        at = compose(self.store.pose(first.first), first.step)
+        new_T_old = compose(at, between(self.store.pose(first.second), np.zeros(3)))
+        for number in part:
+            self.store.poses[self.store.rows[number]] = compose(new_T_old, self.store.pose(number))
+        for edge in closures:
+            self.store.link(edge)
+        relax(self.store)
+        self.accepted = closures
+        self._bridge()
+        self.occupancy = draw_map(self.config.resolution_m, self.prior, self.store)
+
+    def _bridge(self) -> None:
+        """Believe the odometry across the gap, too, where it fits."""
+        edge = self.joint.edge
+        if edge is None or not self.store.has(edge):
+            return
+        bridged = self.store.copy()
+        bridged.link(edge)
+        relax(bridged)
+        if total_error(bridged) - total_error(self.store) <= PARAMS.joint_error:
+            self.store, self.accepted = bridged, [*self.accepted, edge]

@@ -1,0 +1,58 @@
+"""Keyframes and the parts that edges hold together."""
+
+import numpy as np
+import pytest
+
+from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.pose_graph import LOOP, ODOMETRY, Edge
+
+
+def keyframe(number: int) -> Keyframe:
+    points = np.array([[1.0, 0.0]], np.float32)
+    return Keyframe(number, number, points, points, np.zeros(2, np.float32))
+
+
+def edge(first: int, second: int, kind: int = ODOMETRY) -> Edge:
+    return Edge(first, second, np.array([float(second - first), 0.0, 0.0]), np.eye(3), kind)
+
+
+@pytest.fixture
+def store() -> KeyframeStore:
+    """Keyframes 0 to 2, and 3 to 5 of which nobody knows how they lie to them."""
+    store = KeyframeStore()
+    for number in range(6):
+        edges = [] if number in (0, 3) else [edge(number - 1, number)]
+        store.add(keyframe(number), np.array([float(number), 0.0, 0.0]), edges)
+    return store
+
+
+def test_a_part_that_no_edge_leads_to_hangs_loose(store: KeyframeStore) -> None:
+    assert store.part_of(4) == [3, 4, 5]
+    assert store.loose.tolist() == [False] * 3 + [True] * 3
+    assert store.anchored_rows == [0, 3]
+
+
+def test_a_closure_joins_it_and_a_cut_lets_it_hang_loose_again(store: KeyframeStore) -> None:
+    join = edge(1, 4, LOOP)
+    copy = store.copy()
+    store.link(join)
+    assert store.part_of(0) == [0, 1, 2, 3, 4, 5]
+    assert not store.loose.any()
+    assert copy.is_loose(5)
+    store.cut([join])
+    assert store.part_of(4) == [3, 4, 5]
+    assert [one for one in store.edges if one.kind == LOOP] == []
+
+
+def test_what_was_held_by_a_keyframe_that_is_removed_hangs_loose(store: KeyframeStore) -> None:
+    store.link(edge(2, 3))
+    store.remove([3])
+    assert store.part_of(5) == [4, 5]
+    assert store.is_loose(4)
+
+
+def test_what_a_dissolved_keyframe_held_stays_together(store: KeyframeStore) -> None:
+    store.link(edge(2, 3))
+    store.dissolve(3)
+    assert store.part_of(5) == [0, 1, 2, 4, 5]
