@@ -101,8 +101,14 @@ class Soak:
             (topics.POSE, self._hear_pose),
         ):
             self.lockstep.bus.subscribe(topic.key(self.lockstep.robot), hear)
-        for make in SERVICES.values():
-            self.lockstep.add(make(self._config))
+        self.services = {
+            name: self.lockstep.add(make(self._config)) for name, make in SERVICES.items()
+        }
+        """Those that live, by name."""
+
+    def leave_alone(self) -> None:
+        """Let no service die any more, and nobody press stop."""
+        self._next_restart_s = self._next_stop_s = math.inf
 
     # What is heard.
     def _hear_truth(self, sample: Sample) -> None:
@@ -217,7 +223,7 @@ class Soak:
         self.lockstep.kill(name)
         gc.collect()  # what a process that dies gives back at once
         self.lockstep.run(self._random.uniform(*AWAY_S))
-        self.lockstep.add(SERVICES[name](self._config))
+        self.services[name] = self.lockstep.add(SERVICES[name](self._config))
         self.restarts[name] += 1
         self._next_restart_s = self.lockstep.now_s + self._random.uniform(*BETWEEN_RESTARTS_S)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 from support.processes import Process, find_free_port
 from support.waiting import PATIENCE_S, wait_until
 
@@ -24,6 +25,7 @@ from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
 from trolley.runtime.zenoh_bus import NotConnected, open_router
+from trolley.runtime.zenoh_config import router_config
 from trolley.security.access import security_of
 from trolley.security.certificates import Role
 from trolley.security.host_keys import HostKeys
@@ -322,7 +324,7 @@ def test_nobody_can_pretend_to_be_the_home_router(house: House) -> None:
     robot = house.keys("robot", "one")
     where = f"tls/127.0.0.1:{find_free_port()}"
     with (
-        open_router([where], security=security_of(viewer)),
+        zenoh.open(router_config([where], security=security_of(viewer))),
         pytest.raises(RobotUnreachable),
         Connection([where], 1.0, robot),
     ):
@@ -330,10 +332,11 @@ def test_nobody_can_pretend_to_be_the_home_router(house: House) -> None:
 
 
 def test_broken_keys_are_told_at_the_start(house: House, tmp_path: Path) -> None:
-    keys = house.keys("robot", "one")
+    keys = house.keys("router", "other")
     keys.key.write_text("rubbish")
     where = f"tls/127.0.0.1:{find_free_port()}"
-    with pytest.raises(NotConnected), open_router([where], security=security_of(keys)):
+    broken = security_of(keys)
+    with pytest.raises(NotConnected, match="cannot listen"), open_router([where], (), broken):
         pass
 
 

@@ -18,10 +18,11 @@ from trolley.cli.robots import reports_errors
 from trolley.config import ConfigError, RobotConfig, ZenohSection, find_config, load_config
 from trolley.config.mqtt import BROKER_VARIABLE, split_broker
 from trolley.interrupts import Interrupts
+from trolley.runtime.endpoints import is_of_this_host, port_of
 from trolley.runtime.process import main as run_process
 from trolley.runtime.router import run_router
 from trolley.runtime.supervisor import Supervisor
-from trolley.runtime.zenoh_bus import SOCKET, NotConnected, open_router
+from trolley.runtime.zenoh_bus import NotConnected, open_router
 from trolley.security.access import Security, security_of
 from trolley.security.host_keys import (
     DEFAULT_FOLDER,
@@ -35,7 +36,6 @@ VIEWER = "viz"
 FOR_OTHERS = f"tls/0.0.0.0:{ports.ROUTER_TLS_PORT}"
 """Where a router with keys for it listens for other hosts."""
 MQTT = "mqtt"
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 CHECK_PERIOD_S = 0.2
 URL_PATIENCE_S = 30.0
 
@@ -59,18 +59,6 @@ def find_settings() -> tuple[Path, RobotConfig]:
             "`trolley init`; `trolley demo` needs none"
         )
     return path, load_config(path)
-
-
-def port_of(endpoint: str) -> int | None:
-    """The port of a TCP endpoint on this host, None for any other endpoint."""
-    address = endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
-    host, _, port = address.rpartition(":")
-    return int(port) if host in LOOPBACK and port.isdigit() else None
-
-
-def is_of_this_host(endpoint: str) -> bool:
-    """Whether a router at this endpoint serves this host's own programs alone."""
-    return port_of(endpoint) is not None or endpoint.startswith(SOCKET)
 
 
 def check_port(port: int, option: str) -> None:

@@ -9,15 +9,16 @@ from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.geometry.pose import Finite
 from trolley.messages.motion import Drive, RobotName
 from trolley.messages.types import Point
-from trolley.ports import ROUTER_PORT
+from trolley.ports import ROUTER_PORT, ROUTER_TLS_PORT
 
 Length = Annotated[float, Meta(ge=0.02, le=5.0)]
 
 
-WITHOUT_PORT = ("unixsock-stream", "serial")
+WITHOUT_PORT = ("unixsock-stream",)
 THINNED = ("scan", "odom", "imu", "particles", "beams", "trajectory", "cmd_vel", "sim/truth")
 """Streams of which the newest message is enough for those who only look."""
-PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream", "vsock", "serial")
+PROTOCOLS = ("tcp", "tls", "unixsock-stream")
+"""What the door, the roles and the limits of a link know."""
 
 
 class FootprintConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -108,7 +109,8 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Endpoints of the router that services and tools connect to; a Unix socket is
     `unixsock-stream//run/trolley/router`."""
     uplink: list[str] = []
-    """Endpoints of a home router that this robot's router links to."""
+    """Endpoints of a home router that this robot's router links to, such as
+    `tls/home.local:7448`."""
     keys: str = "keys"
     """The folder with this host's certificate, relative to this file; for `tls/` endpoints."""
     downsample: dict[str, Annotated[float, Meta(ge=0.01, le=100.0)]] = {}
@@ -128,5 +130,11 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             if protocol not in PROTOCOLS or not (has_port or protocol in WITHOUT_PORT):
                 raise ValueError(
                     f"{endpoint!r} is not an endpoint: write protocol/host:port, such as "
-                    f"tcp/127.0.0.1:{ROUTER_PORT}"
+                    f"tcp/127.0.0.1:{ROUTER_PORT}; the protocol is {', '.join(PROTOCOLS)}"
+                )
+        for endpoint in self.uplink:
+            if not endpoint.startswith("tls/"):
+                raise ValueError(
+                    f"{endpoint!r} cannot be an uplink: routers of two hosts meet over TLS, such "
+                    f"as tls/home.local:{ROUTER_TLS_PORT}"
                 )

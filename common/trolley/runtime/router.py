@@ -5,9 +5,10 @@ import threading
 from collections.abc import Mapping, Sequence
 
 from trolley.interrupts import Interrupts
+from trolley.runtime.endpoints import SOCKET
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.supervision import Supervision
-from trolley.runtime.zenoh_bus import SOCKET, NotConnected, open_bus, open_router
+from trolley.runtime.zenoh_bus import NotConnected, open_bus, open_router
 from trolley.security.access import Security
 
 LONGEST_WAIT_S = 3600.0

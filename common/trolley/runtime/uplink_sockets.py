@@ -17,7 +17,7 @@ from pathlib import Path
 UNANSWERED_MS = 1500
 """What was sent and not acknowledged for so long ends a connection; Zenoh's lease is shorter."""
 LOOK_S = 0.5
-_FAR = re.compile(r"(?:tls|quic)/.*:(\d+)(?:[?#].*)?")
+_FAR = re.compile(r"tls/.*:(\d+)(?:[?#].*)?")
 
 
 @contextmanager

@@ -16,7 +16,8 @@ from typing import Any
 import zenoh
 
 from trolley.runtime.bus import Query, Reply, Sample
-from trolley.runtime.door.keeper import Door, is_far
+from trolley.runtime.door.keeper import Door
+from trolley.runtime.endpoints import SOCKET, is_far, why_not_here
 from trolley.runtime.open_files import allow_many_files
 from trolley.runtime.uplink_sockets import given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
@@ -33,7 +34,6 @@ LARGEST = 33 << 20
 MOST_PUBLISHERS = 200
 """Keys whose publishers are kept: more than a service has streams, and a bound where keys vary."""
 
-SOCKET = "unixsock-stream/"
 SOCKET_MODE = 0o660
 """A Unix socket is for its owner and its group; Zenoh leaves it to its owner alone."""
 
@@ -58,8 +58,16 @@ def open_router(
     """Be the router while the context lasts; the arguments are those of `router_config`.
 
     Raises:
-        NotConnected: It cannot listen: the port is taken, or the keys cannot be used.
+        NotConnected: It cannot listen: the port is taken, the keys cannot be used, or nothing
+            would limit who comes in there.
     """
+    for one in listen:
+        has_rules = security is not None and security.access_control is not None
+        if why_not := why_not_here(one, has_rules=has_rules):
+            raise NotConnected(f"will not listen at {one}: {why_not}")
+    for one in uplink:
+        if not is_far(one):
+            raise NotConnected(f"will not link to {one}: routers of two hosts meet at tls/ only")
     zenoh.init_log_from_env_or("off")
     allow_many_files()
     with ExitStack() as stack:

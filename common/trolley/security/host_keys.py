@@ -74,7 +74,7 @@ def keys_for(endpoints: Iterable[str], folder: Path) -> HostKeys | None:
     Raises:
         KeysError: They are missing or cannot be used.
     """
-    if not any(endpoint.startswith(("tls/", "quic/")) for endpoint in endpoints):
+    if not any(endpoint.startswith("tls/") for endpoint in endpoints):
         return None
     keys = find_keys(folder)
     if keys is None:

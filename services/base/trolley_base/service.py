@@ -61,7 +61,7 @@ class BaseService(Service):
             ObservedSpace(footprint, mount, sight.reach),
             LidarView(footprint, mount),
         )
-        supervision = MotionSupervision(limits, half_track_of(config, footprint))
+        supervision = MotionSupervision(limits, half_track_of(config, footprint), device.delay_s)
         watch = MotionWatch(self, supervision, can_drive=not device.cannot_drive)
         self._reporter = StateReporter(self, clock, self._inputs, watch)
         self._drive = DriveControl(

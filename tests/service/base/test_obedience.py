@@ -139,6 +139,7 @@ DRIVEN_WRONG: dict[str, tuple[Trouble, Twist2D, float, str]] = {
     "twice as fast": (Trouble(factor=2.0), Twist2D(0.25, 0.0, 0.0), 0.5, "other"),
     "not at all": (Trouble(dead_motors=BOTH), Twist2D(0.3, 0.0, 0.0), 0.6, "do not turn"),
     "left motor dead": (Trouble(dead_motors=frozenset((LEFT,))), Twist2D(0.3, 0, 0), 0.8, "left"),
+    "slow left motor": (Trouble(dead_motors=frozenset((LEFT,))), Twist2D(0.1, 0, 0), 0.5, "left"),
     "right encoder": (
         Trouble(stuck_encoders=frozenset((RIGHT,))),
         Twist2D(0.3, 0, 0),

@@ -7,6 +7,7 @@ import pytest
 
 from trolley.cli.running import FOR_OTHERS, listening, security_for
 from trolley.config import ConfigError
+from trolley.runtime.zenoh_bus import NotConnected, open_router
 from trolley.runtime.zenoh_config import client_config, router_config
 from trolley.security.access import Security
 from trolley.security.keyring import Keyring
@@ -69,3 +70,43 @@ def test_zenoh_takes_the_settings(keyring: Keyring) -> None:
     assert '"congestion_control":"drop"' in config.get_json("qos/network")
     client = client_config([HOME], keys=security.keys)
     assert str(security.keys.key) in client.get_json("transport/link/tls")
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "quic/127.0.0.1:7449",
+        "quic/0.0.0.0:7448",
+        "udp/0.0.0.0:7447",
+        "udp/127.0.0.1:7447",
+        "ws/0.0.0.0:7447",
+        "tcp/0.0.0.0:7447",
+        "tcp/[::]:7447",
+        "tcp/192.168.1.2:7447",
+    ],
+)
+def test_a_router_listens_nowhere_past_the_door_and_the_rules(
+    keyring: Keyring, endpoint: str
+) -> None:
+    security = security_for(issue(keyring, "router"), [LOCAL])
+    for keys in (security, None):
+        with (
+            pytest.raises(NotConnected, match="will not listen at"),
+            open_router([LOCAL, endpoint], (), keys),
+        ):
+            pass
+
+
+def test_other_hosts_come_in_with_a_routers_keys_only(keyring: Keyring) -> None:
+    """With a robot's keys nobody would be told apart: each certificate might do everything."""
+    security = security_for(issue(keyring, "robot"), [FOR_OTHERS])
+    with (
+        pytest.raises(NotConnected, match="trolley keys router"),
+        open_router([FOR_OTHERS], (), security),
+    ):
+        pass
+
+
+def test_a_router_links_to_others_over_tls_only() -> None:
+    with pytest.raises(NotConnected, match="will not link to"), open_router([LOCAL], ["quic/a:1"]):
+        pass

@@ -20,11 +20,6 @@ EVERYWHERE = "::"
 _FAR = re.compile(r"tls/(.+):(\d+)")
 
 
-def is_far(endpoint: str) -> bool:
-    """Whether a router listens there for other hosts, behind a door."""
-    return endpoint.startswith("tls/")
-
-
 class Door:
     """A listening socket for other hosts, and the process that leads them inside.
 

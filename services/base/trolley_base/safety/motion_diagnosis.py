@@ -23,9 +23,6 @@ class MotionDiagnosisParams:
     """A side that goes at less than this share of what it is told ..."""
     stands_slack: float = 0.02
     """... and this, does not turn [m/s]."""
-    wrong_track: float = 0.15
-    """By this share of the other side's speed a side may seem to go backward, where the distance
-    between the wheels is a guess."""
     told_speed: float = 0.04
     """A side that is told less than this says nothing [m/s]."""
     witness_wz: float = 0.2
@@ -33,6 +30,9 @@ class MotionDiagnosisParams:
 
 
 PARAMS = MotionDiagnosisParams()
+WRONG_TRACK = 0.15
+"""By this share of the other side's speed a side may seem to turn, where the distance between the
+wheels is a guess."""
 
 
 class Fault(enum.IntEnum):
@@ -140,7 +140,7 @@ def _stands(speed: float, wanted: float, other: float) -> bool:
     """Whether a side that is told to go does not; a wrong track mixes it with the other side."""
     forward = math.copysign(speed, speed * wanted)
     most = PARAMS.stands_share * abs(wanted) + PARAMS.stands_slack
-    least = -PARAMS.stands_slack - PARAMS.wrong_track * abs(other)
+    least = -PARAMS.stands_slack - WRONG_TRACK * abs(other)
     return abs(wanted) > PARAMS.told_speed and least < forward < most
 
 

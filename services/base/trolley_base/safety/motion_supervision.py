@@ -21,6 +21,7 @@ from trolley_base.differential import sides_of
 from trolley_base.drivers import MotionSample
 from trolley_base.safety.motion_diagnosis import (
     MOVES_UNTOLD,
+    WRONG_TRACK,
     Fault,
     Finding,
     drives_otherwise,
@@ -33,8 +34,10 @@ class MotionSupervisionParams:
     """What a lawful base may do: as tight as `bench.base.obedience` has no false alarm with."""
 
     delay_ns: int = 220_000_000
-    """A zero acts on the motors and shows in the odometry after this long [ns]. The excess that is
-    allowed makes up for 0.3 s."""
+    """A zero acts on the motors and shows in the odometry after this long, where nobody has
+    measured it [ns]. The excess that is allowed makes up for 0.3 s."""
+    least_delay_ns: int = 100_000_000
+    """Nothing acts sooner, however short a delay was measured [ns]."""
     braking_share: float = 0.5
     """It brakes with at least this share of the configured deceleration."""
     turn_braking_share: float = 0.5
@@ -52,8 +55,8 @@ class MotionSupervisionParams:
     uneven: float = 0.5
     """One wheel may brake later than the other: this share of the speed shows as a turn, and of
     the turn as speed."""
-    following_ns: int = 400_000_000
-    """A side of the robot does as told, or no longer so, within this time [ns]."""
+    following_ns: int = 180_000_000
+    """A side of the robot does as told, or no longer so, this long after the delay [ns]."""
     fastest_share: float = 1.4
     """It goes at most this many times as fast as told ..."""
     fast_slack: float = 0.04
@@ -73,6 +76,11 @@ class MotionSupervisionParams:
     still_excess_m: float = 0.05
     """... and falls so much behind, does not turn [m]: who steers it may go to and fro so fast that
     no single command can be held against it."""
+    dead_share: float = 0.1
+    """A side that covers less than this share of the way that it is told, less the same slack and
+    what a wrong track makes of the other side ..."""
+    dead_excess_m: float = 0.015
+    """... and falls so much behind, does not turn at all [m]."""
     ticks: float = 1.5
     """Coarse encoders may add this many of their ticks to each excess."""
     least_tick_m: float = 1e-6
@@ -249,6 +257,45 @@ class _Floor:
         return self.excess.add(behind, moved, tick)
 
 
+class _Standing:
+    """Whether a side turns at all, to and fro: it may be slow, or stand for a shorter way."""
+
+    def __init__(self) -> None:
+        self.excesses = _Excess(PARAMS.still_excess_m), _Excess(PARAMS.dead_excess_m)
+
+    def measure(
+        self,
+        moved: "_Moved",
+        measured: float,
+        other: float,
+        told: list[tuple[float, float]],
+        tick: float,
+    ) -> list[_Excess]:
+        """Return what says that it does not turn.
+
+        Args:
+            moved: the interval.
+            measured: how fast it was.
+            other: how fast the other side was.
+            told: how fast both were told to be of late, the newest first.
+            tick: what one tick of an encoder amounts to.
+        """
+        # What was told a moment ago, and still is: a robot follows late, and stops late.
+        slowest = min(abs(told[0][0]), abs(told[-1][0]))
+        # It may follow now whatever was told in between, and be told less than is thought.
+        surely_told = min(abs(one) - WRONG_TRACK * abs(another) for one, another in told)
+        surely_turned = max(0.0, abs(measured) - WRONG_TRACK * abs(other))
+        rates = (
+            slowest - PARAMS.still_slack - abs(measured) / PARAMS.still_share,
+            surely_told - PARAMS.still_slack - surely_turned / PARAMS.dead_share,
+        )
+        return [
+            excess
+            for excess, rate in zip(self.excesses, rates, strict=True)
+            if excess.add(rate, moved, tick)
+        ]
+
+
 class _Part:
     """One part of a velocity, which may be too fast in both directions."""
 
@@ -331,11 +378,17 @@ class MotionSupervision:
     Args:
         limits: of the motion.
         half_track_m: half of the distance between left and right wheels, roughly [m].
+        delay_s: longest time from a command until odometry shows that the wheels follow it.
     """
 
-    def __init__(self, limits: MotionLimits, half_track_m: float) -> None:
+    def __init__(
+        self, limits: MotionLimits, half_track_m: float, delay_s: float = math.inf
+    ) -> None:
         self._limits = limits
         self._half_track_m = half_track_m
+        measured_ns = round(min(delay_s * 1e9, PARAMS.delay_ns))
+        self._delay_ns = max(measured_ns, PARAMS.least_delay_ns)
+        self._following_ns = self._delay_ns + PARAMS.following_ns
         self.forget()
 
     def forget(self) -> None:
@@ -350,21 +403,21 @@ class MotionSupervision:
         self._has_rested = False
         limits, half_m = self._limits, self._half_track_m
         ahead = _Braking(
-            PARAMS.delay_ns,
+            self._delay_ns,
             PARAMS.braking_share * limits.deceleration,
             PARAMS.standing_speed,
             PARAMS.fast_slack,
             PARAMS.braking_excess_m,
         )
         turn = _Braking(
-            PARAMS.delay_ns,
+            self._delay_ns,
             PARAMS.turn_braking_share * limits.angular_acceleration,
             PARAMS.standing_wz,
             PARAMS.fast_slack / half_m,
             PARAMS.braking_excess_rad,
         )
         side = _Braking(
-            PARAMS.following_ns,
+            self._following_ns,
             min(ahead.rate, half_m * turn.rate),
             PARAMS.standing_speed,
             PARAMS.fast_slack,
@@ -373,7 +426,7 @@ class MotionSupervision:
         self._ahead, self._sideways, self._turn = _Part(ahead), _Part(ahead), _Part(turn)
         self._sides = _Part(side), _Part(side)
         most = PARAMS.slow_excess_m
-        self._ways = tuple(_Excess(PARAMS.still_excess_m) for _ in self._sides)
+        self._stands = tuple(_Standing() for _ in self._sides)
         self._still: tuple[bool, ...] = ()
         self._floors = tuple((_Floor(_Excess(most)), _Floor(_Excess(most))) for _ in self._sides)
         self._tick_m = 0.0
@@ -487,38 +540,38 @@ class MotionSupervision:
 
     def _otherwise(self, moved: _Moved) -> list[_Excess]:
         """Return the sides that go much faster, slower or the other way than told."""
-        now_ns = moved.stamp_ns
-        told = self._told_sides.between(now_ns - PARAMS.following_ns - 1, now_ns)
+        now_ns, tick = moved.stamp_ns, self._tick_m
+        told = self._told_sides.between(now_ns - self._following_ns - 1, now_ns)
         told = told or [sides_of(self._commands[0][1], self._half_track_m)]
         speeds = sides_of(moved.twist, self._half_track_m)
         beyond: list[_Excess] = []
         for index, speed in enumerate(speeds):
-            beyond += self._sides[index].measure(moved, speed, self._tick_m)
+            beyond += self._sides[index].measure(moved, speed, tick)
             forward, backward = self._floors[index]
             least = min(one[index] for one in told), min(-one[index] for one in told)
-            if forward.measure(moved, speed, least[0], self._tick_m):
+            if forward.measure(moved, speed, least[0], tick):
                 beyond.append(forward.excess)
-            if backward.measure(moved, -speed, least[1], self._tick_m):
+            if backward.measure(moved, -speed, least[1], tick):
                 beyond.append(backward.excess)
-        self._still = tuple(
-            way.add(
-                # What was told a moment ago, and still is: a robot follows late, and stops late.
-                min(abs(told[0][side]), abs(told[-1][side]))
-                - PARAMS.still_slack
-                - abs(speeds[side]) / PARAMS.still_share,
+        stands = [
+            standing.measure(
                 moved,
-                self._tick_m,
+                speeds[side],
+                speeds[1 - side],
+                [(one[side], one[1 - side]) for one in told],
+                tick,
             )
-            for side, way in enumerate(self._ways)
-        )
-        beyond += [way for way, is_still in zip(self._ways, self._still, strict=True) if is_still]
-        return beyond
+            for side, standing in enumerate(self._stands)
+        ]
+        self._still = tuple(bool(found) for found in stands)
+        return [*beyond, *(excess for found in stands for excess in found)]
 
     def _clear(self) -> None:
         """Forget how far anything went beyond its bounds."""
         parts = [excess for part in self._parts for excess in part.excesses]
         floors = [floor.excess for floors in self._floors for floor in floors]
-        for excess in (*parts, *self._ways, *floors):
+        stands = [excess for one in self._stands for excess in one.excesses]
+        for excess in (*parts, *stands, *floors):
             excess.clear()
 
     def _note_rest(self, moved: _Moved) -> None:
