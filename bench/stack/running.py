@@ -165,13 +165,13 @@ def main() -> None:
             bus.subscribe(topics.COMMAND.key(ROBOT, "planner"), reaction.command)
             time.sleep(20.0)
             elapsed_s = time.monotonic() - started_s
-            totals = dict.fromkeys(("together", "the robot"), (0.0, 0.0, 0))
+            totals: dict[str, tuple[float, float, int]] = {}
             for pid, (what, used_s) in before.items():
                 share, size_mb = (cpu_s(pid) - used_s) / elapsed_s, pss_mb(pid)
                 threads = num_threads(pid)
                 report_process(what, share, size_mb, threads)
                 for name in ("together",) if what == EMULATOR else ("together", "the robot"):
-                    cpu, size, number = totals[name]
+                    cpu, size, number = totals.get(name, (0.0, 0.0, 0))
                     totals[name] = cpu + share, size + size_mb, number + threads
             for name, total in totals.items():
                 report_process(name, *total)

@@ -23,7 +23,7 @@ class Maker(Service):
 
     def make(self) -> BeamClasses:
         self.made += 1
-        return BeamClasses(stamp_ns=self.made, classes=b"")
+        return BeamClasses(stamp_ns=self.made, classes=memoryview(b""))
 
 
 def test_what_nobody_hears_is_made_for_who_asks_and_only_once():
