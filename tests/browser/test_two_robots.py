@@ -150,7 +150,9 @@ def test_one_viewer_shows_and_stops_two_robots(
     assert second.mode == "stopped"
     page.screenshot(path=pictures / "two-robots.png")
     button(page, "Follow Bertha").click()
-    expect(page.locator("#sentence")).to_contain_text("Stopped. Press “Drive on” to let it drive again.")
+    expect(page.locator("#sentence")).to_contain_text(
+        "Stopped. Press “Drive on” to let it drive again."
+    )
     button(page, "Drive on").click()
     wait_until(lambda: second.mode == "ok", "it is the second one's now")
     assert page.get_by_text("outline is shown").count() == 0  # nothing is amiss with its body

@@ -232,7 +232,9 @@ def test_stop_stops_and_resume_lets_it_drive_again(page: Page, shown: "Shown") -
 
     page.get_by_role("button", name="STOP").click()
     wait_until(lambda: mode() == "stopped", "base is stopped")
-    expect(page.locator("#sentence")).to_contain_text("Stopped. Press “Drive on” to let it drive again.")
+    expect(page.locator("#sentence")).to_contain_text(
+        "Stopped. Press “Drive on” to let it drive again."
+    )
     page.get_by_role("button", name="Drive on").click()
     wait_until(lambda: mode() == "ok", "base may drive again")
     page.keyboard.press("Space")

@@ -523,6 +523,15 @@ class Localizer:
         self._follow(self.field.to_cells(map_T_base), self.field.covariance_to_cells(sane))
         self._schedule.is_wanted, self._reach = True, None
 
+    def resume(self, map_T_base: Pose2D) -> None:
+        """Go on at a pose to which the odometry has led since it was known: no search is due.
+
+        Args:
+            map_T_base: on the map and not in a wall, see `pose_problem`.
+        """
+        self._reach = None
+        self._follow(self.field.to_cells(map_T_base), self._found_covariance()).is_proven = True
+
     def search(self) -> None:
         """Forget where the robot is and search the whole map with the next scan."""
         self._reach, self._schedule.unproven_m = None, 0.0

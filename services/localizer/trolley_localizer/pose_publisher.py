@@ -37,10 +37,13 @@ class PosePublisher:
         self._suspects: list[SuspectLine] = []
         self.latest: PoseEstimate = unknown_pose(0, None, "no map is loaded yet")
         """What is known of the pose."""
+        self.map_T_odom: Pose2D | None = None
+        """The same of the odometry's beginning."""
 
     def begin_on_map(self, name: str) -> None:
         """Know nothing of the pose on a new map."""
         self.forget_suspects()
+        self.map_T_odom = None
         self.latest = unknown_pose(self._service.stamp_ns, name, "searching the whole map")
 
     def forget_suspects(self) -> None:
@@ -55,6 +58,7 @@ class PosePublisher:
         if estimate.state != self.latest.state:
             service.log.info("Pose", state=estimate.state, why=estimate.message or "the scan fits")
         self.latest = pose_message(estimate, loaded.name)
+        self.map_T_odom = estimate.map_T_odom
         service.publish(topics.POSE, self.latest)
         if stamp_ns - self._beams_ns >= BEAMS_PERIOD_NS:
             self._beams_ns = stamp_ns

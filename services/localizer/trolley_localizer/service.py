@@ -62,7 +62,7 @@ class LocalizerService(Service):
 
     def stop(self) -> None:
         """Save where the robot is and what it saw."""
-        self._last_pose.save(self._publisher.latest)
+        self._last_pose.save(self._publisher.latest, self._publisher.map_T_odom)
         self._changes.save()
 
     def epoch_began(self) -> None:
@@ -101,12 +101,16 @@ class LocalizerService(Service):
         if loaded is None:
             self.count("scan/no_map")
             return
-        estimate = scan if isinstance(scan, Reject) else loaded.localizer.step(scan)
+        if isinstance(scan, Reject):
+            self.count(f"scan/{scan.name.lower()}")
+            return
+        self._start_pose.resume(loaded, scan.odom_T_base)
+        estimate = loaded.localizer.step(scan)
         if isinstance(estimate, Reject):
             self.count(f"scan/{estimate.name.lower()}")
             return
         self._publisher.publish(loaded, estimate)
-        self._last_pose.save_if_due(self._publisher.latest)
+        self._last_pose.save_if_due(self._publisher.latest, estimate.map_T_odom)
         self._publisher.publish_suspects(loaded.localizer)
         self._search_if_wanted(loaded.localizer)
 
@@ -193,7 +197,7 @@ class LocalizerService(Service):
         """Leave map and pose to the mapper; save what is known."""
         self._maps.say_health()
         self._assembler.clear()
-        self._last_pose.save(self._publisher.latest)
+        self._last_pose.save(self._publisher.latest, self._publisher.map_T_odom)
         self._changes.save()
 
     def lease_ended(self) -> None:

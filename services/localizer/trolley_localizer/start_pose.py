@@ -1,6 +1,7 @@
 """Where the robot may stand when it is switched on: the last pose, or the configured one."""
 
 from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
 
 from msgspec import Struct
 
@@ -24,8 +25,20 @@ SAVE_AFTER_RAD = 0.02
 class LastPose(Struct, frozen=True, kw_only=True):
     """The file `last_pose.toml`: where the robot was on which map."""
 
+    SCHEMA: ClassVar[int] = 2
+
     map: str
     pose: Pose2D
+    epoch_ns: int | None = None
+    """In which run of `base`."""
+    map_T_odom: Pose2D | None = None
+    """Where the odometry of that run begins on the map."""
+
+    @classmethod
+    def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
+        """Return the content of a file of schema 1: it knew nothing of the odometry."""
+        del schema
+        return plain
 
 
 class LastPoseStore:
@@ -42,24 +55,29 @@ class LastPoseStore:
         self.saved = self._service.state.read(LAST_POSE_FILE, LastPose)
         return self.saved
 
-    def save_if_due(self, latest: PoseEstimate) -> None:
+    def save_if_due(self, latest: PoseEstimate, map_T_odom: Pose2D | None) -> None:
         """Save where the robot is, if that was not done a moment ago."""
         if self._service.monotonic_ns - self._saved_ns >= SAVE_PERIOD_NS:
-            self.save(latest)
+            self.save(latest, map_T_odom)
 
-    def save(self, latest: PoseEstimate) -> None:
+    def save(self, latest: PoseEstimate, map_T_odom: Pose2D | None) -> None:
         """Save where the robot is, if that is known and has changed."""
         saved = self.saved
         if latest.pose is None or latest.map is None or latest.state != "localized":
             return
         if (
             saved is not None
-            and saved.map == latest.map
+            and (saved.map, saved.epoch_ns) == (latest.map, self._service.epoch_ns)
             and saved.pose.distance_to(latest.pose) < SAVE_AFTER_M
             and abs((saved.pose.inverse() @ latest.pose).yaw) < SAVE_AFTER_RAD
         ):
             return
-        self.saved = LastPose(map=latest.map, pose=latest.pose)
+        self.saved = LastPose(
+            map=latest.map,
+            pose=latest.pose,
+            epoch_ns=self._service.epoch_ns,
+            map_T_odom=map_T_odom,
+        )
         self._saved_ns = self._service.monotonic_ns
         self._service.save(LAST_POSE_FILE, self.saved)
 
@@ -80,6 +98,8 @@ class StartPose:
         self._poses: Watch[SavedPoses] | None = None
         self._waiting: tuple[LoadedMap, int] | None = None
         """The map on which the saved pose is waited for, and until when (local clock) [ns]."""
+        self._before: LastPose | None = None
+        """Where the robot was, if the next scan is the first and nothing better is known."""
 
     def open(self, last: LastPose | None) -> None:
         """Take note of the last pose, and listen for the saved pose that is named."""
@@ -90,6 +110,7 @@ class StartPose:
     def begin(self, loaded: LoadedMap) -> None:
         """Set the pose on the first map; without a hypothesis the localizer searches."""
         log = self._service.log
+        self._before = self._last
         for what, pose in self._hypotheses(loaded.name):
             problem = loaded.localizer.pose_problem(pose)
             if problem is None:
@@ -103,9 +124,24 @@ class StartPose:
             self._waiting = loaded, until_ns
             self._poses_came(self._poses.latest)
 
+    def resume(self, loaded: LoadedMap, odom_T_base: Pose2D) -> None:
+        """Go on from where the robot was with the first scan, if `base` has run on since."""
+        before, self._before = self._before, None
+        if (
+            before is None
+            or before.map_T_odom is None
+            or (before.map, before.epoch_ns) != (loaded.name, self._service.epoch_ns)
+        ):
+            return
+        pose = before.map_T_odom @ odom_T_base
+        if loaded.localizer.pose_problem(pose) is None:
+            self._waiting = None
+            self._service.log.info("Going on by the odometry", x=pose.x, y=pose.y)
+            loaded.localizer.resume(pose)
+
     def cancel(self) -> None:
         """Wait no longer for a saved pose: something better is known."""
-        self._waiting = None
+        self._waiting = self._before = None
 
     @every(0.5, clock="local")
     def give_up(self) -> None:

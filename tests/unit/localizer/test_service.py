@@ -55,6 +55,7 @@ class Robot:
         )
         self.pose = at(grid, *START)
         self.odom = Pose2D.identity()
+        self.epoch_ns = 0
         self.sends_odometry = True
         self.begin()
 
@@ -79,7 +80,7 @@ class Robot:
             self.pose = integrate_twist(self.pose, twist, STEP_NS * 1e-9)
             self.odom = integrate_twist(self.odom, twist, STEP_NS * 1e-9)
             now_ns = self.bus.now_ns
-            self.bus.publish(topics.CLOCK, Clock(stamp_ns=now_ns, rate=1.0, epoch=0))
+            self.bus.publish(topics.CLOCK, Clock(stamp_ns=now_ns, rate=1.0, epoch=self.epoch_ns))
             if self.sends_odometry:
                 odometry = Odometry(stamp_ns=now_ns, pose=self.odom, twist=twist)
                 self.bus.publish(topics.ODOM, odometry)
@@ -219,7 +220,7 @@ def test_it_comes_back_at_the_last_pose(make_robot: MakeRobot, flat: GridMap) ->
     robot = make_robot(start=start_at(at(flat, *START)))
     robot.drive(4.0, 0.2)
     robot.bus.close()
-    robot.odom = Pose2D.identity()
+    robot.odom, robot.epoch_ns = Pose2D.identity(), 1
     robot.begin()
     robot.drive(0.1)
     assert robot.last.state == "unsure"
@@ -237,6 +238,38 @@ def test_a_kill_loses_two_seconds_at_most(make_robot: MakeRobot, flat: GridMap) 
     robot.begin()
     robot.drive(0.5)
     assert robot.last.state == "localized"
+
+
+def test_after_a_kill_it_goes_on_where_the_odometry_has_led(
+    make_robot: MakeRobot, flat: GridMap
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(4.1, 0.1, 0.4)
+    robot.bus.kill("localizer")
+    # While it is away the robot drives on.
+    for _ in range(20):
+        robot.pose = integrate_twist(robot.pose, Twist2D(0.3, 0.0, 0.8), 0.1)
+        robot.odom = integrate_twist(robot.odom, Twist2D(0.3, 0.0, 0.8), 0.1)
+    robot.begin()
+    robot.drive(0.1)
+    assert robot.error_m() < 0.03
+    robot.drive(0.4)
+    assert robot.last.state == "localized"
+    assert robot.error_m() < 0.03
+
+
+def test_what_was_before_is_not_gone_on_from_once_a_pose_was_set(
+    make_robot: MakeRobot, flat: GridMap
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(4.0, 0.1)
+    robot.bus.kill("localizer")
+    robot.begin()
+    robot.pose = at(flat, 1.6, 4.8, 2.5)
+    robot.bus.ask(requests.POSE_SET, SetPose(pose=robot.pose))
+    robot.drive(0.6)
+    assert robot.last.state == "localized"
+    assert robot.error_m() < 0.05
 
 
 def test_a_last_pose_on_another_map_is_not_used(make_robot: MakeRobot, flat: GridMap) -> None:
