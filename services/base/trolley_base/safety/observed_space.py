@@ -65,13 +65,15 @@ class Unseen(NamedTuple):
     Attributes:
         points: (n, 2) middles of cells x, y [m].
         was_free: (n,) whether it was seen to be free a while ago, and is out of view now.
+        was_echo: (n,) whether something stood there, or just before it, when the lidar last looked.
     """
 
     points: Floats
     was_free: Bools
+    was_echo: Bools
 
 
-ALL_SEEN = Unseen(np.empty((0, 2)), np.empty(0, np.bool_))
+ALL_SEEN = Unseen(np.empty((0, 2)), np.empty(0, np.bool_), np.empty(0, np.bool_))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,10 +181,10 @@ class ObservedSpace:
 
     def unseen(self, odom_T_base: Pose2D) -> Unseen:
         """Return what was not seen, in `base_link` where it is now."""
-        points, was_free = self._unseen_odom
-        if len(points) == 0:
+        unseen = self._unseen_odom
+        if len(unseen.points) == 0:
             return ALL_SEEN
-        return Unseen(odom_T_base.inverse().transform_points(points), was_free)
+        return unseen._replace(points=odom_T_base.inverse().transform_points(unseen.points))
 
     def _follow(self, base: Pose2D) -> None:
         """Move the grid along with the robot, so that what is near lies on it."""
@@ -226,7 +228,10 @@ class ObservedSpace:
         row, col = row[is_near], col[is_near]
         was_free = self._seen_s[row, col] >= now_s - SIGHT.memory_s
         was_free |= self._trail_s[row, col] >= now_s - SIGHT.trail_s
-        return Unseen(np.stack([x[col], y[row]], axis=1), was_free)
+        echo_s = self._echo_s[row, col]
+        was_echo = (echo_s >= now_s - SIGHT.memory_s) & (echo_s > self._seen_s[row, col])
+        was_echo &= echo_s > self._trail_s[row, col]
+        return Unseen(np.stack([x[col], y[row]], axis=1), was_free, was_echo)
 
 
 def _shift(grid: Floats, rows: int, cols: int) -> None:

@@ -5,7 +5,7 @@ robot creeps on into it, driven by a program it stands before it. Where it saw t
 not lately, a program creeps, too: somebody may have stepped there. Corners and sides that swing out
 of the footprint while it turns in place may creep: to turn is how a lidar that looks ahead only
 comes to see the rest. While a program also drives on, they come so slowly to what nobody ever saw
-that nothing is pushed by them.
+that nothing is pushed by them; and always, where a program drives, to where something stood.
 """
 
 import math
@@ -32,8 +32,9 @@ class SightDistanceParams:
     margin_m: float = 0.05
     """A place that was not seen is met this much before its middle: it is a cell wide [m]."""
     soft: float = 0.01
-    """Sides come no faster to what was never seen, driven by a program that does not turn in place:
-    half of what counts as driving into something, as speeds are held by a half [m/s]."""
+    """Sides come no faster to where something stood, driven by a program, nor to what was never
+    seen unless it turns in place: half of what counts as driving into something, as speeds are held
+    by a half [m/s]."""
     soft_m: float = 0.08
     """So near to the middle of such a place: it is a cell wide, and what is remembered of the cells
     around it is some centimetres off after half a minute [m]."""
@@ -88,17 +89,18 @@ class SightDistance:
             unseen: what was not seen, in `base_link`.
             by_hand: whether a person drives, who looks where the robot does not.
         """
-        points, was_free = unseen
+        points, was_free, was_echo = unseen
         if twist.is_zero or len(points) == 0:
             return CLEAR
         reach = self._reach_of(twist.speed)
         is_near = np.einsum("ij,ij->i", points, points) < reach * reach
-        near, was_free = points[is_near], was_free[is_near]
+        near, was_free, was_echo = points[is_near], was_free[is_near], was_echo[is_near]
         if len(near) == 0:
             return CLEAR
         is_ahead = self._lies_ahead(near, twist)
         matters = (is_ahead | ~was_free) & ~polygon_contains(self._footprint, near)
-        near, was_free, is_ahead = near[matters], was_free[matters], is_ahead[matters]
+        near, is_ahead = near[matters], is_ahead[matters]
+        was_free, was_echo = was_free[matters], was_echo[matters]
         times = contact_times(near, self._footprint, twist)
         met = np.isfinite(times)
         if not met.any():
@@ -112,8 +114,9 @@ class SightDistance:
             max(creep, self._scale_before(times[~is_held], twist)),
             self._scale_before(times[is_held], twist),
         )
-        if not by_hand and twist.speed > 0.0:
-            scale = min(scale, self._soft_scale(near[~is_ahead], velocities[~is_ahead]))
+        if not by_hand:
+            soft = ~is_ahead & (was_echo[met] | (twist.speed > 0.0))
+            scale = min(scale, self._soft_scale(near[soft], velocities[soft]))
         if scale == 1.0:
             return CLEAR
         way = WAYS[round(math.atan2(twist.vy, twist.vx) / (0.5 * math.pi)) % len(WAYS)]

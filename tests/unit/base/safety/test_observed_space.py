@@ -52,8 +52,13 @@ class Robot:
 
     def sees(self, x: float, y: float) -> bool:
         """Whether the floor there, in `base_link`, is known to be free."""
-        points, was_free = self.space.unseen(self.track.odom_T_base)
-        return not _is_among(points[~was_free], x, y)
+        unseen = self.space.unseen(self.track.odom_T_base)
+        return not _is_among(unseen.points[~unseen.was_free], x, y)
+
+    def saw_something(self, x: float, y: float) -> bool:
+        """Whether something stood there when the lidar last looked, a while ago."""
+        unseen = self.space.unseen(self.track.odom_T_base)
+        return _is_among(unseen.points[unseen.was_echo], x, y)
 
     def sees_lately(self, x: float, y: float) -> bool:
         """Whether it was seen in the last few seconds."""
@@ -176,6 +181,13 @@ def test_who_steps_into_what_was_seen_is_not_forgotten_as_free(robot: Robot) -> 
         robot.see(open_all_round(180), 0.1, math.pi)
     assert not robot.sees(-0.53, 0.0), "it may still stand there, though no beam looks any more"
     assert robot.sees(-0.4, 0.0)
+    assert robot.saw_something(-0.53, 0.0)
+    assert not robot.saw_something(-0.4, 0.0)
+    assert not robot.saw_something(-0.9, 0.0), "nobody knows what is behind it"
+    robot.see(open_all_round())
+    for _ in range(40):
+        robot.see(open_all_round(180), 0.1, math.pi)
+    assert not robot.saw_something(-0.53, 0.0), "it has gone"
 
 
 def test_who_steps_onto_the_trail_is_not_forgotten_as_free_either(robot: Robot) -> None:

@@ -21,7 +21,7 @@ def cells(x: float, y: float, width: float = 0.4, *, was_free: bool = False) -> 
     """Cells of a square whose middle is there."""
     along = np.arange(-0.5 * width, 0.5 * width + 0.01, 0.05)
     points = np.stack([axis.ravel() for axis in np.meshgrid(x + along, y + along)], axis=1)
-    return Unseen(points, np.full(len(points), was_free))
+    return Unseen(points, np.full(len(points), was_free), np.full(len(points), False))
 
 
 def test_where_all_was_seen_it_drives_as_it_likes() -> None:
@@ -83,6 +83,7 @@ def test_what_was_never_seen_holds_a_program_though_what_lies_before_it_was_free
     both = Unseen(
         np.concatenate([was_free.points, never.points]),
         np.concatenate([was_free.was_free, never.was_free]),
+        np.concatenate([was_free.was_echo, never.was_echo]),
     )
     assert SIGHT.look(FAST, both, by_hand=False).scale == pytest.approx(0.0, abs=1e-9)
 
@@ -99,15 +100,26 @@ def test_corners_that_swing_out_creep_whoever_drives(by_hand: bool) -> None:
 
 def test_a_side_comes_softly_to_what_was_never_seen_while_a_program_drives_on() -> None:
     backing = Twist2D(-0.06, 0.0, -0.23)  # its left side swings out, behind what the lidar saw
-    unseen = Unseen(np.array([[-0.14, 0.16]]), np.array([False]))
+    unseen = Unseen(np.array([[-0.14, 0.16]]), np.array([False]), np.array([False]))
     look = SIGHT.look(backing, unseen, by_hand=False)
     assert 0.14 * 0.23 * look.scale == pytest.approx(PARAMS.soft)
     assert look.where == "beside the robot"
-    was_free = Unseen(unseen.points, np.array([True]))
+    was_free = unseen._replace(was_free=np.array([True]))
     assert SIGHT.look(backing, was_free, by_hand=False) == CLEAR
     in_place = Twist2D(0.0, 0.0, -0.23)
     for twist, by_hand in ((backing, True), (in_place, False)):
         assert SIGHT.look(twist, unseen, by_hand=by_hand).scale > 2.0 * look.scale
+
+
+def test_a_corner_comes_softly_to_where_something_stood_also_as_it_turns_in_place() -> None:
+    turning = Twist2D(0.0, 0.0, 1.3)
+    never = Unseen(np.array([[-0.1, -0.15]]), np.array([False]), np.array([False]))
+    bucket = never._replace(was_echo=np.array([True]))
+    assert SIGHT.look(turning, never, by_hand=True) == SIGHT.look(turning, bucket, by_hand=True)
+    look = SIGHT.look(turning, bucket, by_hand=False)
+    assert 0.1 * turning.wz * look.scale == pytest.approx(PARAMS.soft)
+    assert look.scale < 0.3 * SIGHT.look(turning, never, by_hand=False).scale
+    assert SIGHT.look(Twist2D(0.0, 0.0, -1.3), bucket, by_hand=False).scale > 3.0 * look.scale
 
 
 def test_backing_in_a_curve_into_what_was_not_seen_is_held() -> None:
