@@ -13,6 +13,8 @@ from trolley_localizer.estimate import Estimate
 
 from .conftest import LATE, RESOLUTION, LateDrive, make_house
 
+pytestmark = pytest.mark.drives
+
 START = Pose2D(2.2, 2.5, 0.0)
 
 

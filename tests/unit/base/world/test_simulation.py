@@ -101,6 +101,7 @@ def test_nothing_solid_lets_the_robot_through(simulate: "MakeSimulation", thing:
     assert [(c.name, c.is_collision) for c in simulation.contacts] == [("it", True)]
 
 
+@pytest.mark.drives
 def test_no_driving_gets_the_robot_into_a_wall_or_stuck(simulate: "MakeSimulation") -> None:
     boxes = "".join(
         f"[[box]]\nx = {x}\ny = {y}\nyaw = {x}\nlength_m = 0.4\nwidth_m = 0.3\n"
