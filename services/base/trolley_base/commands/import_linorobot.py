@@ -42,14 +42,14 @@ Files = dict[Path, bytes]
     envvar="LINOBASE",
     default="",
     metavar="|".join(DRIVES),
-    help="How it is driven; else LINOBASE.",
+    help="Its drive [default: as LINOBASE says].",
 )
 @click.option(
     "--lidar",
     envvar="LINOLIDAR",
     default="",
     metavar="|".join(LIDARS),
-    help="Its lidar; else LINOLIDAR.",
+    help="Its lidar [default: as LINOLIDAR says].",
 )
 @reports_errors
 def import_linorobot(
