@@ -199,7 +199,7 @@ class Connection:
             if not alive:
                 raise RobotUnreachable(
                     f"no robot called {robot} is at {', '.join(self.endpoints)} "
-                    "(or this connection may not ask it)"
+                    "(or this connection is not allowed to ask it)"
                 )
             if not timed_out and (robot, request.owner) in alive:
                 raise Refused(

@@ -96,14 +96,14 @@ class StateFolder:
             aside = keep_unreadable(path, error)
         except OSError as besides:
             self._log.error(
-                "A state file can neither be read nor kept aside",
+                "A state file can be neither read nor set aside",
                 file=path,
                 why=why,
                 besides=besides.strerror,
             )
         else:
             self._log.error(
-                "A state file cannot be read and was kept aside", file=path, kept=aside, why=why
+                "A state file cannot be read and was set aside", file=path, kept=aside, why=why
             )
 
     def _keep_original(self, path: Path, content: bytes, schema: int) -> None:

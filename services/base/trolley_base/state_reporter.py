@@ -93,8 +93,8 @@ class StateReporter:
             sides = " and ".join(view.closed)
             self._service.set_health(
                 "degraded",
-                f"The lidar's view to the {sides} is closed; look for a cable, dirt or a thing "
-                "that covers it.",
+                f"The lidar's view to the {sides} is blocked; look for a cable, dirt or "
+                "something that covers it.",
             )
         elif self._clock.is_slowed:
             self._service.set_health(

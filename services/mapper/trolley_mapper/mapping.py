@@ -181,7 +181,7 @@ class Mapping:
             return self.announce("")
         if session.extends:
             return self.announce("Everything that was added to the map has been removed.")
-        return self.announce("Everything has been removed but where the map began.")
+        return self.announce("Everything has been removed except where the map began.")
 
     @answers(requests.MAP_CANCEL)
     def cancel(self, _: Nothing) -> MappingStatus:

@@ -189,7 +189,7 @@ def test_a_mapper_that_comes_back_says_that_exploring_waits(
     stage.bus.add(MapperService(stage.config))
     stage.bus.run(1.0)
     assert stage.status.state == "mapping"
-    assert "tell it to go on" in stage.status.message
+    assert "tell it to continue" in stage.status.message
 
 
 def test_exploring_needs_a_map_in_the_making(stage: Stage) -> None:

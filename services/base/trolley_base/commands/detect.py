@@ -38,7 +38,7 @@ USUAL, SCREEN = "<usual>", "-"
     is_flag=False,
     flag_value=SCREEN,
     metavar="[FILE.RULES]",
-    help="Print a udev rule with lasting names for the ports, or write it to this file.",
+    help="Print a udev rule with permanent names for the ports, or write it to this file.",
 )
 @where_options
 @json_option

@@ -136,4 +136,4 @@ def _report(findings: Findings, output: Path) -> None:
     for note in findings.notes:
         say(f"\n{note}")
     say(f"\nWrote {output}. Next: `trolley detect --write {output}` on the robot finds the")
-    say(f"ports' lasting names; then `trolley up --config {output}`.")
+    say(f"ports' permanent names; then `trolley up --config {output}`.")

@@ -98,8 +98,8 @@ class SerialLink(Generic[D]):
             self._refused_since_ns = None
             self._reopen(
                 now_ns,
-                f"{self._device.path} takes nothing of what is written to it: the device or its "
-                "adapter hangs; plug it in again.",
+                f"{self._device.path} accepts nothing that is written to it: the device or its "
+                "adapter hangs; unplug it and plug it in again.",
             )
 
     def restart(self, now_ns: int) -> bool:
@@ -123,7 +123,7 @@ class SerialLink(Generic[D]):
         message = (
             f"{self._device.path}: the connection was lost {len(self._losses_ns)} times within "
             f"{LOSSES_WITHIN_NS // 1_000_000_000} s: the device restarts, or its cable is loose. "
-            "Look at its supply and its cable; it is used again when it stays."
+            "Check its supply and its cable; it is used again once it stays connected."
         )
         return Link(name=self._name, state="down", message=message)
 

@@ -20,7 +20,7 @@ By hand.
 JUMP = Note(
     "warning",
     "odometry/jump",
-    "The wheels reported a motion that no robot can do; it was ignored.",
+    "The wheels reported a motion that no robot can make; it was ignored.",
 )
 SENTENCES = {
     GyroState.STUCK: "The gyro keeps repeating one value; its turn rate is not used.",

@@ -600,7 +600,7 @@ class MotionSupervision:
         if self._is_steady(untold, moved.stamp_ns):
             return Finding(Fault.DRIVES, f"it drives by itself at {speed}")
         if moved.stamp_ns - untold.since_ns > PARAMS.longest_push_ns:
-            return Finding(Fault.DRIVES, f"it goes on and on untold, now at {speed}")
+            return Finding(Fault.DRIVES, f"it keeps driving by itself, now at {speed}")
         return MOVES_UNTOLD
 
     def _is_steady(self, untold: _Untold, now_ns: int) -> bool:

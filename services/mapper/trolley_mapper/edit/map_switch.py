@@ -89,12 +89,15 @@ def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
 
 
 def _put_aside(file: Path, why: Exception) -> str:
-    words = f"What the robot was to be told of an edited map cannot be read ({why})"
+    words = f"The pending switch to an edited map cannot be read ({why})"
     try:
         aside = keep_unreadable(file, why)
     except OSError as error:
         return f"{words}, nor be kept aside: {error.strerror}."
-    return f"{words}; it is kept as {aside.name}. Places and zones may lie where they lay before."
+    return (
+        f"{words}; it is kept as {aside.name}. Places and zones may still be where they were "
+        "before."
+    )
 
 
 def forget_plan(state: Path) -> None:

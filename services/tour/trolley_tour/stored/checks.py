@@ -73,7 +73,7 @@ def only_chunk(chunks: tuple[str, ...]) -> str:
         Refused: The key has several chunks.
     """
     if len(chunks) != 1:
-        raise Refused(codes.BAD_REQUEST, "A deletion names one value.")
+        raise Refused(codes.BAD_REQUEST, "A deletion must name one value.")
     return chunks[0]
 
 

@@ -75,7 +75,7 @@ class RobotActions:
             point=point,
             frame=None if point is None else self._view().placement.world,
         )
-        self.ask(requests.GOAL_FOLLOW, params, "The robot follows nobody")
+        self.ask(requests.GOAL_FOLLOW, params, "The robot does not follow anybody")
 
     def steer(self, action: str) -> None:
         """Do "Pause", "Continue" or "Cancel" to what is under way: the trip, or else the goal."""

@@ -126,7 +126,7 @@ class TripStore:
         except OSError:
             return "The record of this trip cannot be read."
         self._service.log.error(
-            "The record of a trip cannot be read and was kept aside", kept=aside, why=why
+            "The record of a trip cannot be read and was set aside", kept=aside, why=why
         )
         return f"The record of this trip cannot be read; it is kept as {aside.name}."
 

@@ -77,7 +77,7 @@ def pid_command(pid: PidConfig) -> str:
     if len(argument) > MOST_ARGUMENT:
         raise DriverError(
             f"[base.chassis.pid] is too long for arduino_bridge: {argument} has more than "
-            f"{MOST_ARGUMENT} letters; take smaller numbers"
+            f"{MOST_ARGUMENT} characters; use smaller numbers"
         )
     return f"u {argument}"
 

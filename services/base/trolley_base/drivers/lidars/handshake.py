@@ -144,8 +144,8 @@ class HandshakeLidar(StreamingLidar):
             self._note("lidar_health", f"The {self.facts.title} warns: health code {code}.")
             return True
         self._fault = (
-            f"The {self.facts.title} reports a fault (health error {code}): take its power away "
-            f"for some seconds; is its head free to turn, and its 5 V supply strong enough?"
+            f"The {self.facts.title} reports a fault (health error {code}): unplug its power for "
+            "a few seconds; is its head free to turn, and its 5 V supply strong enough?"
         )
         return False
 

@@ -30,7 +30,7 @@ FACTS = LidarFacts(
     turns_hz=(180.0 / 60.0, 349.0 / 60.0),
     usual_hz=5.0,
     clockwise=False,
-    speed_hint="Its motor needs a controller outside of the sensor: is that set to 300 rpm?",
+    speed_hint="Its motor needs a controller outside the sensor: is it set to 300 rpm?",
 )
 _WEIGHTS = 2 ** np.arange(9, -1, -1)
 
