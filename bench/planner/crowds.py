@@ -177,9 +177,9 @@ class Manners:
     wall_m: float = 0.05
     """They keep this from the wall."""
     keeps_m: float = 0.25
-    """They stop rather than come nearer to the robot than this;"""
+    """They stop rather than come nearer to the robot than this [m]."""
     waits_m: float = 1.5
-    """from so far if they wait."""
+    """People who wait stop at this distance [m]."""
 
 
 MANNERS = Manners()

@@ -12,13 +12,13 @@ D = TypeVar("D", bound=Dialogue)
 REOPEN_EVERY_NS = 5_000_000_000
 """A port is opened again at most this often at a dialogue's request [ns]."""
 REFUSED_NS = 500_000_000
-"""A port that refuses what is written for this long does not work [ns] ..."""
+"""A port that has refused all writes for this long counts as down [ns]."""
 TAKEN_NS = 1_000_000_000
-"""... and one that has refused nothing for this long does again [ns]."""
+"""It counts as up again once it has refused nothing for this long [ns]."""
 MOST_LOSSES, LOSSES_WITHIN_NS = 3, 10_000_000_000
-"""A device that was lost this often within this time will be lost again [ns] ..."""
+"""A device that was lost this often within this time [ns] is not used for now."""
 STEADY_NS = 3_000_000_000
-"""... until it has been there for this long without a break [ns]."""
+"""It is used again once it has stayed connected for this long [ns]."""
 
 
 class SerialLink(Generic[D]):

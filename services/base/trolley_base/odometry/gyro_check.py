@@ -13,9 +13,9 @@ class GyroCheckParams:
     min_turn_rate: float = 0.3
     """Slower turns say more of the bias than of the gyro [rad/s]."""
     judged_turn: float = 1.5
-    """It is judged after this much turning [rad] ..."""
+    """The gyro is judged after this much turning [rad]."""
     forgetting_turn: float = 4.0
-    """... and older turns are forgotten over this much [rad]."""
+    """Older turns are forgotten over this much turning [rad]."""
     reversed_below: float = -0.5
     """It turns the other way: less than this per turn of the wheels."""
     still_below: float = 0.2

@@ -34,73 +34,74 @@ class MotionSupervisionParams:
     """What a lawful base may do: as tight as `bench.base.obedience` has no false alarm with."""
 
     delay_ns: int = 220_000_000
-    """A zero acts on the motors and shows in the odometry after this long, where nobody has
-    measured it [ns]. The excess that is allowed makes up for 0.3 s."""
+    """Time until a zero acts on the motors and shows in the odometry, if it has not been measured
+    [ns]. The allowed excess makes up for 0.3 s."""
     least_delay_ns: int = 100_000_000
-    """Nothing acts sooner, however short a delay was measured [ns]."""
+    """Shortest delay that is believed, however short the measured one [ns]."""
     braking_share: float = 0.5
-    """It brakes with at least this share of the configured deceleration."""
+    """Share of the configured deceleration with which the robot brakes at least."""
     turn_braking_share: float = 0.5
     """The same for its turn rate, whose braking nobody measures."""
     standing_speed: float = 0.015
-    """Slower than this is standing, with what encoders and backlash make of it [m/s]."""
+    """A slower robot counts as standing, given encoders and backlash [m/s]."""
     standing_wz: float = 0.05
     """The same for turning [rad/s]."""
     braking_excess_m: float = 0.006
-    """So much farther than any lawful braking: it does not brake [m]."""
+    """A robot that goes this much farther than its braking distance does not brake [m]."""
     braking_excess_rad: float = 0.025
     """The same for turning [rad]."""
     smooth_ns: int = 100_000_000
-    """How fast it was when it was told to brake is the mean over this time [ns]."""
+    """Its speed when it was told to brake is the mean over this time [ns]."""
     uneven: float = 0.5
-    """One wheel may brake later than the other: this share of the speed shows as a turn, and of
+    """One wheel may brake later than the other: this share of the speed may show as a turn, and of
     the turn as speed."""
     following_ns: int = 180_000_000
-    """A side of the robot does as told, or no longer so, this long after the delay [ns]."""
+    """A side follows a new command at the latest this long after the delay [ns]."""
     fastest_share: float = 1.4
-    """It goes at most this many times as fast as told ..."""
+    """A side may move at this many times its commanded speed, plus `fast_slack`."""
     fast_slack: float = 0.04
-    """... with this on top, for what the other side makes of it [m/s] ..."""
+    """Added to the highest allowed speed, for what the other side contributes [m/s]."""
     slowest_share: float = 0.5
-    """... and at least this share of it ..."""
+    """A side must move at this share of its commanded speed, less `slow_slack`."""
     slow_slack: float = 0.015
-    """... less this, which friction and a dead band eat [m/s]."""
+    """Subtracted from the lowest allowed speed, for friction and a dead band [m/s]."""
     fast_excess_m: float = 0.04
-    """So much farther than a side may go: it drives otherwise than told [m]."""
+    """A side that goes this much farther than it may drives otherwise than told [m]."""
     slow_excess_m: float = 0.025
-    """The same for so much less [m]."""
+    """The same for a side that goes less far than it must [m]."""
     still_share: float = 0.5
-    """A side that covers less than this share of the way that it is told, to and fro ..."""
+    """A side must cover this share of the distance it is told, to and fro, less `still_slack`."""
     still_slack: float = 0.03
-    """... less what a dead band eats [m/s] ..."""
+    """Subtracted from the commanded speed, for a dead band [m/s]."""
     still_excess_m: float = 0.05
-    """... and falls so much behind, does not turn [m]: who steers it may go to and fro so fast that
-    no single command can be held against it."""
+    """A side that lags this far behind does not turn [m]: commands may go to and fro so fast that
+    no single one can be held against it."""
     dead_share: float = 0.1
-    """A side that covers less than this share of the way that it is told, less the same slack and
-    what a wrong track makes of the other side ..."""
+    """A side must cover this share of the distance it is told, less `still_slack` and what a wrong
+    track makes of the other side."""
     dead_excess_m: float = 0.015
-    """... and falls so much behind, does not turn at all [m]."""
+    """A side that lags this far behind does not turn at all [m]."""
     ticks: float = 1.5
-    """Coarse encoders may add this many of their ticks to each excess."""
+    """Each excess grows by this many encoder ticks, for coarse encoders."""
     least_tick_m: float = 1e-6
-    """What is nearer together is not a tick, but the end of a number's digits [m]."""
+    """Smaller steps are rounding of numbers, not ticks [m]."""
     rested_ns: int = 500_000_000
-    """It stood for this long: what moves it now is no braking any more [ns]."""
+    """After it has stood for this long, a motion is not braking any more [ns]."""
     steady_ns: int = 500_000_000
-    """Motors hold a speed for this long, a hand does not ..."""
+    """Motors hold a speed for this long, a hand does not [ns]."""
     steady_share: float = 0.15
-    """... within this share of it."""
+    """A speed is held if it varies by less than this share."""
     steady_speed: float = 0.05
-    """Slower than that nothing is judged to be steady [m/s]."""
+    """Slower motions are never judged to be steady [m/s]."""
     longest_push_ns: int = 3_000_000_000
-    """A hand lets go sooner, or it is taken for a motor [ns]."""
+    """A push that lasts longer than this counts as the motors' doing [ns]."""
     kept_ns: int = 1_000_000_000
     """Commands and motions are kept for this long [ns]."""
     longest_gap_ns: int = 500_000_000
-    """After a longer time without commands or reports nothing is known of what was before [ns]."""
+    """After a longer gap in commands or reports, what came before is forgotten [ns]."""
     gyro_wz: float = 0.1
-    """A faster turn by the gyro is moving, whatever the wheels say [rad/s]."""
+    """A robot that turns faster than this by its gyro is moving, whatever its wheels say
+    [rad/s]."""
     shown_ns: int = 250_000_000
     """Whether it moves is judged by the mean over this time [ns]."""
 
