@@ -1,4 +1,4 @@
-"""Checks of the systemd units: which run, which failed, which are started again and again."""
+"""Checks of the systemd units: which run, which have failed, which keep being restarted."""
 
 import dataclasses
 from collections.abc import Mapping

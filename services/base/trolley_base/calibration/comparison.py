@@ -13,9 +13,10 @@ class ComparisonParams:
     """How a drive by somebody else is cut into windows; set by hand."""
 
     window_m: float = 1.0
-    """A window ends after this distance [m]."""
+    """A window ends after this distance, or after turning by `window_rad`, so that the pose's own
+    error counts for little [m]."""
     window_rad: float = 2.0
-    """Or after this much turning, so that the pose's own error counts for little [rad]."""
+    """See `window_m` [rad]."""
     gap_ns: int = 1_000_000_000
     """A longer pause between sure poses may hide a leap of the pose [ns]."""
     max_std_m: float = 0.10

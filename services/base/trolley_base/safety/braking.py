@@ -1,9 +1,9 @@
-"""Where a robot may come to before it stands. Frame `base_link` as odometry shows it now, SI.
+"""Where a robot may get to before it stops. Frame `base_link` as odometry shows it now, SI.
 
-Between a command and the wheels lies a delay, so the commands of the last moment are still under
-way and will be driven, whatever is decided now. Then the robot brakes, surely as hard as its limits
-say, but speed and turn rate each at a rate of its own: it leaves its arc, to a side that nobody
-knows. So the way to standing is a family of paths, sampled as poses.
+Commands reach the wheels with a delay, so the latest ones are still under way and will be driven,
+whatever is decided now. Then the robot brakes at least as hard as its limits say, but speed and
+turn rate may fall at different rates, so it leaves its arc to an unknown side. The motion until it
+stops is therefore a family of paths, sampled as poses.
 """
 
 import math

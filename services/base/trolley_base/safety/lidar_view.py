@@ -46,13 +46,15 @@ class LidarViewParams:
     closed_s: float = 3.0
     """A side that is dark for this long may be blocked [s]."""
     sudden_m: float = 0.1
-    """It is blocked if the robot moved less than this between open and dark [m]."""
+    """A dark side is blocked if the robot moved less than this, and turned less than `sudden_rad`,
+    since it was open [m]."""
     sudden_rad: float = 0.15
-    """And if it turned less than this between open and dark [rad]."""
+    """See `sudden_m` [rad]."""
     past_m: float = 1.0
-    """It is also blocked if the robot has moved farther than this since [m]."""
+    """A dark side is also blocked if the robot has moved farther than this, or turned farther than
+    `past_rad`, since it became dark [m]."""
     past_rad: float = 1.0
-    """Or if the robot has turned farther than this since [rad]."""
+    """See `past_m` [rad]."""
 
 
 PARAMS = LidarViewParams()

@@ -1,14 +1,14 @@
-"""Whether the robot does as it is told: what is commanded against what wheels and gyro report.
+"""Whether the robot does as it is told: commands compared with what wheels and gyro report.
 
-A lawful base does what it is told a moment later, not exactly, and brakes no slower than its
-limits say. From the commands of the last moments this makes bounds within which it must move; what
-it goes beyond them adds up, and what stays inside takes away again (a CUSUM test: Page, Continuous
-Inspection Schemes, Biometrika 41, 1954). So a single wrong reading, a coarse encoder and noise
-accuse nobody, and a robot that drives on after a zero is found out within half a second.
+A sound robot follows its commands a moment later, roughly, and brakes at least as hard as its
+limits say. Its latest commands therefore give bounds for its motion. What exceeds them adds up;
+what stays within them is subtracted again (a CUSUM test: Page, Continuous Inspection Schemes,
+Biometrika 41, 1954). So a single wrong reading, a coarse encoder or noise raises no alarm, and a
+robot that drives on after a zero is detected within half a second.
 
-Told to stand, speed and turn rate must fall. Told to move, each side of the robot must go roughly
-as fast as told: two sides in place of speed and turn rate, since what breaks is one motor or one
-encoder.
+If it is told to stand, speed and turn rate must fall. If it is told to move, each side of the robot
+must move roughly as fast as told: the two sides are judged, not speed and turn rate, since what
+breaks is one motor or one encoder.
 """
 
 import math

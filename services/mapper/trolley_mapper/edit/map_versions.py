@@ -1,12 +1,12 @@
-"""The maps of this host with their former versions: a map that is changed leaves the old one.
+"""The maps of this host and their earlier versions: changing a map keeps the previous one.
 
-In `<state>/maps` stand `<name>.yaml` and the image that it names: the newest version. What it was
-before stands in `versions/<name>/NNNN.yaml` with its image and `NNNN.zones.toml`, the zones of that
-time. The YAML file says which version it is under its own key `trolley`, which ROS ignores.
+`<state>/maps` holds the newest version: `<name>.yaml` and the image that it names. Earlier versions
+are in `versions/<name>/NNNN.yaml` with their images and `NNNN.zones.toml`, the zones of that time.
+The YAML file says which version it is under its own key `trolley`, which ROS ignores.
 
-The one write that counts is the rename of `<name>.yaml`. The image has its own name per version
-(`<name>@7.pgm`: "@" stands in no map's name), so that whoever reads between two writes finds an
-image and a description that belong together.
+The one write that counts is the rename of `<name>.yaml`. Each version's image has a name of its own
+(`<name>@7.pgm`; "@" cannot be in a map's name), so that a reader between two writes finds an image
+and a description that belong together.
 """
 
 import re

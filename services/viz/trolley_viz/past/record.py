@@ -1,4 +1,4 @@
-"""What was known of a robot, moment by moment: where it was, what it saw and what was said.
+"""What was known of a robot at each moment: where it was, what it saw and what was said.
 
 Times are local monotonic ones [ns]: neither the robot's clock nor that of this host can put them
 out of order. What a clock on the wall showed is known only by whoever shows them.

@@ -2,7 +2,7 @@
 
 Frame of 22 bytes: FA, index A0...F9 (of 4 degrees each), speed [rpm / 64], 4 × (distance [mm] with
 flags in its two highest bits, signal strength), a folding sum of 15 bits. Bit 15 of a distance
-marks it as invalid; bit 14 warns of weak strength and is not heeded.
+marks it as invalid; bit 14 warns of a weak signal and is ignored.
 
 Source:
     xv_11_laser_driver; getSurreal XV Lidar Controller.
