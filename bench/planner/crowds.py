@@ -124,7 +124,7 @@ class Route:
     points: Floats
     times: Floats
     returns: bool = False
-    """There and back for ever; else who has arrived stays."""
+    """There and back forever; else who has arrived stays."""
 
     @classmethod
     def at_speed(cls, points: Sequence[Point], speed: float, starts_s: float = 0.0) -> "Route":
@@ -282,7 +282,7 @@ FORCES = SocialForces()
 
 @dataclass(frozen=True)
 class Stream:
-    """Where some people of a crowd walk: from one box to another, again and again.
+    """Where some people of a crowd walk: from one box to another, over and over.
 
     Attributes:
         count: of people.

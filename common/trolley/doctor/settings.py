@@ -218,7 +218,7 @@ def chosen_map(state: Path, maps: Path, configured: Path | None) -> Path | None:
 
 
 def check_kept_aside(state: Path) -> list[Finding]:
-    """Whether files of the state had to be kept aside since they were broken."""
+    """Whether files of the state had to be set aside since they were broken."""
     found = [*state.rglob(f"*.{BROKEN}-*"), *state.rglob(f"*.{NEWER}-*")] if state.exists() else []
     broken = [path.name for path in sorted(found)]
     if not broken:

@@ -65,7 +65,7 @@ class FrameTree:
             parent: frame that the pose is given in; a leading '/' is dropped.
             child: frame that is placed; it leaves its former parent.
             pose: `parent_T_child`.
-            stamp_ns: robot time that the pose holds for [ns]; None: for ever.
+            stamp_ns: robot time that the pose holds for [ns]; None: forever.
 
         Raises:
             ValueError: an empty name, or the link would close a loop.

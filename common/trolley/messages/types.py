@@ -82,7 +82,7 @@ def check_floats(owner: str, field: str, data: memoryview | bytes, columns: int 
     """Return the number of rows in array bytes.
 
     Raises:
-        ValueError: The length is no whole number of rows of float32.
+        ValueError: The length is not a whole number of rows of float32.
     """
     rows, rest = divmod(len(data), 4 * columns)
     if rest:

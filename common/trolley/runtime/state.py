@@ -58,7 +58,7 @@ class StateFolder:
     def read(self, name: str, kind: type[S]) -> S | None:
         """The content of `name`, None if there is none.
 
-        A file that cannot be used is kept aside as `<name>.broken-<Unix time>`, or `newer-` where a
+        A file that cannot be used is set aside as `<name>.broken-<Unix time>`, or `newer-` where a
         newer Trolley wrote it, and reported. Where that fails, the folder cannot be written, so
         nothing will overwrite it either. Of one of an older schema the original is kept as
         `<name>.schema-<n>`.

@@ -55,7 +55,7 @@ class DriveControl:
         """What is driven now, and why."""
 
     def begin(self, hardware: Hardware) -> None:
-        """Begin a run with devices that have been opened; a stop of before still holds."""
+        """Begin a run with devices that have been opened; an earlier stop still holds."""
         self._chassis = hardware.chassis
         self._watch.begin(hardware)
         self._estop.load()

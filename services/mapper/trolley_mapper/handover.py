@@ -23,7 +23,7 @@ MAX_UNHEARD = 10
 
 
 class Handover:
-    """Asks the localizer to take over a saved map, again and again until it has.
+    """Asks the localizer to take over a saved map, over and over until it has.
 
     Args:
         service: that asks.

@@ -134,7 +134,7 @@ class MapSession:
 
     @property
     def revision(self) -> tuple[object, ...]:
-        """Differs from the one of before whenever a checkpoint would."""
+        """Differs from the previous one whenever a checkpoint would."""
         core = self.core
         grown = (0, 0) if core is None else (core.version, core.num_keyframes)
         return (self, *grown, self.is_paused, self.is_exploring)

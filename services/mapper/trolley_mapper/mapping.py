@@ -50,7 +50,7 @@ class Mapping:
     # Life.
 
     def start(self) -> None:
-        """Continue the map of the run before, if it was not finished."""
+        """Continue the map of the previous run, if it was not finished."""
         self.publish_status()
         self._service.work(partial(checkpoints.read, self._service.state.path), self._resume)
 
@@ -75,7 +75,7 @@ class Mapping:
             self._checkpointer.save(session.revision, session.checkpoint)
 
     def epoch_began(self) -> None:
-        """Take note that the odometry begins anew; the robot itself has not moved."""
+        """Take note that the odometry starts over; the robot itself has not moved."""
         if self.inputs is not None:
             self.inputs.begin_epoch()
 

@@ -25,7 +25,7 @@ class Freshness:
         self._run = run
 
     def renew(self) -> None:
-        """Begin anew on a new connection."""
+        """Start over on a new connection."""
         self._sent_ns.clear()
         self._proof_ns = None
 

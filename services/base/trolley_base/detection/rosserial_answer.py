@@ -54,4 +54,4 @@ def describe(topics: Mapping[str, TopicInfo]) -> FoundDevice:
 
 
 def _ignore(_name: str, _number: int) -> None:
-    """Count nothing: what is no frame is some other device's."""
+    """Count nothing: what is not a frame is some other device's."""

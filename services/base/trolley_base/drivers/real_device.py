@@ -58,7 +58,7 @@ class RealDevice:
         robot_ns: Callable[[int], int],
         call_soon: CallSoon,
     ) -> Opened:
-        """Begin to open the ports; what is not there yet is tried again and again."""
+        """Begin to open the ports; what is not there yet is tried repeatedly."""
         del saved
         chassis, lidar = self._config.base.chassis, self._config.base.lidar
         board = None

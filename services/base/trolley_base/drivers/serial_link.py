@@ -103,7 +103,7 @@ class SerialLink(Generic[D]):
             )
 
     def restart(self, now_ns: int) -> bool:
-        """Open the port anew where that restarts the device; False where it would not."""
+        """Reopen the port where that restarts the device; False where it would not."""
         if not (self._is_open and self.dialogue.line.restarts):
             return False
         self._reopen(now_ns, "The motor board is being restarted.")

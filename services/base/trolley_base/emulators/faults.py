@@ -93,7 +93,7 @@ class Fault:
         pin: for pin: its name and what it reads.
         sides: for motor and encoder: which are broken.
         start_s: since the start of the emulator; None: at once.
-        duration_s: None: for ever.
+        duration_s: None: forever.
         text: as it was written.
     """
 

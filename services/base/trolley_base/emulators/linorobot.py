@@ -75,7 +75,7 @@ class Linorobot(Board):
         self.gyro_factor = 1.0
         """Fault: its gyro reads this many times the truth."""
         self.says_nan = False
-        """Fault: its speeds are no numbers."""
+        """Fault: its speeds are not numbers."""
         self.has_wrong_md5 = False
         """Fault: another firmware, whose `raw_vel` has another layout."""
         self._options = options

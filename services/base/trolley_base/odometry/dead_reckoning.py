@@ -70,7 +70,7 @@ class DeadReckoning:
         return "" if found is None else found.value
 
     def add_reading(self, reading: ChassisReading) -> ChassisReading:
-        """Join what was measured; return the reading with what there is to say of it added."""
+        """Join what was measured; return the reading with what there is to say about it added."""
         if self._uses_imu:
             for imu in reading.imu:
                 self._fusion.add_gyro(imu.stamp_ns, imu.angular_velocity[2])

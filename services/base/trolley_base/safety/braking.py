@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class BrakingParams:
-    """Which braking is reckoned with, and how finely its paths are sampled.
+    """Which braking is allowed for, and how finely its paths are sampled.
 
     Set by hand, and judged by bench/base/braking.py.
     """
@@ -30,7 +30,7 @@ class BrakingParams:
     """How many times harder than surely speed and turn rate may brake, each pair a path: both as
     little as possible, the turn ending sooner or at once, the speed ending at once."""
     delays: tuple[float, ...] = (1.0, 0.6, 0.25)
-    """Shares of the longest delay that are reckoned with where the robot does not drive evenly: a
+    """Shares of the longest delay that are allowed for where the robot does not drive evenly: a
     turn that is under way with the one has been driven with the other."""
     period_s: float = 0.02
     """How long a command is driven before the next one can end it [s]."""

@@ -45,7 +45,7 @@ class Fault(enum.IntEnum):
     OTHERWISE = 2
     """Told to move, it moves in another way."""
     JUMPS = 3
-    """Its odometry reports what no robot can do, again and again."""
+    """Its odometry reports what no robot can do, over and over."""
     DRIVES = 4
     """It stood and drives by itself, evenly as motors do, or for long."""
     GOES_ON = 5

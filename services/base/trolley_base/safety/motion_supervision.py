@@ -31,7 +31,7 @@ from trolley_base.safety.motion_limits import MotionLimits
 
 @dataclass(frozen=True, slots=True)
 class MotionSupervisionParams:
-    """What a lawful base may do: as tight as `bench.base.obedience` has no false alarm with."""
+    """What a sound base may do: as tight as `bench.base.obedience` has no false alarm with."""
 
     delay_ns: int = 220_000_000
     """Time until a zero acts on the motors and shows in the odometry, if it has not been measured
@@ -146,7 +146,7 @@ class _Excess:
         return self._value >= most
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Start over."""
         self._value = 0.0
 
 
@@ -322,7 +322,7 @@ class _Part:
         self._told.tell(now_ns, told)
 
     def excuse(self, now_ns: int) -> None:
-        """Begin anew: however fast it is, it may brake from that."""
+        """Start over: however fast it is, it may brake from that."""
         self._excused_ns = now_ns
         for excess in self.excesses:
             excess.clear()
@@ -393,7 +393,7 @@ class MotionSupervision:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: what the robot does now is taken for what it did before."""
+        """Start over: what the robot does now is taken for what it did before."""
         self._commands: deque[tuple[int, Twist2D]] = deque()
         self._told_sides = _InForce[tuple[float, float]]()
         self._moved: deque[_Moved] = deque()

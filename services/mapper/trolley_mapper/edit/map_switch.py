@@ -39,7 +39,7 @@ class SwitchPlan(Struct, frozen=True, kw_only=True):
     """
 
     schema: int = 2
-    """Of the file; counted up when its form changes. Files of before it was told have none."""
+    """Of the file; counted up when its form changes. Older files have none."""
     map: str
     """The map to be loaded."""
     of: str
@@ -71,7 +71,7 @@ def store_plan(state: Path, plan: SwitchPlan) -> None:
 def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
     """Return the plan that the last run did not carry out, None if there is none.
 
-    A plan that cannot be read is kept aside; a sentence says so.
+    A plan that cannot be read is set aside; a sentence says so.
     """
     file = state / PLAN_FILE
     try:

@@ -40,7 +40,7 @@ class Version(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What a map's YAML file says of its version."""
 
     schema: int | None = None
-    """Of this entry; files of before it was told have none."""
+    """Of this entry; older files have none."""
     number: int
     before: int | None = None
     """The version that `take_back` goes back to."""
@@ -144,7 +144,7 @@ class MapVersions:
         seeds: Sequence[Zone] | None = None,
         saved_at: str | None = None,
     ) -> Version:
-        """Make the version before the newest again, again and again; the newest is kept.
+        """Make the previous version the newest again, one step back at each call; the newest is kept.
 
         Raises:
             LookupError: there is none before, or it has been dropped.

@@ -182,7 +182,7 @@ class LoopJob:
         self.occupancy = draw_map(self.config.resolution_m, self.prior, self.store)
 
     def _cut_contradicted(self) -> bool:
-        """Cut loops of before that the new ones outvote; False where it is the other way round."""
+        """Cut earlier loops that the new ones outvote; False where it is the other way round."""
         problem = make_problem(self.store.edges, self.store.rows)
         is_out = contradicted(self.store.poses, problem, self.store.anchored_rows)
         out = [edge for edge, is_one in zip(self.store.edges, is_out, strict=True) if is_one]

@@ -78,7 +78,7 @@ def only_chunk(chunks: tuple[str, ...]) -> str:
 
 
 def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> SavedPose:
-    """The saved pose as it is stored; without a map of its own it belongs to the present one.
+    """The saved pose as it is stored; without a map of its own it belongs to the current one.
 
     Raises:
         Refused: Something in it is not allowed, or no map is known.

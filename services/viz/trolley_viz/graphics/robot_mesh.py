@@ -133,7 +133,7 @@ def _chunk(data: bytes, kind: int) -> tuple[bytes, bytes]:
 
 
 def _check_places(document: _Document, num_bytes: int) -> None:
-    """Raise where something lies outside of the data."""
+    """Raise where something lies outside the data."""
     for buffer in document.buffers:
         if buffer.byteLength > num_bytes:
             raise ValueError

@@ -50,7 +50,7 @@ LATE_MS = 2000.0
 GOES_ON_NS = 2_000_000_000
 """What was stopped continues this long after “Drive on” was answered, if the robot may drive."""
 AHEAD_MS = 500.0
-"""No press comes from farther in the future; a page that says so reckons wrongly."""
+"""No press comes from farther in the future; the clock of a page that says so is wrong."""
 ROBOT_NAME = re.compile(r"[a-z0-9_-]{1,32}")
 """As `RobotName`: what else a page calls a robot must not get into a key."""
 

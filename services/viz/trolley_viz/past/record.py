@@ -233,7 +233,7 @@ class Record:
         self._extend(newer.last_ns)
 
     def shift(self, by_ns: int) -> None:
-        """Count all times from elsewhere, as those of a clock that began anew."""
+        """Count all times from elsewhere, as those of a clock that started over."""
         for rows in (self.poses.rows, self.scans.rows):
             rows[AT] += by_ns
         self.sentences = _shifted(self.sentences, by_ns)

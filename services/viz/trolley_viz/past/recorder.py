@@ -333,7 +333,7 @@ def _has_moved(was: Pose2D | None, is_now: Pose2D | None) -> bool:
 
 
 def _of_one_run(rows: NDArray[Any]) -> NDArray[Any]:
-    """Those since the robot's clock last began anew."""
+    """Those since the robot's clock last started over."""
     (restarts,) = np.nonzero(np.diff(rows["robot_ns"]) <= 0)
     return rows[int(restarts[-1]) + 1 :] if len(restarts) else rows
 

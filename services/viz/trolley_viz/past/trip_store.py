@@ -73,7 +73,7 @@ class TripStore:
     def read(self, name: TripName, then: Callable[[Record | str], None]) -> None:
         """Read the record of a trip, by the local monotonic clock; a sentence where that fails.
 
-        What is broken, or of a newer Trolley, is kept aside.
+        What is broken, or of a newer Trolley, is set aside.
         """
         if name not in self.names:
             then(GONE)

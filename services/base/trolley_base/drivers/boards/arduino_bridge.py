@@ -54,7 +54,7 @@ ANSWERS = {
 
 @dataclass(slots=True)
 class Question:
-    """Something that is asked again and again."""
+    """Something that is asked repeatedly."""
 
     text: str
     period_ns: int
@@ -245,7 +245,7 @@ class ArduinoBridgeDialogue:
         return text.encode() + b"\r"
 
     def _give_up(self, now_ns: int) -> None:
-        """Wait no longer for an answer that is late; after a longer silence greet anew."""
+        """Wait no longer for an answer that is late; after a longer silence greet it again."""
         if not self._in_flight or now_ns - self._in_flight[0][1] <= ANSWER_NS:
             return
         if self._is_greeted:

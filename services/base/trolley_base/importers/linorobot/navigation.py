@@ -162,7 +162,7 @@ def _looks_like_map(path: Path) -> bool:
     try:
         text = read_file(path).decode("utf-8", "replace")
     except OSError:
-        return False  # what cannot be read is no map that could be taken
+        return False  # what cannot be read is not a map that could be taken
     return all(re.search(rf"(?m)^{key}:", text) for key in ("image", "resolution", "origin"))
 
 
@@ -198,7 +198,7 @@ def _take_start(findings: Findings) -> None:
 
 
 def _amcl_parameters(findings: Findings) -> dict[str, Value]:
-    """What AMCL is told of its start, inside of its node and outside."""
+    """What AMCL is told about its start, inside of its node and outside."""
     nodes = findings.launch.of_kind("amcl")
     prefixes = [f"{node.name}/" for node in nodes]
     found = {
