@@ -20,8 +20,6 @@ class DriveControl:
     """Decides which velocity the motors are given, in each control period and at each stop.
 
     Args:
-        service: base.
-        clock: robot time.
         cannot_drive: why commands go nowhere, "" where they drive.
         limiter: chooses the command, and limits it.
         scales: between true and reported motion.

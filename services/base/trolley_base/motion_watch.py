@@ -21,7 +21,6 @@ class MotionWatch:
     """Keeps what was found out until somebody resumes the robot, and restarts the board.
 
     Args:
-        service: base.
         supervision: compares commands with motions.
         can_drive: whether commands reach any motors.
     """

@@ -21,8 +21,6 @@ class StateReporter:
     """Publishes decisions.
 
     Args:
-        service: base.
-        clock: robot time.
         inputs: what the devices report.
         watch: knows whether the motors obey.
     """

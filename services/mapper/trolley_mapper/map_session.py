@@ -29,7 +29,6 @@ class MapSession:
 
     Args:
         config: of the core.
-        name: of the map.
         extends: the map that it continues, if any.
     """
 

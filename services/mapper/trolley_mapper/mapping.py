@@ -31,8 +31,6 @@ class Mapping:
     """Makes one map at a time, in place of the localizer.
 
     Args:
-        service: that it belongs to.
-        config: of the robot.
         on_end: called when a map is finished or given up, while everything still runs.
     """
 

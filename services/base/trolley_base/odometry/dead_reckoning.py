@@ -50,7 +50,6 @@ class DeadReckoning:
     """Joins the motions of a run to the robot's track in `odom`.
 
     Args:
-        config: of the robot.
         scales: between reported and true motion.
         stamp_ns: robot time at which the run begins.
     """

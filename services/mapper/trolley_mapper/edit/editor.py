@@ -65,8 +65,6 @@ class MapEditor:
     """Answers `map/edit`.
 
     Args:
-        service: that it belongs to.
-        config: of the robot.
         check_idle: raises `Refused` while a map is being made.
     """
 

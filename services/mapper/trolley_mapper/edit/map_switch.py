@@ -112,7 +112,6 @@ class MapSwitch:
     came before it has would be those of the map before.
 
     Args:
-        service: that asks.
         plan: what they are to be told.
         done: called at the end, with what did not go through, in a sentence; empty if all did.
     """

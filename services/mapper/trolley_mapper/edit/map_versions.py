@@ -144,7 +144,7 @@ class MapVersions:
         seeds: Sequence[Zone] | None = None,
         saved_at: str | None = None,
     ) -> Version:
-        """Make the previous version the newest again, one step back at each call; the newest is kept.
+        """Make the previous version the newest again, a step back at each call; the newest is kept.
 
         Raises:
             LookupError: there is none before, or it has been dropped.

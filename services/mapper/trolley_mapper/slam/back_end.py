@@ -26,11 +26,7 @@ PARAMS = BackEndParams()
 
 
 class BackEnd:
-    """Hands out one job at a time.
-
-    Args:
-        config: of the mapper.
-    """
+    """Hands out one job at a time."""
 
     def __init__(self, config: MapperConfig) -> None:
         self._config = config

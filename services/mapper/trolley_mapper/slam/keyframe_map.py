@@ -34,7 +34,6 @@ class KeyframeMap:
     """Keyframes with their poses and edges, and what follows from them.
 
     Args:
-        config: of the mapper.
         prior: a map made before, which stays where it is.
     """
 

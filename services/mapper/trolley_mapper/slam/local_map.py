@@ -226,11 +226,7 @@ class LocalMap:
 
 
 class Neighbourhood:
-    """The local map round the robot, put together anew when the robot has moved on.
-
-    Args:
-        config: of the mapper.
-    """
+    """The local map round the robot, put together anew when the robot has moved on."""
 
     def __init__(self, config: MapperConfig) -> None:
         self._config = config

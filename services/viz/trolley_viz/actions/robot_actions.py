@@ -25,7 +25,6 @@ class RobotActions:
     """Requests from one browser; all on the service's thread.
 
     Args:
-        service: asks.
         robot: the name of the robot that is asked.
         view: what is known of it.
         tell: shows a notice.

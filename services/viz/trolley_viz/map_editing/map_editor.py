@@ -59,7 +59,6 @@ class MapEditor:
         service: asks the robot's mapper.
         robot: whom.
         view: what is known of the robot.
-        tell: tells the person.
         begin: called before the floor is taken: other tools are put away.
     """
 

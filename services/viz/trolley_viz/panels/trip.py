@@ -16,7 +16,6 @@ class TripPanel:
     """One trip at a time.
 
     Args:
-        gui: where it is added.
         steer: does one of the actions; None where that is not the person's to do.
     """
 

@@ -93,7 +93,6 @@ class Recorder:
 
     Args:
         service: whose wire and clocks it uses.
-        robot: the robot's name.
     """
 
     def __init__(self, service: Service, robot: str) -> None:

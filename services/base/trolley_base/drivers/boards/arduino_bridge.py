@@ -86,7 +86,6 @@ class ArduinoBridgeDialogue:
     """Talks to the firmware.
 
     Args:
-        config: of the chassis.
         wheels: what a tick stands for.
         baud: bits per second.
 

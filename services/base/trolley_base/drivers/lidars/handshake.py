@@ -51,7 +51,6 @@ class HandshakeLidar(StreamingLidar):
     """A lidar that streams after a handshake; subclasses write the script.
 
     Args:
-        facts: of the model.
         config: how it is mounted and what of it counts.
         decoder: makes what decodes its stream.
 

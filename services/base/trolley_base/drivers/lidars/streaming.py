@@ -36,7 +36,6 @@ class StreamingLidar:
     """A lidar that streams by itself; `HandshakeLidar` builds upon it.
 
     Args:
-        facts: of the model.
         config: how it is mounted and what of it counts.
         decoder: makes what decodes it, anew at each opening; it counts what goes wrong.
 
