@@ -256,7 +256,7 @@ class Page:
         why = (
             f"It was pressed {late_ms * 1e-3:.0f} s ago. Press again if you still want it."
             if late_ms > 0.0
-            else "The page is out of step. Reload it."
+            else "The page's clock is wrong. Reload it."
         )
         self.say(Told(answer=Answer(id=pressed.id, is_done=False, text=why)))
         return False
