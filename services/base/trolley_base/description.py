@@ -21,7 +21,7 @@ def footprint_of(config: RobotConfig) -> NDArray[np.float64]:
     """Return the footprint (n, 2) [m] in `base_link`, counter-clockwise.
 
     Raises:
-        ConfigError: it is none that a robot can have.
+        ConfigError: it is not one that a robot can have.
     """
     given = config.robot.footprint
     try:

@@ -17,7 +17,7 @@ from trolley_base.state_reporter import StateReporter
 
 
 class DriveControl:
-    """Decides which velocity the motors are given, in each control period and at each stop.
+    """Decides which velocity the motors get, in each control period and at each stop.
 
     Args:
         cannot_drive: why commands go nowhere, "" where they drive.

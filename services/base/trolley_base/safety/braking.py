@@ -46,7 +46,7 @@ PARAMS = BrakingParams()
 
 
 class CommandsUnderWay:
-    """What was commanded during the last moments, as wheels will drive it that just begin to.
+    """Recent commands that the wheels have only just begun to follow.
 
     Some wheels brake at once, others as slowly as the limits allow; a robot that was told to turn
     back may drive either way.

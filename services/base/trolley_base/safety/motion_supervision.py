@@ -130,7 +130,7 @@ class _Excess:
     _value: float = 0.0
 
     def add(self, rate: float, moved: "_Moved", tick: float) -> bool:
-        """Add what goes beyond, or take away what stays inside; whether it has become too much.
+        """Add what goes beyond, or subtract what stays inside; whether it is too much now.
 
         Args:
             rate: how fast it goes beyond, below zero inside.
@@ -152,7 +152,7 @@ class _Excess:
 
 @dataclass(frozen=True, slots=True)
 class _Braking:
-    """How one part of a velocity becomes slower.
+    """How one part of a velocity decreases while braking.
 
     Attributes:
         delay_ns: it begins within this time.
@@ -170,7 +170,7 @@ class _Braking:
 
 
 class _InForce(Generic[T]):
-    """What was told in the last moments, each until the next."""
+    """Recent commands, each in force until the next."""
 
     def __init__(self) -> None:
         self._told: deque[tuple[int, T]] = deque()
@@ -259,7 +259,7 @@ class _Floor:
 
 
 class _Standing:
-    """Whether a side turns at all, to and fro: it may be slow, or stand for a shorter way."""
+    """Whether a side turns at all, to and fro: it may be slow, or stand for a short distance."""
 
     def __init__(self) -> None:
         self.excesses = _Excess(PARAMS.still_excess_m), _Excess(PARAMS.dead_excess_m)
@@ -490,7 +490,7 @@ class MotionSupervision:
                 part.excuse(moved.stamp_ns)
 
     def take_finding(self) -> Finding | None:
-        """Return what was found out since the last call, None while it does as it is told."""
+        """Return what was detected since the last call, None while the robot does as it is told."""
         found, self._found = self._found, None
         return found
 

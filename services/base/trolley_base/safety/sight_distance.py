@@ -26,7 +26,7 @@ from trolley_base.safety.touching import closest_on_outline, point_velocities
 
 @dataclass(frozen=True, slots=True)
 class SightDistanceParams:
-    """How what was not seen is driven into; set by hand."""
+    """How fast the robot may drive into what was not seen; set by hand."""
 
     slack: float = 0.05
     """A velocity faster than a creep by this share is a creep, too."""
@@ -83,7 +83,7 @@ class SightDistance:
         """How far from `base_link` what was not seen can matter within half a second [m]."""
 
     def look(self, twist: Twist2D, unseen: Unseen, *, by_hand: bool) -> Sight:
-        """Return what part of a velocity may be driven.
+        """Return which share of a velocity may be driven.
 
         Args:
             twist: within the limits.

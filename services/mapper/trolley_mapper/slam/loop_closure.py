@@ -31,7 +31,7 @@ from trolley_mapper.slam.sweep import Sweep
 
 @dataclass(frozen=True, slots=True)
 class LoopParams:
-    """Where loops are looked for, and which are believed. Found with bench/mapper.py."""
+    """Where loops are searched for, and which are believed. Found with bench/mapper/."""
 
     query_distance_m: float = 2.0
     """Keyframes within this distance along edges are looked for together [m]."""
@@ -194,7 +194,7 @@ class LoopJob:
 
 
 def total_error(store: KeyframeStore) -> float:
-    """Return the sum of the squared errors of all edges; loops count for little more than phi."""
+    """Return the sum of the squared errors of all edges; a loop counts for hardly more than phi."""
     problem = make_problem(store.edges, store.rows)
     chi2 = squared_errors(store.poses, problem)
     return float(np.minimum(chi2, PARAMS.max_strain).sum())
