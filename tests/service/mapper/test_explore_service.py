@@ -122,7 +122,7 @@ def test_it_stands_after_a_hand_on_the_robot_until_it_is_told(stage: Stage) -> N
     stage.base.say("ok", "teleop")
     stage.bus.run(1.0)
     assert (stage.status.exploring, stage.goals[-1].state) == ("paused", "canceled")
-    assert "somebody else drives" in stage.status.message
+    assert "somebody else is driving" in stage.status.message
     stage.base.say("ok", None)
     stood = stage.world.pose
     stage.bus.run(5.0)

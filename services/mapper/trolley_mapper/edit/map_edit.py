@@ -212,7 +212,7 @@ class _Edit:
         if others:
             raise Refused(
                 codes.EXISTS,
-                f"{', '.join(others)} would be lost: it was last on the map {self._name}. Store "
+                f"{', '.join(others)} would be lost: last seen on the map {self._name}. Store "
                 "the changed map under another name.",
             )
 
