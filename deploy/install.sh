@@ -12,10 +12,10 @@ Usage: sudo deploy/install.sh robot|pc|router [--name NAME]   install; run again
 
   robot    all that a robot needs: router, base, localizer, mapper, planner, tour
   pc       router and viewer
-  router   only the router that a house's robots and PCs meet at
+  router   only the router that connects a house's robots and PCs
 
   --name NAME  the robot's name in a new robot.toml (a-z, 0-9, _ and -)
-  --dry-run    say what would be done, and do nothing
+  --dry-run    only say what would be done
   --root DIR   install below DIR instead of / (for tests: the user is still this system's)
 END
 }
@@ -410,9 +410,9 @@ What they say: journalctl -u 'trolley-*' -n 50"
     say "Trolley $release is installed as a $role."
     ((!is_new)) || case $role in
         robot) say "Next: plug in the motor board and the lidar, then 'sudo trolley detect --write'. Until then
-the robot is a simulated one. docs/install.md goes on from here." ;;
-        pc) say "Next: name the robot's router in $etc/robot.toml; docs/install.md tells how." ;;
-        router) say "Next: say in $etc/robot.toml where it listens; docs/install.md tells how." ;;
+the robot is a simulated one. docs/install.md continues from here." ;;
+        pc) say "Next: make keys for this PC and set [zenoh] uplink in $etc/robot.toml; docs/network.md tells how." ;;
+        router) say "Next: make keys for this router and copy them here; docs/network.md tells how." ;;
     esac
 }
 

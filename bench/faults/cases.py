@@ -242,7 +242,7 @@ def _disobeys(fault: str) -> Callable[[Rig], float | None]:
 
 
 def _ignores_a_stop(rig: Rig) -> float | None:
-    """Stop a robot whose board heeds nothing; it must be told of, and stand when it is mended."""
+    """Stop a robot whose board ignores all; that must be reported, and end once it is fixed."""
     rig.device_fault("linorobot:deaf")
     stopped_s = time.monotonic()
     rig.ask(requests.BASE_STOP)

@@ -40,10 +40,10 @@ SAME, OTHERS = ["127.0.0.1"], [f"127.0.0.{number}" for number in range(2, 6)]
 
 
 def strangers() -> list[Outcome]:
-    """Hang at the door in all ways, from a lawful host's own address and from four others.
+    """Hang at the door in all ways, from a legitimate host's own address and from four others.
 
-    Who comes again all the time from a lawful host's own address, and greets as that does, cannot
-    be told from it: that is not tried.
+    A stranger that keeps coming back from a legitimate host's own address, and greets as that host
+    does, cannot be told from it: that is not tried.
     """
     outcomes: list[Outcome] = []
     with ExitStack() as stack:

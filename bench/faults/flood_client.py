@@ -1,4 +1,4 @@
-"""Sends the same message again and again, many thousand times a second: `bench.faults` starts it.
+"""Sends the same message repeatedly, many thousand times a second: `bench.faults` starts it.
 
 python -m bench.faults.flood_client ENDPOINT KEY put|get RATE SECONDS < payload
 """

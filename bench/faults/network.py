@@ -5,8 +5,8 @@
 Two network namespaces stand for the hosts (needs root): in one all services of a simulated robot,
 in the other the home router; TLS with certificates between them. For each trouble: how long the
 home hears no pose after the trouble is over, how old the oldest message is that comes then, the
-longest silence between the robot's own services, and whether the robot moved by a command, or a
-goal, of before. `--write` puts the table into docs/network.md; exit code 1 if a robot did move.
+longest silence between the robot's own services, and whether the robot moved by an old command or
+goal. `--write` puts the table into docs/network.md; exit code 1 if a robot did move.
 """
 
 import argparse

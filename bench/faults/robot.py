@@ -335,7 +335,7 @@ class Rig:
         self.start_tour()
 
     def start_tour(self) -> None:
-        """Let it drive round for ever."""
+        """Let it drive round forever."""
         places = (CORRIDOR, ENTRANCE, KITCHEN, Pose2D(0.549, 0.218, 0.2579))
         stops = [Stop(pose=place, retries=2, on_failure="skip") for place in places]
         tour = StartTour(tour=Tour(name="round", stops=stops, repeat=0))

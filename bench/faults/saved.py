@@ -28,7 +28,7 @@ class Saved:
     changing: dict[str, dict[str, Any]]
     trips: frozenset[str]
     broken: tuple[str, ...]
-    """Files that were kept aside, or that cannot be read."""
+    """Files that were set aside, or that cannot be read."""
 
 
 def read_saved(state: Path, robot: str) -> Saved:

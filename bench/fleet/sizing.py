@@ -38,9 +38,9 @@ from trolley.runtime.zenoh_bus import ZenohBus, open_bus, router_config
 from trolley.topics import Qos
 
 VIEWER = ("robot", "clock", "pose", "odom", "base", "goal", "path", "trajectory", "tour")
-"""What a viewer hears of every robot;"""
+"""What a viewer hears of every robot."""
 WATCHED = ("scan", "beams", "particles", "costmap")
-"""and of the one that it looks at besides."""
+"""What it also hears of the robot that it shows."""
 HEARD = ("robot", "pose", "goal", "path", "trajectory")
 """What a planner hears of the other robots."""
 SLOWER = {"odom": 5.0, "pose": 5.0, "trajectory": 2.0, "clock": 2.0}

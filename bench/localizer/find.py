@@ -51,7 +51,7 @@ class Attempt:
 
 
 class Trial:
-    """A localizer that is told to find itself in a recorded drive, again and again."""
+    """A localizer that is told to find itself in a recorded drive, over and over."""
 
     def __init__(self, recording: Recording, map_file: Path) -> None:
         self._recording = recording

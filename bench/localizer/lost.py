@@ -94,7 +94,7 @@ def _later(track: Track, from_s: float) -> Track:
 
 
 def kidnappings(count: int, seed: int, is_slip: bool, is_moved: bool) -> list[Kidnapping]:
-    """Kidnap a robot again and again, with people about where the furniture has been moved."""
+    """Kidnap a robot repeatedly, with people about where the furniture has been moved."""
     rng = np.random.default_rng(seed)
     found: list[Kidnapping] = []
     with tempfile.TemporaryDirectory() as folder:

@@ -83,7 +83,7 @@ def sparse(recording: Recording, every: int) -> Recording:
 
 
 def without_scans(recording: Recording, each_s: float, long_s: float) -> Recording:
-    """The same drive with the lidar cut off again and again."""
+    """The same drive with the lidar cut off repeatedly."""
     kept = recording.stamps % each_s >= long_s
     kept[: int(np.argmax(recording.stamps >= each_s))] = True
     return replace(

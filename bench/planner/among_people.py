@@ -265,7 +265,7 @@ def recorded(seed: int, file: Path, second: float, *, legs: bool) -> Scene:
     yaw = math.atan2(*(end - begin)[::-1])
     start, goal = (Pose2D(float(at[0]), float(at[1]), yaw) for at in (begin, end))
     corner = [on_cells(float(value)) for value in (*(low - 12.0), *(high + 12.0))]
-    # Walls far outside of what the lidar reaches give the map its size.
+    # Walls far outside what the lidar reaches give the map its size.
     boxes = room((corner[0], corner[1]), (corner[2], corner[3]))
 
     def crowd() -> Crowd:

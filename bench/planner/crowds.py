@@ -124,7 +124,7 @@ class Route:
     points: Floats
     times: Floats
     returns: bool = False
-    """There and back for ever; else who has arrived stays."""
+    """There and back forever; else who has arrived stays."""
 
     @classmethod
     def at_speed(cls, points: Sequence[Point], speed: float, starts_s: float = 0.0) -> "Route":
@@ -177,9 +177,9 @@ class Manners:
     wall_m: float = 0.05
     """They keep this from the wall."""
     keeps_m: float = 0.25
-    """They stop rather than come nearer to the robot than this;"""
+    """They stop rather than come nearer to the robot than this [m]."""
     waits_m: float = 1.5
-    """from so far if they wait."""
+    """People who wait stop at this distance [m]."""
 
 
 MANNERS = Manners()
@@ -282,7 +282,7 @@ FORCES = SocialForces()
 
 @dataclass(frozen=True)
 class Stream:
-    """Where some people of a crowd walk: from one box to another, again and again.
+    """Where some people of a crowd walk: from one box to another, over and over.
 
     Attributes:
         count: of people.

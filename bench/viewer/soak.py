@@ -75,7 +75,7 @@ def growth(readings: list[Reading], what: str) -> float:
 
 
 def start_endless(robot: Robot) -> None:
-    """Let the robot drive round for ever."""
+    """Let the robot drive round forever."""
     saved = robot.latest(topics.POSES)
     assert saved is not None
     names = [one.name for one in saved.poses]

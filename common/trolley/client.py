@@ -4,7 +4,7 @@
 
     with Robot() as robot:                  # the only robot on the network
         print(robot.pose().pose)
-        robot.go_to("kitchen")              # waits; raises Refused where it does not arrive
+        robot.go_to("kitchen")              # waits; raises Refused if it does not arrive
         robot.go_to((1.0, 2.0, 1.57), wait=False)
         for status in robot.follow():
             print(status.state, status.distance_remaining)
@@ -155,7 +155,7 @@ class Robot:
         """The newest estimate, whatever its state.
 
         Raises:
-            Refused: `not_ready` without a localizer, `stale` where the estimate is over 1 s old.
+            Refused: `not_ready` without a localizer, `stale` if the estimate is over 1 s old.
         """
         estimate = self.latest(topics.POSE)
         now_ns = self._connection.robot_now_ns(self.name)
@@ -190,8 +190,8 @@ class Robot:
         """Drive to a place; with `wait` until it is there.
 
         Raises:
-            Refused: The goal was refused or did not arrive, with the reason's code; `timeout`
-                where `timeout` seconds have passed (the robot drives on).
+            Refused: The goal was refused or not reached, with the reason's code; `timeout` after
+                `timeout` seconds (the robot drives on).
         """
         goal = goal_to(place, **options)
         status = self.ask(requests.GOAL_SEND, goal)
@@ -207,8 +207,8 @@ class Robot:
         """Each status of a goal (the current one if none is named) until it has ended.
 
         Raises:
-            Refused: `restarted` where the planner came back without it, `timeout`.
-            RobotUnreachable: The planner is gone.
+            Refused: `restarted` if the planner came back without it, `timeout`. RobotUnreachable:
+            The planner is gone.
         """
         deadline = _deadline(timeout)
         with self.subscribe(topics.GOAL) as statuses:
@@ -228,7 +228,7 @@ class Robot:
     def follow_person(self, point: Sequence[float] | None = None, **options: Any) -> GoalStatus:
         """Begin to follow the person nearest to x, y [m], or the nearest one ahead of the robot.
 
-        It goes on until somebody is lost or the goal is canceled: see `follow`. `options` are
+        It continues until the person is lost or the goal is canceled: see `follow`. `options` are
         fields of `request_params.FollowPerson`.
 
         Raises:
@@ -259,8 +259,8 @@ class Robot:
         """Each status of a trip (the current one if none is named) until it has ended.
 
         Raises:
-            Refused: `replaced` where another trip took its place, `timeout`.
-            RobotUnreachable: The tour service is gone.
+            Refused: `replaced` if another trip took its place, `timeout`. RobotUnreachable: The
+            tour service is gone.
         """
         deadline = _deadline(timeout)
         with self.subscribe(topics.TOUR) as statuses:
@@ -289,8 +289,8 @@ class Robot:
     def drive(self, twist: Twist2D, valid_for: float = teleop.VALID_S) -> None:
         """Drive at a velocity for a moment, as from a joystick: call it 10 to 30 times a second.
 
-        It goes before what the planner wants. The robot stands `valid_for` seconds (at most 0.5)
-        after the last call; the planner's goal is paused then.
+        It takes precedence over the planner, whose goal is paused. The robot stops `valid_for`
+        seconds (at most 0.5) after the last call.
 
         Raises:
             RobotUnreachable: Nothing is received from the robot, so nothing was sent.
@@ -304,24 +304,24 @@ class Robot:
 
     # Drawing into the viewer.
     def put_marker(self, namespace: str, name: str, marker: Marker) -> None:
-        """Draw a marker, in place of the one of the same namespace and name."""
+        """Draw a marker; it replaces one of the same namespace and name."""
         self._connection.publish(self.name, topics.MARKER, marker, namespace, name)
 
     def delete_marker(self, namespace: str = "*", name: str = "*") -> None:
-        """Take away a marker, or all of a namespace, or all."""
+        """Delete a marker, all of a namespace, or all."""
         self._connection.delete(self.name, topics.MARKER, namespace, name)
 
     def put_overlay(self, name: str, overlay: Overlay) -> None:
-        """Show a panel over the scene, in place of the one of the same name."""
+        """Show a panel over the scene; it replaces one of the same name."""
         self._connection.publish(self.name, topics.OVERLAY, overlay, name)
 
     def delete_overlay(self, name: str = "*") -> None:
-        """Take away a panel, or all."""
+        """Delete a panel, or all."""
         self._connection.delete(self.name, topics.OVERLAY, name)
 
     # Stopping.
     def stop(self) -> BaseState:
-        """Stop the robot until it is resumed; asked three times.
+        """Stop the robot until it is resumed; the request is sent up to three times.
 
         Raises:
             RobotUnreachable: NOT STOPPED: base does not answer.

@@ -1,7 +1,7 @@
 """Every code of the wire with its sentence: error replies, goal, base and stop reasons.
 
-Codes are stable: programs compare them. Sentences are for people and may be replaced by a more
-precise one where it is raised.
+Codes are stable: programs compare them. Sentences are for people; whoever raises a code may give a
+more precise one.
 """
 
 from typing import Any
@@ -90,12 +90,12 @@ SENTENCES: dict[str, str] = {
     EXISTS: "That name is taken; use `replace` to overwrite it.",
     OUTSIDE_MAP: "That place lies outside the map.",
     IN_OBSTACLE: "The robot does not fit there: something is in the way.",
-    IN_PASSAGE: "In that narrow place nobody gets past the robot while it stands there.",
+    IN_PASSAGE: "That is a narrow passage: while the robot stands there, nobody gets past it.",
     WRONG_MAP: "That place belongs to another map.",
     MAPPING: "A map is being made; save it or cancel it first.",
     NOT_MAPPING: "No map is being made.",
-    NO_MATCH: "The walls of the two maps match nowhere; say where the other one lies.",
-    AMBIGUOUS: "The walls of the two maps match in several ways; say where the other one lies.",
+    NO_MATCH: "The walls of the two maps match nowhere; say where the other map lies.",
+    AMBIGUOUS: "The walls of the two maps match in several ways; say where the other map lies.",
     KEEPOUT: "That place lies in a keep-out zone.",
     NO_PATH: "There is no path there for a robot of this size.",
     NOT_LOCALIZED: "The robot does not know where it is yet; set its pose or let it search.",
@@ -112,9 +112,9 @@ SENTENCES: dict[str, str] = {
     OSCILLATION: "The robot is going back and forth without getting closer.",
     WAITING: "The robot is waiting for its path to clear.",
     RESTARTED: "The service was restarted.",
-    NOBODY: "The lidar sees nobody there whom the robot could follow.",
+    NOBODY: "The lidar sees nobody there to follow.",
     PERSON_LOST: "The person is out of sight, so the robot no longer follows them.",
-    OFF_MAP: "The map ends here, and the way there leads further off it.",
+    OFF_MAP: "The robot is off the map, and the path to the goal leads further off it.",
     NOT_DRIVING: "No trip is under way.",
     OTHER_GOAL: "Somebody sent the robot elsewhere; resume the tour to continue.",
     NO_PLANNER: "The planner is not running; the trip continues when it is back.",
@@ -125,11 +125,11 @@ SENTENCES: dict[str, str] = {
     CHARGING: "The robot is charging.",
     BUTTON: "The stop button was pressed.",
     STOP_FIELD: "Something is too close in the direction of travel.",
-    BLIND: "The lidar does not see where the robot is to drive.",
+    BLIND: "The lidar does not see where the robot would drive.",
     SCAN_LOST: "The lidar is silent.",
     LINK_LOST: "The connection to the motor board is down.",
     COMMAND_LOST: "Velocity commands stopped arriving.",
-    COMMAND_LATE: "Velocity commands arrive more than half a second late and are not followed.",
+    COMMAND_LATE: "Velocity commands arrive more than half a second late and are ignored.",
     BUMPER: "The bumper was hit.",
     CLIFF: "A cliff sensor sees no floor.",
     BATTERY: "The battery is too low to drive.",
@@ -142,13 +142,13 @@ SENTENCES: dict[str, str] = {
 
 
 class Refused(Exception):
-    """A request was refused: `code` is one of this module, the message one plain sentence.
+    """A request was refused: `code` is one of this module's, the message one plain sentence.
 
-    Services raise it to refuse; clients get it raised when they are refused.
+    Services raise it to refuse; in clients it is raised when a request was refused.
     """
 
     def __init__(self, code: str, message: str | None = None, **details: Any) -> None:
-        """Make a refusal; without `message` the code's own sentence stands."""
+        """Make a refusal; without `message` it uses the code's own sentence."""
         self.code = code
         self.message = SENTENCES.get(code, code) if message is None else message
         self.details = details

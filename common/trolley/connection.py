@@ -185,8 +185,8 @@ class Connection:
         """Ask a robot and wait for its answer.
 
         Raises:
-            Refused: With the contract's code; `timeout` where the answer did not come.
-            RobotUnreachable: Nobody of that name is on the network.
+            Refused: With the contract's code; `timeout` if no answer came. RobotUnreachable: Nobody
+            of that name is on the network.
         """
         replies, timed_out = self._gather(
             f"{request.key(robot)}?format=msgpack",
@@ -199,7 +199,7 @@ class Connection:
             if not alive:
                 raise RobotUnreachable(
                     f"no robot called {robot} is at {', '.join(self.endpoints)} "
-                    "(or this connection may not ask it)"
+                    "(or this connection is not allowed to ask it)"
                 )
             if not timed_out and (robot, request.owner) in alive:
                 raise Refused(
@@ -214,7 +214,7 @@ class Connection:
         return result
 
     def stop_all(self, timeout_s: float = ASK_TIMEOUT_S) -> dict[str, BaseState]:
-        """Stop every robot on the network; what each answered, by name."""
+        """Stop every robot on the network; return what each answered, by name."""
         key = requests.BASE_STOP.key("*")
         replies, _ = self._gather(f"{key}?format=msgpack", timeout_s)
         return {
@@ -233,8 +233,8 @@ class Connection:
     ) -> dict[tuple[str, ...], M]:
         """The latest values of a topic by the chunks of their keys that vary.
 
-        With `"*"` as robot these begin with its name. What nobody has is left out, and so is what
-        is not understood.
+        With `"*"` as robot, the chunks begin with its name. Values that nobody has, or that cannot
+        be decoded, are left out.
         """
         asked = {"format": "msgpack", **(parameters or {})}
         selector = ";".join(f"{name}={quote(value, safe='')}" for name, value in asked.items())
@@ -259,7 +259,7 @@ class Connection:
     def subscribe(
         self, robot: str, topic: Topic[M], *parts: str, with_latest: bool = True
     ) -> Subscription[M]:
-        """Listen to a topic, beginning with the latest values where its owner keeps some."""
+        """Listen to a topic, beginning with the latest values if its owner keeps some."""
         subscription = Subscription(topic)
         key = topic.key(robot, *parts)
         subscription.open(self.bus, key)
@@ -320,8 +320,8 @@ class Connection:
 class RobotTime:
     """The time of a robot, followed from its clock as long as the connection lasts.
 
-    Making one waits up to a second for the first word of the clock. As services do, it asks base
-    about a word that does not follow from those before.
+    Making one waits up to a second for the first message of the clock. Like services, it asks base
+    about a message that does not follow from those before.
     """
 
     def __init__(self, connection: Connection, robot: str) -> None:

@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 READABLE_BY_ALL, SECRET = 0o644, 0o600
 BROKEN, NEWER = "broken", "newer"
-"""How files are marked that were kept aside: the content is broken, or of a newer Trolley."""
+"""How files are marked that were set aside: the content is broken, or of a newer Trolley."""
 NOT_REGULAR = "It is a pipe or a device, not a file"
 MOST_BYTES = 256 << 20
 """No file that Trolley reads as a whole is larger."""
@@ -79,7 +79,7 @@ def open_file(path: Path) -> BinaryIO:
     """Open a regular file to read: a pipe would never end, and a device may do anything.
 
     Raises:
-        OSError: It cannot be read, or is no regular file.
+        OSError: It cannot be read, or is not a regular file.
     """
     # Without O_NONBLOCK a pipe that nobody writes to would hold up the opening itself.
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -96,7 +96,7 @@ def read_file(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """The content of a regular file.
 
     Raises:
-        OSError: It cannot be read, is no regular file, or is larger than `most_bytes`.
+        OSError: It cannot be read, is not a regular file, or is larger than `most_bytes`.
     """
     with open_file(path) as file:
         if os.fstat(file.fileno()).st_size > most_bytes:

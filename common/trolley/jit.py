@@ -71,7 +71,7 @@ def _compiled(function: Callable[P, R], freedoms: set[str]) -> Callable[P, R]:
 
 
 def is_kept(compiled: Callable[..., object]) -> bool | None:
-    """Say whether compiled code of a kernel is on disk; None where this is no kernel."""
+    """Say whether compiled code of a kernel is on disk; None if this is not a kernel."""
     files = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     return files.has_any() if isinstance(files, KernelFiles) else None
 

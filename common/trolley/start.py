@@ -1,9 +1,9 @@
-"""Where Trolley's programs begin, before anything is imported that takes its time.
+"""Where Trolley's programs start, before anything slow is imported.
 
 Python turns Ctrl-C into an exception wherever it happens to be, and in the middle of an import that
-is a page of traceback about nothing. Until a program has something to tidy up, Ctrl-C simply ends
-it, as it does other programs: by the signal itself, without a word. This module imports only what
-Python has loaded by itself, so that there is hardly a moment before.
+is a page of useless traceback. Until a program has something to tidy up, Ctrl-C simply ends it,
+like any other program: by the signal itself, without a message. This module imports only what
+Python has already loaded, so that hardly any time passes before that.
 """
 
 import os

@@ -1,8 +1,8 @@
 """The form of state files: readable TOML that says which schema it has.
 
-A file of today's schema is read. One of an older schema is brought forward step by step. What is
-empty, is of something else, or was written by a newer Trolley, is `Unreadable`: whoever took it
-for an empty list would overwrite it with one.
+A file of today's schema is read; one of an older schema is upgraded step by step. A file that is
+empty, of another kind, or written by a newer Trolley is `Unreadable`: a program that took it for an
+empty list would overwrite it with one.
 """
 
 import tomllib

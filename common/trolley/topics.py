@@ -230,7 +230,7 @@ TOPICS: tuple[Topic[Any], ...] = tuple(
 
 
 def find(key: str) -> tuple[Topic[Any], str, tuple[str, ...]] | None:
-    """The row, the robot and the varying chunks of a concrete key; None where it is no topic."""
+    """The row, the robot and the varying chunks of a concrete key; None if it is not a topic."""
     for topic in TOPICS:
         matched = topic.match(key)
         if matched is not None:

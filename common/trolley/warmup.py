@@ -42,7 +42,7 @@ def warm_ups() -> dict[str, Callable[[], None]]:
 def dots() -> AbstractContextManager[object]:
     """Say a dot for each kernel that is compiled: a small computer takes minutes for a part.
 
-    A kernel that is read from disk is no event for numba.
+    A kernel that is read from disk is not an event for numba.
     """
     events: Any = importlib.import_module("numba.core.event")
 

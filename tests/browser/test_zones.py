@@ -113,7 +113,7 @@ def test_it_is_picked_moved_renamed_and_all_of_it_undone(
     near(zones(shown)["no-go area 1"].points, moved)
     name_field(page).fill("cat's <b>bed</b>")
     page.get_by_role("button", name="Save", exact=True).click()
-    expect(page.get_by_text("may not hold")).to_be_visible()
+    expect(page.get_by_text("may not contain")).to_be_visible()
     name_field(page).fill("Katzenkörbchen")
     page.get_by_role("button", name="Save", exact=True).click()
     wait_until(lambda: "Katzenkörbchen" in zones(shown), "the zone is renamed")

@@ -124,7 +124,7 @@ def test_what_is_empty_foreign_or_newer_is_kept(
     assert folder.read(name, KINDS[name]) is None
     (aside,) = (folder.path / name).parent.glob(f"{Path(name).name}.{mark}-*")
     assert aside.read_text() == content
-    assert "kept aside" in caplog.text
+    assert "set aside" in caplog.text
 
 
 @pytest.mark.parametrize("name", LISTS)

@@ -123,7 +123,7 @@ def test_says_why_nothing_was_found(tmp_path: Path, trolley: Trolley) -> None:
         report = detect(trolley, *robot.ports.values(), gone)
         assert models(report) == {"ld19": None, "xv11": None, "ttyUSB9": None}
         silent, cut, missing = (port["problems"][0] for port in report["ports"])
-        assert silent.startswith("Nothing answers: has the device power")
+        assert silent.startswith("Nothing answers: does the device have power")
         assert cut.startswith("Bytes arrive")
         assert "unplugged" in missing
 

@@ -62,7 +62,7 @@ def test_a_linorobot_that_does_not_obey_is_told_of(make_metal: Callable[..., Met
         metal.start_driving(AHEAD)
         metal.emulated.fault("linorobot:refuse")
         state = metal.wait_for("held", codes.LINK_LOST, chassis="down")
-        assert "takes nothing" in state.message
+        assert "accepts nothing" in state.message
         metal.wait_for_standing()
         metal.hand.let_go()
         metal.emulated.fault("linorobot:ok")

@@ -130,7 +130,10 @@ def code_of(connection: Connection, request: Request, params: Any = None) -> str
     try:
         connection.ask("one", request, Nothing() if params is None else params)
     except Refused as refused:
-        absent, present = "not running, or this connection may not ask it.", "look but not command."
+        absent, present = (
+            "not running, or this connection is not allowed to ask it.",
+            "look but not command.",
+        )
         says_both = refused.message.endswith((absent, present))
         return NOT_ALLOWED if says_both else refused.code
     return "ok"
@@ -310,7 +313,7 @@ def test_who_is_not_known_stays_outside(house: House, tmp_path: Path) -> None:
     at_home.listen("trolley/**", lambda sample: heard.append(sample.key))
     assert thief.robots() == []
     thief.bus.put("trolley/one/cmd_vel/teleop", b"{}", "application/json", Qos.COMMAND)
-    with pytest.raises(RobotUnreachable, match="may not ask it"):
+    with pytest.raises(RobotUnreachable, match="not allowed to ask it"):
         thief.ask("one", requests.BASE_STOP, Nothing())
     owner = house.connect(house.home, lost)
     assert owner.robots() == ["one"]

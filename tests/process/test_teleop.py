@@ -329,4 +329,4 @@ def test_pauses_for_the_shell_and_goes_on(room: Room, tmp_path: Path) -> None:
 def test_without_a_terminal_it_says_so(endpoint: str, trolley: Callable) -> None:
     done = trolley("teleop", "--connect", endpoint)
     assert done.returncode == 2
-    assert "this is no terminal" in done.stderr
+    assert "this is not a terminal" in done.stderr

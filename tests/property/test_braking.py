@@ -4,9 +4,9 @@ import pytest
 from bench.harness.brakes import drive_case
 
 DRIVEN_INTO = (22, 45, 75, 93)
-"""Seeds whose robots have driven into something with an earlier stop field ..."""
+"""Seeds whose robots drove into something with an earlier stop field."""
 DRIVEN_INTO_TOO = (1, 14, 26, 31, 42, 47, 61, 63, 69, 73, 76, 82, 84)
-"""... and more of them, for which there is no time each day."""
+"""More such seeds, for which there is no time each day."""
 
 
 @pytest.mark.parametrize(

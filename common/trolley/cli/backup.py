@@ -73,7 +73,7 @@ def _check_readable(root: Path) -> None:
     """
     hidden = [path for path in (root, *root.rglob("*")) if not os.access(path, os.R_OK)]
     if root.exists() and hidden:
-        raise BackupError(f"{hidden[0]} may not be read by this user: use sudo")
+        raise BackupError(f"{hidden[0]} cannot be read by this user: use sudo")
 
 
 @click.command(name="restore")
@@ -113,9 +113,7 @@ def _put_back(unpacked: Unpacked, root: Path, config: Path | None, now: datetime
     if config is not None and wants_config:
         folder = next(path for path in config.parents if path.exists())
         if not os.access(folder, os.W_OK):
-            raise BackupError(
-                f"{folder} may not be written by this user: use sudo, or --state-only"
-            )
+            raise BackupError(f"{folder} cannot be written by this user: use sudo, or --state-only")
     aside = unpacked.put_state(root, now)
     kept = [] if aside is None else [aside]
     if config is not None and wants_config:

@@ -10,13 +10,13 @@ from trolley.cli.printing import say
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def completion_command(ctx: click.Context, shell: str) -> None:
-    r"""Print the script that completes commands in a SHELL.
+    """Print the script that completes commands in SHELL.
 
     \b
     bash: trolley completion bash > ~/.local/share/bash-completion/completions/trolley
     zsh:  trolley completion zsh > a folder of $fpath, as _trolley
     fish: trolley completion fish > ~/.config/fish/completions/trolley.fish
-    """
+    """  # noqa: D301 (click wants the character \b itself)
     kind = get_completion_class(shell)
     assert kind is not None
     say(kind(ctx.find_root().command, {}, "trolley", "_TROLLEY_COMPLETE").source())

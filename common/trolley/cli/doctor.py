@@ -54,14 +54,14 @@ def doctor_command(verbose: bool, seconds: float, as_json: bool) -> None:
     problem; warnings and notes do not count.
     """
     progress = Progress()
-    progress.show("Looking at this computer ...")
+    progress.show("Checking this computer ...")
     place = look_around(given("config"), Host())
     with trying(place) as trial:
         found = [Row("", finding) for finding in examine_host(place)]
         progress.show(f"Listening for {seconds:g} s ...", "listening")
         robots = examine_robots(place, _target(place), seconds, is_wanted=_is_wanted())
         found += [Row(name, finding) for name, findings in robots for finding in findings]
-        progress.show("Trying the settings ...", "trying")
+        progress.show("Testing the settings ...", "trying")
         found += [Row("", finding) for finding in check_trial(trial.outcome())]
     progress.clear()
     found.sort(key=lambda row: -row.finding.level)

@@ -77,7 +77,7 @@ def init(keyring: Keyring) -> None:
     keyring.create(_now())
     say(
         f"Made {keyring.folder}. Keep it safe and keep a copy: without it no certificate can be "
-        "made or renewed.\nNext: `trolley keys router`, on or for the host that all others reach."
+        "made or renewed.\nNext: `trolley keys router`, for the host that all others connect to."
     )
 
 

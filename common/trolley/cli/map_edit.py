@@ -49,7 +49,7 @@ Line = tuple[float, float, float, float]
 @click.option("--crop", type=LINE, metavar="X Y X Y", help="Keep this rectangle.")
 @click.option("--undo", is_flag=True, help="Go back to the previous version.")
 @click.option("--as", "as_name", metavar="NEW", help="Store the result as a map of its own.")
-@click.option("--dry-run", is_flag=True, help="Dry run: say what would happen; store nothing.")
+@click.option("--dry-run", is_flag=True, help="Only say what would happen.")
 @where_options
 @json_option
 @reports_errors

@@ -134,7 +134,7 @@ def cancel_map(yes: bool, as_json: bool) -> None:
         if not yes:
             known = robot.latest(topics.MAPPING)
             name = "that is being made" if known is None else known.name
-            click.confirm(f"Forget the map {name}?", abort=True, err=True)
+            click.confirm(f"Discard the map {name}?", abort=True, err=True)
         status = robot.ask(requests.MAP_CANCEL)
     _show(status, as_json=as_json, text=status.message)
 

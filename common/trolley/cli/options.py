@@ -50,7 +50,7 @@ def given(name: str) -> Any:
 
 
 class NumbersCommand(click.Command):
-    """A command whose arguments may be negative numbers: `-1.5` is no option."""
+    """A command whose arguments may be negative numbers: `-1.5` is not an option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Keep click from taking a negative number for an option."""

@@ -202,7 +202,7 @@ class _Play:
             passed_s, whole_s = (now_ns - span[0]) * 1e-9, (span[1] - span[0]) * 1e-9
             text = f"{passed_s:.0f} of {seconds_text(whole_s)}, {text}"
         if rate < self._speed:
-            text += f", at speed {rate:.2g}: this computer is no faster"
+            text += f", at speed {rate:.2g}: this computer cannot go faster"
         self._line.show(text)
 
 

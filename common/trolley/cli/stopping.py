@@ -15,7 +15,7 @@ from trolley.connection import RobotUnreachable
 from trolley.messages import BaseState, Odometry
 
 WATCHED_S = 1.2
-"""A motor board that does not obey is found out within 0.5 s; a lawful robot stands by then."""
+"""A motor board that does not obey is detected within 0.5 s; a sound robot stands by then."""
 LOOK_S = 0.1
 LATE_NS = 100_000_000
 """Odometry is stamped when it was measured, up to this long before it arrives."""

@@ -37,7 +37,7 @@ HELP = """\
 Hold a key to drive {name}; let go and it stops.
   W, Up    forward      A, Left   turn left      Q  forward and left
   S, Down  back         D, Right  turn right     E  forward and right
-{sideways}  Shift  slowly   + -  speed   Space  stand   P  stop   R  resume   X, Esc  leave
+{sideways}  Shift  slowly   + -  speed   Space  halt   P  stop   R  resume   X, Esc  quit
 """
 SIDEWAYS = "  J, L     sideways\n"
 _COLOURS = {"ok": None, "held": "yellow", "stopped": "red", "fault": "red"}

@@ -196,7 +196,7 @@ class HeldKeys:
             self._until_s[key.name] = now_s + (REPEAT_S if gap_s < REPEAT_GAP_S else FIRST_S)
 
     def release_all(self) -> None:
-        """Let go of everything until it is pressed anew."""
+        """Let go of everything until it is pressed again."""
         self._until_s.clear()
 
     def held(self, now_s: float) -> frozenset[str]:

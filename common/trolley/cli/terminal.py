@@ -48,8 +48,7 @@ class Terminal:
     def __init__(self, *, whole_screen: bool = False) -> None:
         if not (sys.stdin.isatty() and sys.stdout.isatty()):
             raise click.UsageError(
-                "this is no terminal: keys can be held only where input and output are one "
-                "(over SSH: ssh -t)"
+                "this is not a terminal: teleop needs one for input and output (over SSH: ssh -t)"
             )
         self.ended_by: int | None = None
         """The signal that asks this process to end."""

@@ -12,7 +12,7 @@ Rate = Annotated[float, Meta(gt=0.0, le=10.0)]
 
 
 class BatteryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.simulated.battery]`: a battery for a simulated robot, which has none without this."""
+    """`[base.simulated.battery]`: a battery for a simulated robot; without it there is none."""
 
     fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
     """Its charge when base starts."""
@@ -32,7 +32,7 @@ class SimulatedConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     rate: Annotated[float, Meta(gt=0.0, le=100.0)] = 1.0
     """Simulated seconds per real second."""
     start: PoseConfig | None = None
-    """Where the robot really stands at first; the world's own start if not given."""
+    """Where the robot really starts; the world's own start if not given."""
     battery: BatteryConfig | None = None
 
 
@@ -60,12 +60,12 @@ class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     angular_acceleration_radps2: Annotated[float, Meta(gt=0.0, le=50.0)] = 4.0
     """Highest angular acceleration."""
     slope: Annotated[float, Meta(ge=0.0, le=0.3)] = 0.05
-    """Steepest floor, in metres of height per metre: downhill the robot brakes that much worse, and
-    the stop field reckons with it."""
+    """Steepest floor, in metres of height per metre: the stop field allows for braking that much
+    worse downhill."""
 
 
 class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The base: what drives, within which limits, and at whose command."""
+    """The base: what moves the robot, within which limits, and at whose command."""
 
     driver: Literal["simulated", "recording", "hardware"] = "simulated"
     """Where motion and scans come from: a simulation, a recording or real devices."""

@@ -90,7 +90,7 @@ class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class PidConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.chassis.pid]`: gains of the board's speed control, sent at each connection."""
+    """`[base.chassis.pid]`: gains of the board's speed control, sent on each connection."""
 
     p: Annotated[float, Meta(ge=0.0, le=1e4)]
     """Proportional gain."""
@@ -116,8 +116,8 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     0.5 s the robot drives at most 0.2 m/s."""
     delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     """Longest time from a command until odometry shows that the wheels follow it, if you have
-    measured it; 0.35 s if not given. The stop field begins to brake so much earlier, and the
-    shorter it is, the sooner is a stop found that the board ignores."""
+    measured it; 0.35 s if not given. The stop field brakes that much earlier; the shorter it is,
+    the sooner an ignored stop is found."""
     use_imu: bool = True
     """Fuse the turn rate of the board's gyro, if it has one."""
     imu_axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")

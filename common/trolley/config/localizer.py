@@ -19,9 +19,9 @@ class LocalizerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """
 
     min_particles: Annotated[int, Meta(ge=50, le=100_000)] = 500
-    """Least number of particles, however certain the pose is."""
+    """Lowest number of particles, however certain the pose is."""
     max_particles: Annotated[int, Meta(ge=50, le=100_000)] = 4000
-    """Greatest number of particles, however uncertain the pose is."""
+    """Highest number of particles, however uncertain the pose is."""
     kld_error: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.03
     """Largest error of the particles' distribution (epsilon; Fox 2003)."""
     kld_quantile: Annotated[float, Meta(gt=0.0, le=5.0)] = 2.33
@@ -46,9 +46,9 @@ class LocalizerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Rotation after which the particles are weighted again [rad]."""
 
     num_beams: Annotated[int, Meta(ge=10, le=2000)] = 120
-    """Beams per scan that the particles are weighted with."""
+    """Beams per scan with which the particles are weighted."""
     refine_beams: Annotated[int, Meta(ge=20, le=4000)] = 360
-    """Beams per scan that the estimate is aligned to the map with."""
+    """Beams per scan with which the estimate is aligned to the map."""
     max_range_m: Distance = 60.0
     """Echoes from farther away are ignored [m]."""
     sigma_hit_m: Distance = 0.12
@@ -63,23 +63,23 @@ class LocalizerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     through_margin_m: Distance = 0.4
     """A beam that ends this far behind a wall of the map contradicts it [m]."""
     good_support: Share = 0.6
-    """Support above which a pose is trusted: how well the ends of the beams fit the map, less those
-    that went through walls, most of all if they end at nothing behind them."""
+    """Support above which a pose is trusted. Support is how well the ends of the beams fit the map,
+    less the beams that went through walls; those that end at nothing behind a wall count most."""
     poor_support: Share = 0.4
-    """Support below which a pose is lost, if it lasts."""
+    """Support below which a pose is lost, if this lasts for `lost_after_s`."""
     lost_after_s: Seconds = 2.0
-    """Time of poor support after which the pose is lost [s]."""
+    """Time with poor support after which the pose is lost [s]."""
     max_spread_m: Distance = 0.5
     """Spread of the particles above which a pose is unsure [m]."""
 
     search_margin: Share = 0.1
     """A pose found by a search is accepted at once if its support beats the others by this."""
     search_again_s: Seconds = 3.0
-    """Time between two searches of the whole map while the robot's pose is unclear [s]."""
+    """Time between two searches of the whole map while the pose is unclear [s]."""
 
     propose_changes: bool = False
     """Whether to watch for what has appeared or disappeared since the map was made, and to propose
-    it; sightings are kept in the state folder. A map never changes without a person."""
+    it. Sightings are kept in the state folder. A map changes only if a person agrees."""
     change_after_s: Annotated[float, Meta(ge=60.0, le=2_592_000.0)] = 900.0
-    """How long a change must have been seen, on and off, before it is proposed; only time in which
-    the robot was localized counts [s]."""
+    """How long a change must have lasted before it is proposed; only time in which the robot was
+    localized counts [s]."""

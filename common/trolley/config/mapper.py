@@ -17,12 +17,12 @@ class MapperConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     keyframe_turn_rad: Annotated[float, Meta(ge=0.05, le=1.6)] = 0.3
     """Rotation after which a scan becomes part of the map [rad]."""
     local_way_m: Annotated[float, Meta(ge=1.0, le=50.0)] = 8.0
-    """Longest path along edges of the pose graph from the newest keyframe to those that scans are
-    matched with [m]; others are found by the search for loops."""
+    """Scans are matched with keyframes at most this far from the newest one along the edges of the
+    pose graph [m]; the search for loops finds others."""
     local_reach_m: Annotated[float, Meta(ge=2.0, le=50.0)] = 25.0
-    """Greatest distance of surfaces that scans are matched with [m]."""
+    """Scans are matched with surfaces at most this far away [m]."""
     local_keyframes: Annotated[int, Meta(ge=3, le=200)] = 20
-    """Greatest number of keyframes that a scan is matched with."""
+    """Highest number of keyframes that a scan is matched with."""
     keyframes_per_place: Annotated[int, Meta(ge=2, le=50)] = 4
     """Keyframes kept of one place; older ones are dropped, so memory follows the area mapped."""
     drift_share: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.05
@@ -30,6 +30,7 @@ class MapperConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     lost_after_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.5
     """Time without a good match after which the robot is lost [s]."""
     explore_radius_m: Annotated[float, Meta(ge=1.0, le=200.0)] = 30.0
-    """Exploring stays this close to where it began, whatever glass doors show [m]."""
+    """The robot explores no farther than this from where it began, whatever it sees through glass
+    [m]."""
     explore_area_m2: Annotated[float, Meta(ge=1.0, le=10_000.0)] = 500.0
     """Exploring ends once this much floor is known [m²]."""

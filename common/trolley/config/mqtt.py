@@ -35,7 +35,7 @@ class MqttConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where Home Assistant looks for devices; empty to announce nothing."""
 
     def __post_init__(self) -> None:
-        """Refuse a broker that is no address."""
+        """Refuse a broker that is not an address."""
         if self.broker:
             split_broker(self.broker)
 
@@ -55,7 +55,7 @@ def split_broker(text: str) -> tuple[str, int | None]:
     """Host and port of `host`, `host:port` or `[IPv6]:port`.
 
     Raises:
-        ValueError: It is no address.
+        ValueError: It is not an address.
     """
     found = BROKER.fullmatch(text)
     port = int(found["port"]) if found is not None and found["port"] else None

@@ -32,7 +32,8 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     caution_distance_m: Distance = 0.35
     """Clearance below which the robot slows down [m]."""
     clearance_m: Margin = 0.03
-    """Distance that the footprint keeps where there is room; best below the stop margin [m]."""
+    """Distance that the footprint keeps from obstacles if there is room; best below the stop margin
+    [m]."""
 
     unknown_is_free: bool = False
     """Whether paths may lead through unknown cells of the map (in `odom` they may)."""
@@ -41,7 +42,7 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     inflation_height: Annotated[float, Meta(ge=0.0, le=30.0)] = 8.0
     """Cost of touching an obstacle; open floor costs 1 per metre."""
     odom_size_m: Annotated[float, Meta(ge=4.0, le=200.0)] = 40.0
-    """Edge of the square that is remembered around the robot in frame `odom` [m]."""
+    """Edge of the square costmap around the robot in frame `odom` [m]."""
     odom_resolution_m: Annotated[float, Meta(ge=0.01, le=0.5)] = 0.05
     """Cell edge of the costmap in frame `odom`; in frame `map` it is the map's [m]."""
 
@@ -59,7 +60,8 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Longest time for which an obstacle out of sight is remembered."""
 
     controller: Literal["mppi", "pursuit"] = "mppi"
-    """How it steers: by comparing many simulated drives, or by following a point ahead (cheap)."""
+    """How it steers: by comparing many simulated trajectories (MPPI), or by pure pursuit
+    (cheap)."""
     control_rate_hz: Annotated[float, Meta(ge=5.0, le=30.0)] = 20.0
     """Commands per second."""
     horizon_s: Annotated[float, Meta(ge=0.5, le=6.0)] = 2.4
@@ -76,7 +78,7 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     progress_s: Seconds = 6.0
     """Time without that progress after which the robot tries to free itself."""
     patience_s: Seconds = 5.0
-    """How long it waits on a blocked path before it takes another one or tries harder."""
+    """How long it waits at a blocked path before it takes another one or tries to free itself."""
     back_up_m: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.4
     """How far it backs up along its own path to free itself [m]."""
     give_up_s: Seconds = 60.0

@@ -91,7 +91,7 @@ class PoseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[start]`: where the robot stands when it is switched on and no last pose is known."""
+    """`[start]`: where the robot is when it is switched on and no last pose is known."""
 
     pose: PoseConfig | str | None = None
     """Coordinates on the map, or the name of a saved pose; without it the robot searches the
@@ -117,7 +117,7 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Highest rates of streams that leave over TLS [Hz], such as `{scan = 2.0}`."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no endpoint, since Zenoh would look for it for ever, and no stream."""
+        """Refuse unknown streams, and what is not an endpoint: Zenoh would look for it forever."""
         for name in self.downsample:
             if name not in THINNED:
                 raise ValueError(

@@ -13,11 +13,11 @@ class VizConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     host: str = "127.0.0.1"
     """The address to bind; beyond loopback (`"0.0.0.0"`) everyone needs a link with a token."""
     port: Annotated[int, Meta(ge=1, le=65_535)] = 8080
-    """The port; a busy one is an error, not a silent move to the next."""
+    """The port; if it is busy, the viewer reports an error and does not take another one."""
     origins: list[Origin] = []
     """Addresses of the page behind a proxy, as `"https://robot.example"`."""
     always_ask: bool = False
-    """Whether to ask for a token on this host, too."""
+    """Whether browsers on this host need a link with a token, too."""
     foxglove_port: Annotated[int, Meta(ge=1, le=65_535)] | None = None
     """The port for Foxglove, which can watch but not command; 8765 is usual."""
     foxglove_host: str = "127.0.0.1"

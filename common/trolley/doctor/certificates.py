@@ -44,7 +44,7 @@ def read_validities(folder: Path) -> list[Validity] | Finding:
     try:
         found = read_certificates(folder)
     except KeysError as error:
-        return problem("certificates", f"{error}.", "`trolley keys` makes them anew.")
+        return problem("certificates", f"{error}.", "`trolley keys` makes new ones.")
     return [
         Validity(one.role, one.name, str(one.path), one.not_before, one.not_after) for one in found
     ]
@@ -97,7 +97,7 @@ def check_keys(config: RobotConfig | None, now: datetime) -> list[Finding]:
         return [ok("certificates", "None are set up here, and none are needed.")]
     if not os.access(folder, os.R_OK | os.X_OK):  # else it would look empty
         return [
-            note("certificates", f"{folder} may not be read by you.", "Look again with `sudo`.")
+            note("certificates", f"{folder} may not be read by you.", "Run this again with `sudo`.")
         ]
     found = read_validities(folder)
     if isinstance(found, Finding):

@@ -41,7 +41,7 @@ def check_system(facts: System) -> list[Finding]:
         return [
             problem(
                 "system",
-                f"The programs here are {facts.bits}-bit, for which numba is not made.",
+                f"The programs here are {facts.bits}-bit; numba is not available for that.",
                 "Install a 64-bit system, such as Raspberry Pi OS (64-bit).",
             )
         ]
@@ -75,7 +75,7 @@ def check_clock(facts: WallClock) -> list[Finding]:
                 "clock",
                 "The clock of this computer is not synchronised, so scheduled tours do not start "
                 "and nothing is dated.",
-                "`sudo timedatectl set-ntp true`, and see that it reaches the internet.",
+                "`sudo timedatectl set-ntp true`, and make sure that it reaches the internet.",
             )
         ]
     return [ok("clock", "The clock is synchronised.")]
@@ -204,7 +204,7 @@ def check_memory(facts: Memory) -> list[Finding]:
         found.append(
             warning(
                 "memory",
-                f"For lack of memory the system has ended {facts.killed} programs since it "
+                f"For lack of memory the system has killed {facts.killed} programs since it "
                 "started.",
                 "`journalctl -k | grep -i 'out of memory'` names them; " + remedy,
             )
@@ -246,7 +246,7 @@ def check_disk(facts: Disk) -> list[Finding]:
             problem(
                 "disk",
                 f"Only {facts.files_free} more files fit on the disk of {where}.",
-                "Delete what consists of many small files.",
+                "Delete something that consists of many small files.",
             )
         ]
     if facts.free < 500 * MB:

@@ -181,8 +181,9 @@ def _check_port(port: Port) -> list[Finding]:
         return [
             note(
                 "devices",
-                f"{port.path} ([{port.key}]) is there, but you may not see who has it open.",
-                "Look again with `sudo`.",
+                f"{port.path} ([{port.key}]) is there, but you may not see which program has it "
+                "open.",
+                "Run this again with `sudo`.",
             )
         ]
     return found or [ok("devices", f"{port.path} ([{port.key}]) is there and free to use.")]

@@ -51,7 +51,7 @@ def check_uplinks(endpoints: Sequence[Endpoint]) -> list[Finding]:
         warning(
             "router",
             f"The home router at {one.text} does not answer: {one.trouble}.",
-            "See that it is switched on and its address is right ([zenoh] uplink); the robot "
+            "Make sure that it is switched on and its address is right ([zenoh] uplink); the robot "
             "itself works without it.",
         )
         if one.trouble

@@ -68,7 +68,7 @@ def looked_at(about: str, look: Callable[[], list[Finding]]) -> list[Finding]:
     except PermissionError as error:
         where = f" ({error.filename})" if error.filename else ""
         return [
-            note(about, f"This may not be read by you{where}.", "Look again with `sudo`."),
+            note(about, f"You may not read this{where}.", "Run this again with `sudo`."),
         ]
     except UNREADABLE as error:
-        return [note(about, f"This could not be looked at: {type(error).__name__}: {error}.")]
+        return [note(about, f"This could not be checked: {type(error).__name__}: {error}.")]

@@ -30,12 +30,12 @@ def check_file(path: Path | None) -> list[Finding]:
         return [
             note(
                 "settings",
-                "There is no robot.toml on this computer, which is fine where no robot is run.",
+                "There is no robot.toml on this computer, which is fine if no robot runs on it.",
                 "`trolley init /etc/trolley/robot.toml` writes one; --config names another.",
             )
         ]
     if path.exists() and not os.access(path, os.R_OK):
-        return [note("settings", f"{path} may not be read by you.", "Look again with `sudo`.")]
+        return [note("settings", f"{path} may not be read by you.", "Run this again with `sudo`.")]
     found = [
         problem("settings", f"{text}.", "Correct that line; docs/configuration.md lists every key.")
         for text in find_problems(path)
@@ -192,7 +192,7 @@ def read_list(file: Path, field: str, kind: type[Any]) -> list[Any] | Finding:
         return problem(
             "saved",
             f"{file} cannot be read: {error}.",
-            "Its owner keeps it aside at the next start; restore it from a backup.",
+            "Its service sets it aside at the next start; restore it from a backup.",
         )
 
 
@@ -218,7 +218,7 @@ def chosen_map(state: Path, maps: Path, configured: Path | None) -> Path | None:
 
 
 def check_kept_aside(state: Path) -> list[Finding]:
-    """Whether files of the state had to be kept aside since they were broken."""
+    """Whether files of the state had to be set aside since they were broken."""
     found = [*state.rglob(f"*.{BROKEN}-*"), *state.rglob(f"*.{NEWER}-*")] if state.exists() else []
     broken = [path.name for path in sorted(found)]
     if not broken:
@@ -227,7 +227,7 @@ def check_kept_aside(state: Path) -> list[Finding]:
         warning(
             "saved",
             f"{_listed(broken)} could not be read and {'was' if len(broken) == 1 else 'were'} "
-            f"kept aside in {state}.",
-            "Bring back a backup, or delete them if they are not needed.",
+            f"set aside in {state}.",
+            "Restore a backup, or delete them if they are not needed.",
         )
     ]

@@ -84,7 +84,7 @@ class Running:
             return Trial({}, (), trouble=f"it took over {PATIENCE_S:g} s")
         if self._process.returncode != 0:
             lines = errors.decode("utf-8", "replace").strip().splitlines()
-            return Trial({}, (), trouble=lines[-1] if lines else "it ended without a word")
+            return Trial({}, (), trouble=lines[-1] if lines else "it ended without a message")
         plain = cast("dict[str, Any]", json.loads(said))
         return Trial(plain["refused"], tuple(plain["tried"]), plain["kernels"], plain["missing"])
 
@@ -101,7 +101,7 @@ def check_trial(trial: Trial) -> list[Finding]:
         return [
             note(
                 "settings",
-                f"Whether the services can use the settings could not be tried: {trial.trouble}.",
+                f"Whether the services can use the settings could not be tested: {trial.trouble}.",
                 "`trolley run base` shows more.",
             )
         ]

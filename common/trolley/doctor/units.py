@@ -1,4 +1,4 @@
-"""Checks of the systemd units: which run, which failed, which are started again and again."""
+"""Checks of the systemd units: which run, which have failed, which keep being restarted."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -88,7 +88,7 @@ def parse_units(text: str) -> list[Unit]:
 def check_units(units: list[Unit] | None) -> list[Finding]:
     """Whether the services that this host should run do run."""
     if units is None:
-        return [ok("services", "systemd is not running here, so it starts nothing.")]
+        return [ok("services", "systemd is not running here, so nothing starts by itself.")]
     if not units:
         return [ok("services", "No services of Trolley are installed on this computer.")]
     return [_check_unit(unit) for unit in units]

@@ -65,7 +65,7 @@ class FrameTree:
             parent: frame that the pose is given in; a leading '/' is dropped.
             child: frame that is placed; it leaves its former parent.
             pose: `parent_T_child`.
-            stamp_ns: robot time that the pose holds for [ns]; None: for ever.
+            stamp_ns: robot time that the pose holds for [ns]; None: forever.
 
         Raises:
             ValueError: an empty name, or the link would close a loop.
@@ -77,7 +77,7 @@ class FrameTree:
             raise ValueError(f"frame '{child}' cannot be its own parent")
         if child in self._ancestors(parent):
             raise ValueError(
-                f"frame '{child}' cannot hang under '{parent}', which hangs under '{child}' itself"
+                f"frame '{child}' cannot be a child of '{parent}', which descends from it"
             )
         self._links[child] = Link(parent, child, pose, stamp_ns)
 
@@ -154,7 +154,7 @@ class FrameTree:
         missing, other = (
             (parent_root, child_root) if child_root == MAP else (child_root, parent_root)
         )
-        reason = f"'{missing}' hangs under nothing, so no way leads from it to '{other}'"
+        reason = f"'{missing}' has no parent, so nothing connects it to '{other}'"
         unknown = [frame for frame in (child, parent) if frame not in known and frame != MAP]
         if unknown:
             missing = unknown[0]

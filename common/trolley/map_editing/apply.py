@@ -44,7 +44,7 @@ def apply(grid: GridMap, op: MapOp) -> tuple[GridMap, Pose2D]:
         case Crop():
             return crop(grid, *op.corners), same
         case _:
-            raise Refused(codes.BAD_REQUEST, "That is not done to one map alone.")
+            raise Refused(codes.BAD_REQUEST, "That cannot be done to a map alone.")
 
 
 def turn(

@@ -12,7 +12,7 @@ from trolley.gridmap import GridMap
 from trolley.messages.editing import MAX_POINTS
 
 Floats = NDArray[np.float64]
-# A point may lie this far outside of the map [cells]: beyond is a slip, not a stroke.
+# A point may lie this far outside the map [cells]: beyond is a slip, not a stroke.
 _FAR_CELLS = 1e5
 # From here on a dab touches the cell that it lies in, and cells of a line have a side in common, so
 # that no beam slips through a wall between two corners.
@@ -31,7 +31,7 @@ def polygon_mask(grid: GridMap, points: list[tuple[float, float]]) -> NDArray[np
         points: the corners x, y [m] in `map`; closed by itself.
 
     Raises:
-        Refused: it is no polygon, or lies outside of the map.
+        Refused: it is not a polygon, or lies outside the map.
 
     Source:
         Foley et al., Computer Graphics, section 3.6: the even-odd rule by scan lines.
@@ -66,7 +66,7 @@ def stroke_mask(
         width_m: of the brush [m]; a finer one is as wide as the diagonal of a cell.
 
     Raises:
-        Refused: it lies outside of the map, or is too long.
+        Refused: it lies outside the map, or is too long.
     """
     way = _checked(grid, points)
     half = 0.5 * max(width_m / grid.resolution, _LEAST_CELLS) + 1e-9

@@ -13,8 +13,8 @@ Stroke = tuple[Point, Point]
 class MapChange(Struct, frozen=True, kw_only=True):
     """A difference from the map: something that has `appeared`, or that is `gone`.
 
-    `points` [[x, y]] is its convex outline in `map` [m], for display. `strokes` cover it exactly on
-    the map when drawn or erased, `width` [m] wide. It was first seen `seconds` of observed time
+    `points` [[x, y]] is its convex outline in `map` [m], for display. `strokes`, `width` [m] wide,
+    cover it exactly if drawn or erased on the map. It was first seen `seconds` of observed time
     ago; `score` is how certain it is.
     """
 
@@ -31,7 +31,7 @@ class MapChange(Struct, frozen=True, kw_only=True):
 class MapChanges(Struct, frozen=True, kw_only=True):
     """What the localizer proposes to change on `map`. Owned by `localizer`, on change.
 
-    Empty without the permission `[localizer] propose_changes`.
+    Always empty unless `[localizer] propose_changes` allows it.
     """
 
     stamp_ns: StampNs

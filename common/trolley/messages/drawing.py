@@ -15,8 +15,8 @@ class Marker(Struct, frozen=True, kw_only=True):
     """An object in the scene, stored under `markers/<ns>/<id>`.
 
     `pose` and `z` [m] are in `frame` (a leading slash is dropped by the owner; `place:<name>` is a
-    saved place); `size` [m] along x, y, z; `lifetime` [s], 0 = for ever. Lines take `points` [m],
-    text and icons their string.
+    saved place); `size` [m] along x, y, z; `lifetime` [s], 0 = forever. Lines use `points` [m],
+    texts and icons their string.
     """
 
     frame: str = "map"
@@ -47,8 +47,8 @@ class Overlay(Struct, frozen=True, kw_only=True):
     """A panel over the scene, stored under `overlays/<id>`.
 
     `source` is `<topic>:<field>[.<field>|[i]]` or `tf:<parent>/<child>:distance|bearing`; the first
-    of `rules` that matches gives text and colour. In a text `{value}`, `{distance}` and `{bearing}`
-    stand for what the source says.
+    of `rules` that matches gives text and colour. In a text, `{value}`, `{distance}` and
+    `{bearing}` stand for the source's values.
     """
 
     kind: Literal["text", "menu", "gauge", "plot"]

@@ -18,9 +18,9 @@ class GoalStatus(Struct, frozen=True, kw_only=True):
 
     `pose` is the goal in `frame`; `distance_remaining` [m] along the path, `eta` and `elapsed` [s];
     `recoveries` counts attempts to get free; `blocked` are the points [m] in `frame` that are in
-    the way. Of a robot that follows somebody, `person` is where they were seen last, in `frame`;
-    `pose`, the place behind them that it drives to, moves with them. `warning` is a code of what
-    speaks against the goal although the robot drives there: `in_passage`.
+    the way. If the robot is following somebody, `person` is where they were last seen, in `frame`,
+    and `pose`, the spot behind them that it drives to, moves with them. `warning` is the code of an
+    objection to a goal that the robot drives to all the same: `in_passage`.
     """
 
     stamp_ns: StampNs
@@ -40,7 +40,7 @@ class GoalStatus(Struct, frozen=True, kw_only=True):
 
 
 class Path(Struct, frozen=True, kw_only=True):
-    """Poses float32 (N, 3) x, y, yaw in `frame`; `dt` [s] between two of them, 0 = no times."""
+    """Poses float32 (N, 3) x, y, yaw in `frame`; `dt` [s] from one to the next, 0 = no times."""
 
     stamp_ns: StampNs
     frame: str

@@ -53,9 +53,9 @@ class Crop(Struct, frozen=True, kw_only=True, tag_field="op", tag="crop"):
 
 
 class Merge(Struct, frozen=True, kw_only=True, tag_field="op", tag="merge"):
-    """Fill in unknown cells from the map `name`, which lies at this_T_other `pose`.
+    """Fill in unknown cells from the map `name`, whose pose is this_T_other `pose`.
 
-    Without a pose the other map's walls are matched with those of this one; it is refused unless
+    Without a pose, the other map's walls are matched with this map's; the edit is refused unless
     they match in exactly one way.
     """
 
@@ -74,13 +74,13 @@ EditId = Annotated[str, Meta(pattern=r"\A[a-z0-9-]{1,36}\Z")]
 
 
 class EditMap(Struct, frozen=True, kw_only=True):
-    """Do `ops` to the stored map `name`, one after the other, and store the result.
+    """Apply `ops` to the stored map `name`, one after another, and store the result.
 
-    It becomes a new version of that map, or with `as_name` a map of its own. With `preview` nothing
-    is stored.
+    The result becomes a new version of that map, or with `as_name` a map of its own. With `preview`
+    nothing is stored.
 
-    A large map takes longer than an answer may: then the answer is `working`, and asking the same
-    again with the same `id` gives the result.
+    If a large map takes longer than an answer may, the answer is `working`; the same request with
+    the same `id` then gives the result.
     """
 
     name: MapName
@@ -91,10 +91,10 @@ class EditMap(Struct, frozen=True, kw_only=True):
 
 
 class MapEdited(Struct, frozen=True, kw_only=True):
-    """The result of `map/edit`: the map `name` is now in this `version` (null for a preview).
+    """The result of `map/edit`: the map `name` now has this `version` (null for a preview).
 
-    `working`: it is still being done. `placed` is the pose of the map that was merged last,
-    this_T_other, and `walls` are points of its walls there [m] (at most 2000), for display.
+    `working`: not finished yet. `placed` is the pose of the map merged last, this_T_other, and
+    `walls` are points of its walls there [m] (at most 2000), for display.
     """
 
     state: Literal["saved", "preview", "working"]

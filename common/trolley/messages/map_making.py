@@ -11,12 +11,12 @@ ExploringState = Literal["off", "exploring", "homing", "paused", "done"]
 
 
 class MappingStatus(Struct, frozen=True, kw_only=True):
-    """What the mapper does. Owned by `mapper`, on change and 1 Hz while it maps.
+    """What the mapper is doing. Owned by `mapper`, on change, and at 1 Hz while it maps.
 
-    `name` is the map that is being made, `extends` the one that it began with. `message` says in a
-    sentence what is wrong, or the result. `seconds` [robot time] were mapped, `scans` make up the
-    map, and `loops` were closed. `exploring` says whether the robot explores on its own, or drives
-    home; `area` [m²] is the floor that it knew when it looked last.
+    `name` is the map that is being made, `extends` the one that it started from. `message` says in
+    a sentence what is wrong, or what the result is. `seconds` [robot time] have been mapped,
+    `scans` make up the map, and `loops` have been closed. `exploring` says whether the robot is
+    exploring by itself or driving home; `area` [m²] is the floor that was known at the last check.
     """
 
     stamp_ns: StampNs

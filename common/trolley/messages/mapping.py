@@ -34,8 +34,8 @@ class OccupancyGrid(Struct, frozen=True, kw_only=True):
     """A grid of int8 cells, row-major: index = row * width + col, `resolution` [m] an edge.
 
     The outer corner of cell (0, 0) is at `origin` (frame_T_grid), columns along its +x, rows along
-    +y. On `map`: 0 free to 100 occupied, -1 unknown. On `costmap`: 100 the footprint's centre must
-    not be here, 99 inscribed, -1 unknown.
+    +y. On `map`: 0 free to 100 occupied, -1 unknown. On `costmap`: 100 where the footprint's centre
+    may not be, 99 inscribed, -1 unknown.
     """
 
     stamp_ns: StampNs
@@ -61,9 +61,9 @@ class OccupancyGrid(Struct, frozen=True, kw_only=True):
 class Zone(Struct, frozen=True, kw_only=True):
     """A named part of the map: `mirror` and `glass` are polylines, the other kinds polygons.
 
-    Points are in `map` [m]; polygons close by themselves. `speed` [m/s] only for `speed` zones. A
-    `room` only says what a part of the map is called; the robot drives there as anywhere.
-    Where a zone is put under its own key, `name` may be left out.
+    Points are in `map` [m]; polygons are closed automatically. `speed` [m/s] is only for `speed`
+    zones. A `room` only names a part of the map; the robot drives there as anywhere else. If a zone
+    is put under its own key, `name` may be left out.
     """
 
     name: str = ""
@@ -91,9 +91,9 @@ class PoseEstimate(Struct, frozen=True, kw_only=True):
     """Where the robot is: `pose` is map_T_base at `stamp_ns`. Owned by `localizer`, each scan.
 
     `pose` and `covariance` are null until first known. `match` is the share of beams that the map
-    explains, `spread` [m] how far the hypotheses lie apart, `candidates` the places between which a
+    explains, `spread` [m] how far apart the hypotheses are, `candidates` the places between which a
     search cannot decide; `wants_turn` asks for a turn in place to tell them apart. `off_map` is how
-    far the robot has driven since the map ended [m], null on the map.
+    far the robot has driven since it left the map [m], null on the map.
     """
 
     stamp_ns: StampNs

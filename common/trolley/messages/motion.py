@@ -20,7 +20,7 @@ Drive = Literal["differential", "skid_steer", "mecanum"]
 
 
 class Robot(Struct, frozen=True, kw_only=True):
-    """What this robot is: owned by `base`, published on change; robots are discovered by it.
+    """What this robot is; other programs discover robots by it. Owned by `base`, on change.
 
     `footprint` is a polygon in `base_link` [m]; `max_speed` [m/s], `max_wz` [rad/s] and
     `deceleration` [m/s^2] are the limits that `base` enforces; `mesh` is a glb body or null.
@@ -59,7 +59,7 @@ class Clock(Struct, frozen=True, kw_only=True):
 
 
 class Odometry(Struct, frozen=True, kw_only=True):
-    """Where the robot is by its wheels. Owned by `base`, 20-50 Hz.
+    """Where the robot is according to its wheels. Owned by `base`, 20-50 Hz.
 
     `pose` is odom_T_base, `twist` is in `base_link`.
     """
@@ -91,12 +91,12 @@ class Transform(Struct, frozen=True, kw_only=True):
 
 
 class VelocityCommand(Struct, frozen=True, kw_only=True):
-    """A velocity command for `base_link`, valid for `valid_for` seconds (at most 0.5) from arrival.
+    """A velocity command in `base_link`, valid for `valid_for` seconds (at most 0.5) from arrival.
 
     `scan_ns` is the stamp of the scan it was computed with, 0 if none. On `cmd_vel/<source>` it is
-    what the source asks for, on `cmd_vel` what `base` drives. Whether `valid_for` is usable is for
-    `base` to judge and count, so any finite number passes here; however short it is, the
-    command holds for one control period.
+    what the source asks for, on `cmd_vel` what `base` drives. Any finite `valid_for` is accepted
+    here; `base` judges it and counts unusable ones. However short it is, the command holds for one
+    control period.
     """
 
     stamp_ns: StampNs
@@ -126,8 +126,9 @@ class BaseState(Struct, frozen=True, kw_only=True):
 
     `mode`: `ok`; `stopped` (latched until resumed); `held` (continues by itself); `fault`. `source`
     is the source of commands in control, null if none; `reason` a code, "" if none.
-    `not_stopped`: it moves though it is told to stand, or nobody knows whether it still does; then
-    `mode` is `fault`, `reason` `does_not_obey`, and whatever shows `stopped` shows `message`.
+    `not_stopped`: the robot moves although it was told to stand, or it is not known whether it
+    still moves. Then `mode` is `fault` and `reason` is `does_not_obey`; programs show `message`
+    instead of "stopped".
     """
 
     stamp_ns: StampNs
@@ -155,8 +156,8 @@ class BaseState(Struct, frozen=True, kw_only=True):
 class Truth(Struct, frozen=True, kw_only=True):
     """Where the simulated robot really is: world_T_base, 20 Hz.
 
-    `collisions` counts contacts that the robot drove into (over 0.02 m/s); `clearance` [m] is the
-    distance from the footprint to the nearest solid thing.
+    `collisions` counts the times the robot drove into something (faster than 0.02 m/s); `clearance`
+    [m] is the distance from the footprint to the nearest solid thing.
     """
 
     stamp_ns: StampNs

@@ -16,7 +16,7 @@ class Nothing(Struct, frozen=True, kw_only=True):
 
 
 class Capture(Struct, frozen=True, kw_only=True):
-    """Where are you? With a `name` the pose is saved under it, replacing one only if `replace`."""
+    """Ask where the robot is; with a `name`, save it, over an existing one only with `replace`."""
 
     name: str | None = None
     icon: str = ""
@@ -24,7 +24,7 @@ class Capture(Struct, frozen=True, kw_only=True):
 
 
 class SetPose(Struct, frozen=True, kw_only=True):
-    """The robot is roughly at map_T_base `pose`."""
+    """Tell the robot that it is roughly at map_T_base `pose`."""
 
     pose: Pose2D
     covariance: Covariance | None = None
@@ -52,7 +52,7 @@ class SendGoal(Struct, frozen=True, kw_only=True):
 
 
 class FollowPerson(Struct, frozen=True, kw_only=True):
-    """Follow the person nearest to `point` [m] in `frame`; without one the nearest ahead.
+    """Follow the person nearest to `point` [m] in `frame`; without a point, the nearest one ahead.
 
     The robot keeps `distance` [m] behind them, from its middle to theirs, at `speed` [m/s] at most.
     """
@@ -65,7 +65,7 @@ class FollowPerson(Struct, frozen=True, kw_only=True):
 
 
 class WhichGoal(Struct, frozen=True, kw_only=True):
-    """The goal meant; without an id the current one."""
+    """The goal with this id; without one, the current goal."""
 
     id: GoalId | None = None
 
@@ -90,7 +90,7 @@ class AskHistory(Struct, frozen=True, kw_only=True):
 
 
 class AskOffer(Struct, frozen=True, kw_only=True):
-    """How soon could you be at `pose` or the saved pose `name`?"""
+    """Ask how soon the robot could be at `pose` or at the saved pose `name`."""
 
     pose: Pose2D | None = None
     name: str | None = None
@@ -108,7 +108,7 @@ class Named(Struct, frozen=True, kw_only=True):
 
 
 class LoadMap(Struct, frozen=True, kw_only=True):
-    """Load the map `name`; the robot is at `pose` on it, or searches the map."""
+    """Load the map `name`. The robot is at `pose` on it; if none is given, it searches the map."""
 
     name: MapName
     pose: Pose2D | None = None
@@ -117,7 +117,7 @@ class LoadMap(Struct, frozen=True, kw_only=True):
 class MapNamed(Struct, frozen=True, kw_only=True):
     """The map of this name, new or existing.
 
-    With `explore` the robot explores on its own.
+    With `explore`, the robot explores by itself.
     """
 
     name: MapName
@@ -125,7 +125,7 @@ class MapNamed(Struct, frozen=True, kw_only=True):
 
 
 class ExploreMap(Struct, frozen=True, kw_only=True):
-    """Explore on its own (`on`), or stop exploring."""
+    """Let the robot explore by itself (`on`), or stop exploring."""
 
     on: bool = True
 
@@ -151,7 +151,7 @@ class UndoMap(Struct, frozen=True, kw_only=True):
 class Yield(Struct, frozen=True, kw_only=True):
     """Leave the shared topics to the mapper for another 3 s (`on`), or take them back.
 
-    `hand_over` names the only map with which `map/load` may end this.
+    `hand_over` names the only map whose `map/load` may end this.
     """
 
     on: bool = True

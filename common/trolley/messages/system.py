@@ -9,13 +9,16 @@ from trolley.messages.types import Count, NonNegative, StampNs
 
 
 class Health(Struct, frozen=True, kw_only=True):
-    """How a service is, at 1 Hz on the local clock. `cpu` is the share of one core, `rss` bytes.
+    """The health of a service, at 1 Hz by the local clock.
 
-    `run` is that of the process, as in its token `alive/<service>/<run>`: of two processes of one
-    name the later ends only if the earlier one answers for its token here.
+    `cpu` is its share of one core, `rss` its memory in bytes.
 
-    `counters` only grow; `figures` are what the service measures of itself now: of `base` which
-    share of its beams the lidar sees by (`lidar/seen`), and on each side (`lidar/seen/rear_left`).
+    `run` identifies the process, as in its token `alive/<service>/<run>`: of two processes of one
+    name, the later one exits only if the earlier one answers here for its token.
+
+    `counters` only grow. `figures` are what the service measures about itself now: for `base`, the
+    share of its beams with which the lidar sees something, in all (`lidar/seen`) and on each side
+    (`lidar/seen/rear_left`).
     """
 
     stamp_ns: StampNs

@@ -15,8 +15,8 @@ TripState = Literal["idle", "driving", "dwelling", "waiting", "paused", "done", 
 class SavedPose(Struct, frozen=True, kw_only=True):
     """A named place: map_T_base on the map called `map`. `saved_at` is UTC, ISO 8601, or null.
 
-    A program that puts one may leave out `name`, which the key says, and `map`, for the current
-    one.
+    A program that puts one may leave out `name`, which is in the key, and `map`, if it is the
+    current one.
     """
 
     name: str = ""
@@ -38,7 +38,7 @@ class SavedPoses(Struct, frozen=True, kw_only=True):
 class CapturedPose(Struct, frozen=True, kw_only=True):
     """The answer to `pose/capture`: a SavedPose and how good it is.
 
-    `name` is "" where nothing was saved; `age` [s] is that of the newest estimate.
+    `name` is "" if nothing was saved; `age` [s] is that of the newest estimate.
     """
 
     name: str
@@ -58,8 +58,8 @@ class Stop(Struct, frozen=True, kw_only=True):
 
     `via` are poses passed on the way; `dwell` [s] is the stay; `timeout` [s] bounds each drive
     (null: `[tour] stop_timeout_s`). After a failure the stop is tried `retries` more times, then
-    `on_failure` applies: `skip` it or `abort` the trip; `retry` aborts too after `retries`, but
-    with `retries` 0 it tries until it works.
+    `on_failure` applies: `skip` it or `abort` the trip. `retry` aborts after `retries`, too, but
+    with `retries` 0 it tries until the stop is reached.
     """
 
     pose: Pose2D | None = None
@@ -86,8 +86,8 @@ class ScheduleEntry(Struct, frozen=True, kw_only=True):
 class Tour(Struct, frozen=True, kw_only=True):
     """A trip through several places. `repeat` 0 = forever; `resume`: continue after a reboot.
 
-    `there_and_back`: at the last stop it turns round and visits the others in reverse order. `name`
-    may be left out where the key says it, and for a trip that is started without being saved.
+    `there_and_back`: after the last stop the others are visited in reverse order. `name` may be
+    left out if it is in the key, and for a trip that is started without being saved.
     """
 
     name: str = ""
@@ -106,7 +106,7 @@ class Tours(Struct, frozen=True, kw_only=True):
 
 
 class StopResult(Struct, frozen=True, kw_only=True):
-    """How one stop ended. `stop` is its index in the tour; `code` says why it was not reached.
+    """The result of one stop. `stop` is its index in the tour; `code` says why it was not reached.
 
     `pose` is where the robot believed it was at that moment and `goal` where the stop is (both in
     `map`), null where unknown.
@@ -126,9 +126,9 @@ class StopResult(Struct, frozen=True, kw_only=True):
 class TourStatus(Struct, frozen=True, kw_only=True):
     """The trip under way or the last one.
 
-    `trip` is its id, `stop` the index of the stop it is at or drives to, `lap` counts from 0.
-    `seconds` is its robot time since the start, `tour` what it was when the trip began (null where
-    it has over 300 points, which is too much to repeat).
+    `trip` is its id, `stop` the index of the stop that it is at or drives to; `lap` counts from 0.
+    `seconds` is the robot time since it started, `tour` the tour as it was then (null if it has
+    over 300 points, which is too much to repeat).
     """
 
     stamp_ns: StampNs
@@ -147,9 +147,9 @@ class TourStatus(Struct, frozen=True, kw_only=True):
 class PastTrip(Struct, frozen=True, kw_only=True):
     """A trip of the history.
 
-    `map` is the map that it was driven on, `planned` how many visits of stops it was to make (0:
-    no end was set), `reached` and `missed` how many it made; of a long one `results` holds the
-    newest only.
+    `map` is the map that it was driven on, `planned` the number of stops to visit in all rounds (0:
+    no end was set), `reached` and `missed` how many were reached or not. `results` of a long trip
+    holds only the newest.
     """
 
     trip: str
@@ -170,8 +170,8 @@ class PastTrip(Struct, frozen=True, kw_only=True):
 class Offer(Struct, frozen=True, kw_only=True):
     """How soon this robot could be there.
 
-    `seconds` is null if it cannot; `free` says that a goal would interrupt nothing and it is not
-    charging. `reason` is the code of why it cannot, or is not free.
+    `seconds` is null if it cannot get there. `free` means that a goal would interrupt nothing and
+    the robot is not charging. `reason` is the code of why it cannot, or is not free.
     """
 
     free: bool

@@ -53,7 +53,7 @@ def name_problem(name: str) -> str | None:
     if text[0] == ".":
         return "a name may not begin with a dot"
     if text != " ".join(text.split(" ")).strip() or "  " in text:
-        return "a name may hold single spaces only, and only inside"
+        return "a name may have single spaces only, and none at its ends"
     for character in text:
         if (
             character != " "
@@ -61,7 +61,8 @@ def name_problem(name: str) -> str | None:
             and unicodedata.category(character)[0] not in "LMN"
         ):
             return (
-                f"a name may not hold {character!r}: use letters, digits, spaces, '_', '-' and '.'"
+                f"a name may not contain {character!r}: use letters, digits, spaces, '_', '-' and "
+                "'.'"
             )
     return None
 
@@ -81,7 +82,7 @@ def check_floats(owner: str, field: str, data: memoryview | bytes, columns: int 
     """Return the number of rows in array bytes.
 
     Raises:
-        ValueError: The length is no whole number of rows of float32.
+        ValueError: The length is not a whole number of rows of float32.
     """
     rows, rest = divmod(len(data), 4 * columns)
     if rest:

@@ -63,7 +63,7 @@ class Drive:
 
 
 def read_drive(path: Path) -> Drive:
-    """Read the first run of base in a recording; a restart ends it, since odometry begins anew.
+    """Read the first run of base in a recording; a restart ends it, since odometry starts over.
 
     Raises:
         BadRecording: It is not a recording, or lacks something.

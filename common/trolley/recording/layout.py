@@ -37,7 +37,7 @@ def recorded_topic(key: str) -> Topic[Any] | None:
 
 
 def split_key(key: str) -> tuple[str, str] | None:
-    """The robot and the rest of a key, None where it is no key of Trolley."""
+    """The robot and the rest of a key, None if it is not a key of Trolley."""
     root, _, rest = key.partition("/")
     robot, _, name = rest.partition("/")
     return (robot, name) if root == topics.ROOT and robot and name else None

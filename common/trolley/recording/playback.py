@@ -78,7 +78,7 @@ class Replica:
     Args:
         name: What it is called.
         turn_ns: Less than `TURN_NS` and different at each turn, so that receivers notice that time
-            begins anew: it makes the epochs.
+            starts over: it makes the epochs.
     """
 
     def __init__(self, name: str, turn_ns: int) -> None:

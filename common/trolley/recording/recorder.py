@@ -22,7 +22,6 @@ class Recorder:
 
     Args:
         writer: The file.
-        robot: The robot's name.
         patterns: Names below the robot's key, with Zenoh's wildcards; none for all.
     """
 

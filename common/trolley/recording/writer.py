@@ -26,7 +26,6 @@ class RecordingWriter:
 
     Args:
         path: A file that does not exist yet.
-        robot: The robot's name.
         about: What else to say about the recording, for people.
 
     Raises:

@@ -76,7 +76,6 @@ class Elders:
 
     Args:
         bus: Where tokens are shown.
-        robot: The robot's name.
         label: The service's name in keys.
         run: This process.
         met: Called, on any thread, when an older one appears or answers.

@@ -44,7 +44,7 @@ def outcome(request: Request[Any, R], replies: list[Reply], timed_out: bool) -> 
         why = (
             "did not answer in time"
             if timed_out
-            else "is not running, or this connection may not ask it"
+            else "is not running, or this connection is not allowed to ask it"
         )
         return Refused(code, f"{request.name}: {request.owner} {why}.", service=request.owner)
     reply = replies[0]

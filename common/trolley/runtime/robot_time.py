@@ -133,7 +133,7 @@ class FollowedTime:
         """Take in a message that arrived at local `arrived_ns`; True when a new epoch began.
 
         Whether it can be believed is decided before: see `follows`. Time that a wrong message had
-        moved far ahead begins anew, as in a new epoch.
+        moved far ahead starts over, as in a new epoch.
         """
         began = self._heard_ns is None or clock.epoch != self.epoch or self._is_behind(clock)
         if began or clock.rate != self.rate:

@@ -54,7 +54,7 @@ def run_router(
 
 
 def takes_new_sessions(endpoints: Sequence[str], patience_s: float) -> bool:
-    """Whether a program that began now would be served; true where there is no endpoint for it.
+    """Whether a program that began now would be served; true if there is no endpoint for it.
 
     A router in which nothing but its old sessions works is dead to `trolley stop`.
     """

@@ -102,7 +102,7 @@ class Service:
         self._wire, self._host = wire, host
 
     def prepare(self) -> None:
-        """Called once before anything is watched or served: for what takes long, such as compiling.
+        """Called once before anything is watched or served, for slow things such as compiling.
 
         Until it is done, requests fail at once with `not_ready`.
         """
@@ -111,7 +111,7 @@ class Service:
         """Called once when all is bound, before any other method: watch topics, read state."""
 
     def stop(self) -> None:
-        """Called once at the end, also on SIGTERM: publish and save what must be."""
+        """Called once at the end, also on SIGTERM: publish and save what is still to be."""
 
     def epoch_began(self) -> None:
         """Called when `base` began a new run: what was measured before it no longer counts."""
@@ -185,7 +185,7 @@ class Service:
         self._wire.server.publish(topic, message, parts, robot)
 
     def publish_if_heard(self, topic: Topic[M], make: Callable[[], M], *parts: str) -> None:
-        """Publish what `make()` returns, of a sensor stream, where anybody listens.
+        """Publish what `make()` returns on a sensor stream, if anybody listens.
 
         Where nobody does it is made when it is asked for, which may be long after: `make` reads
         nothing that changes unless a newer value is as good.
@@ -306,7 +306,7 @@ class Service:
         self._wire.context.inbox.push(lambda _: fn(), urgent=urgent)
 
     def deadline(self, call: Callable[[], None]) -> Deadline:
-        """Return what calls once it is set and `clear`ed no more: made once, set often."""
+        """Return a deadline that calls back once it is set and not cleared in time."""
         context = self._wire.context
         return context.timers.deadline(context.inbox.now_ns, call)
 

@@ -58,7 +58,7 @@ class StateFolder:
     def read(self, name: str, kind: type[S]) -> S | None:
         """The content of `name`, None if there is none.
 
-        A file that cannot be used is kept aside as `<name>.broken-<Unix time>`, or `newer-` where a
+        A file that cannot be used is set aside as `<name>.broken-<Unix time>`, or `newer-` where a
         newer Trolley wrote it, and reported. Where that fails, the folder cannot be written, so
         nothing will overwrite it either. Of one of an older schema the original is kept as
         `<name>.schema-<n>`.
@@ -96,14 +96,14 @@ class StateFolder:
             aside = keep_unreadable(path, error)
         except OSError as besides:
             self._log.error(
-                "A state file can neither be read nor kept aside",
+                "A state file can be neither read nor set aside",
                 file=path,
                 why=why,
                 besides=besides.strerror,
             )
         else:
             self._log.error(
-                "A state file cannot be read and was kept aside", file=path, kept=aside, why=why
+                "A state file cannot be read and was set aside", file=path, kept=aside, why=why
             )
 
     def _keep_original(self, path: Path, content: bytes, schema: int) -> None:

@@ -67,7 +67,7 @@ _PR_SET_PDEATHSIG = 1
 def end_with_parent() -> None:
     """Get SIGTERM from the kernel when the supervisor that the environment names has ended.
 
-    Otherwise the services of a supervisor that was killed would wait for its router for ever, and
+    Otherwise the services of a supervisor that was killed would wait for its router forever, and
     clash with those of the next one.
     """
     parent = os.environ.get(PARENT_VARIABLE)

@@ -19,7 +19,7 @@ class _Period:
 
 
 class Deadline:
-    """A call that is put off again and again, or given up."""
+    """A call that is postponed repeatedly, or given up."""
 
     def __init__(self, now_ns: Callable[[], int], call: Callable[[], None]) -> None:
         self._now_ns = now_ns

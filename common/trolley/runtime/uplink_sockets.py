@@ -1,9 +1,9 @@
-"""The TCP connections of a router with other hosts: given up as soon as nothing comes through.
+"""The TCP connections of a router to other hosts: dropped as soon as nothing gets through.
 
 Zenoh drops a silent link after its lease, but closing it waits until Linux has taken what was still
-to be written, and where the network is gone that lasts until Linux gives up repeating: minutes. All
-that time the link to the same router cannot be made anew (a cut of 40 s was felt for 54 s, one of
-60 s for 110 s). Zenoh has no setting for it, Linux has one per socket (`man 7 tcp`).
+to be written; if the network is gone, that lasts until Linux stops retransmitting: minutes. During
+that time no new link to the same router can be made (a cut of 40 s was felt for 54 s, one of 60 s
+for 110 s). Zenoh has no setting for this, Linux has one per socket (`man 7 tcp`).
 """
 
 import os

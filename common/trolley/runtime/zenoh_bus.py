@@ -372,7 +372,7 @@ class ZenohBus:
 def open_bus(
     endpoints: Sequence[str], timeout_s: float | None = None, keys: HostKeys | None = None
 ) -> Generator[ZenohBus]:
-    """Connect to the router; `timeout_s` None waits for it for ever; `keys` are for `tls/`.
+    """Connect to the router; `timeout_s` None waits for it forever; `keys` are for `tls/`.
 
     Raises:
         NotConnected: Nobody answers within `timeout_s`.

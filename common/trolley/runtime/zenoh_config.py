@@ -34,7 +34,7 @@ _COMMON: dict[str, object] = {
 def client_config(
     endpoints: Sequence[str], timeout_ms: int = -1, keys: HostKeys | None = None
 ) -> zenoh.Config:
-    """Settings of a client of the router at `endpoints`; `timeout_ms` -1 waits for it for ever."""
+    """Settings of a client of the router at `endpoints`; `timeout_ms` -1 waits for it forever."""
     return _config(
         {
             "mode": "client",

@@ -18,7 +18,7 @@ class Security:
 
 
 def security_of(keys: HostKeys) -> Security:
-    """What the router with these keys goes by, read anew at each of its starts.
+    """What the router with these keys goes by, read at each of its starts.
 
     Raises:
         KeysError: The list of those who are let in cannot be read.

@@ -153,7 +153,7 @@ def parse_certificates(content: bytes, path: Path) -> list[Certificate]:
     """The certificates in the content of a PEM file; `path` is for messages.
 
     Raises:
-        KeysError: Something in it is no certificate of Trolley.
+        KeysError: Something in it is not a certificate of Trolley.
     """
     try:
         return [_read(one, path) for one in x509.load_pem_x509_certificates(content)]

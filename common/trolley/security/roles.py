@@ -1,8 +1,8 @@
 """What each role may do: rules for Zenoh's access control, made from a list of certificates.
 
-What may not be done is refused where it enters a router; what left another host by right may go to
-everyone who was let in. A rule allows what it includes wholly: `trolley/**` allows subscribing to
-`trolley/*/pose`, and `**` never includes a chunk that begins with `@`.
+What a role may not do is refused where it enters a router; what another host sent by right may go
+to everyone who was let in. A rule allows only what it includes wholly: `trolley/**` allows
+subscribing to `trolley/*/pose`, and `**` never includes a chunk that begins with `@`.
 
 There are no rules that deny: Zenoh applies one only to keys that it includes wholly, so one for
 `tf/odom` would let a put to `tf/*` pass. What is allowed is listed instead (`all_but`).

@@ -12,16 +12,16 @@ from trolley_base.odometry.wheel_scales import counted_track_of
 from trolley_base.safety.motion_limits import MotionLimits
 
 LONGEST_WATCHDOG_S = 0.5
-"""A board that drives on for longer than this when base is gone ..."""
+"""A board whose own watchdog takes longer than this drives at `UNWATCHED_SPEED` at most [s]."""
 UNWATCHED_SPEED = 0.2
-"""... is driven no faster than this, until its owner shortens its watchdog and says so [m/s]."""
+"""Highest speed with such a board, until its owner shortens the watchdog and says so [m/s]."""
 
 
 def footprint_of(config: RobotConfig) -> NDArray[np.float64]:
     """Return the footprint (n, 2) [m] in `base_link`, counter-clockwise.
 
     Raises:
-        ConfigError: it is none that a robot can have.
+        ConfigError: it is not one that a robot can have.
     """
     given = config.robot.footprint
     try:

@@ -27,7 +27,6 @@ class DeviceInputs:
     """The newest readings of chassis and lidar, and the track that they make up.
 
     Args:
-        service: base.
         echoes: what the lidar saw near the robot.
         space: which floor it has seen to be free.
         view: how much of its surroundings it sees.

@@ -69,7 +69,7 @@ class DeviceLog:
             return
         if link.message != self._reported.get(name):
             self._reported[name] = link.message
-            # A device that is tried again and again fails for the same reason each time.
+            # A device that is tried repeatedly fails for the same reason each time.
             kind = f"link/{NUMBER.sub('#', link.message)}"
             self._add_note(now_ns, name, Note("warning", kind, link.message))
 

@@ -17,11 +17,9 @@ from trolley_base.state_reporter import StateReporter
 
 
 class DriveControl:
-    """Decides which velocity the motors are given, in each control period and at each stop.
+    """Decides which velocity the motors get, in each control period and at each stop.
 
     Args:
-        service: base.
-        clock: robot time.
         cannot_drive: why commands go nowhere, "" where they drive.
         limiter: chooses the command, and limits it.
         scales: between true and reported motion.
@@ -55,7 +53,7 @@ class DriveControl:
         """What is driven now, and why."""
 
     def begin(self, hardware: Hardware) -> None:
-        """Begin a run with devices that have been opened; a stop of before still holds."""
+        """Begin a run with devices that have been opened; an earlier stop still holds."""
         self._chassis = hardware.chassis
         self._watch.begin(hardware)
         self._estop.load()

@@ -18,10 +18,9 @@ MOST_JUMPS, JUMPS_WITHIN_NS = 3, 2_000_000_000
 
 
 class MotionWatch:
-    """Keeps what was found out until somebody resumes the robot, and restarts the board.
+    """Keeps what was detected until somebody resumes the robot, and restarts the board.
 
     Args:
-        service: base.
         supervision: compares commands with motions.
         can_drive: whether commands reach any motors.
     """
@@ -43,12 +42,12 @@ class MotionWatch:
 
     @property
     def is_latched(self) -> bool:
-        """Whether something was found out that only `base/resume` ends."""
+        """Whether a fault was detected that only `base/resume` ends."""
         return self._finding is not None and self._finding.fault is not Fault.MOVES
 
     @property
     def not_stopped(self) -> bool:
-        """Whether the robot moves though it is told to stand, or nobody knows that it stands."""
+        """Whether the robot moves although told to stand, or nobody knows whether it stands."""
         return self._finding is not None and self._is_moving
 
     @property
@@ -84,7 +83,7 @@ class MotionWatch:
             self._supervision.command(now_ns, twist)
 
     def clear(self) -> None:
-        """Forget what was found out, unless the robot still moves."""
+        """Forget what was detected, unless the robot still moves."""
         if not self.not_stopped:
             self._finding = None
 

@@ -21,8 +21,6 @@ class StateReporter:
     """Publishes decisions.
 
     Args:
-        service: base.
-        clock: robot time.
         inputs: what the devices report.
         watch: knows whether the motors obey.
     """
@@ -93,8 +91,8 @@ class StateReporter:
             sides = " and ".join(view.closed)
             self._service.set_health(
                 "degraded",
-                f"The lidar's view to the {sides} is closed; look for a cable, dirt or a thing "
-                "that covers it.",
+                f"The lidar's view to the {sides} is blocked; look for a cable, dirt or "
+                "something that covers it.",
             )
         elif self._clock.is_slowed:
             self._service.set_health(

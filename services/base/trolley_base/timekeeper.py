@@ -13,11 +13,7 @@ SAVE_TIME_S = 60.0
 
 
 class Timekeeper:
-    """Owns robot time on behalf of base.
-
-    Args:
-        service: base.
-    """
+    """Owns robot time on behalf of base."""
 
     def __init__(self, service: Service) -> None:
         self._service = service

@@ -62,7 +62,7 @@ class AnchoredPlaces:
 
         Args:
             core: knows where they are.
-            map_name: the map that they are to belong to, if not the one of before.
+            map_name: the map that they are to belong to, if not the previous one.
         """
         changed: list[SavedPose] = []
         for name, place in self._stored.items():

@@ -24,7 +24,7 @@ class Checkpoint(Struct, frozen=True, kw_only=True):
     """A map in the making as it is stored."""
 
     schema: int = 2
-    """Of the file; counted up when its form changes. Files of before it was told have none."""
+    """Of the file; counted up when its form changes. Older files have none."""
     name: MapName
     extends: str | None = None
     zones: list[Zone] = []

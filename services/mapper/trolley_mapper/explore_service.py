@@ -61,8 +61,6 @@ class ExploreService:
     """Drives the robot to what the map does not show yet, when it is asked to.
 
     Args:
-        service: that it belongs to.
-        config: of the mapper.
         mapping: which makes the map.
     """
 

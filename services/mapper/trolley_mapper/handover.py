@@ -23,11 +23,9 @@ MAX_UNHEARD = 10
 
 
 class Handover:
-    """Asks the localizer to take over a saved map, again and again until it has.
+    """Asks the localizer to take over a saved map, over and over until it has.
 
     Args:
-        service: that asks.
-        name: of the map.
         pose: where the robot is on it, map_T_base.
         done: called at the end, with what came of it in a sentence.
     """
@@ -107,8 +105,6 @@ class MapSaver:
     """Answers `map/save`: writes the map, and lets the localizer take over on it.
 
     Args:
-        service: that it belongs to.
-        config: of the robot.
         mapping: which has the map.
     """
 

@@ -43,7 +43,7 @@ class RobotInputs:
             self._service.close_watch(watch)
 
     def begin_epoch(self) -> None:
-        """Take note that base began anew."""
+        """Take note that base started over."""
         self._assembler.clear()
         self._is_new_run = True
 

@@ -29,7 +29,6 @@ class MapSession:
 
     Args:
         config: of the core.
-        name: of the map.
         extends: the map that it continues, if any.
     """
 
@@ -134,7 +133,7 @@ class MapSession:
 
     @property
     def revision(self) -> tuple[object, ...]:
-        """Differs from the one of before whenever a checkpoint would."""
+        """Differs from the previous one whenever a checkpoint would."""
         core = self.core
         grown = (0, 0) if core is None else (core.version, core.num_keyframes)
         return (self, *grown, self.is_paused, self.is_exploring)

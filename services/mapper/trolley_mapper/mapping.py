@@ -31,8 +31,6 @@ class Mapping:
     """Makes one map at a time, in place of the localizer.
 
     Args:
-        service: that it belongs to.
-        config: of the robot.
         on_end: called when a map is finished or given up, while everything still runs.
     """
 
@@ -50,7 +48,7 @@ class Mapping:
     # Life.
 
     def start(self) -> None:
-        """Continue the map of the run before, if it was not finished."""
+        """Continue the map of the previous run, if it was not finished."""
         self.publish_status()
         self._service.work(partial(checkpoints.read, self._service.state.path), self._resume)
 
@@ -75,7 +73,7 @@ class Mapping:
             self._checkpointer.save(session.revision, session.checkpoint)
 
     def epoch_began(self) -> None:
-        """Take note that the odometry begins anew; the robot itself has not moved."""
+        """Take note that the odometry starts over; the robot itself has not moved."""
         if self.inputs is not None:
             self.inputs.begin_epoch()
 
@@ -181,7 +179,7 @@ class Mapping:
             return self.announce("")
         if session.extends:
             return self.announce("Everything that was added to the map has been removed.")
-        return self.announce("Everything has been removed but where the map began.")
+        return self.announce("Everything has been removed except where the map began.")
 
     @answers(requests.MAP_CANCEL)
     def cancel(self, _: Nothing) -> MappingStatus:

@@ -104,8 +104,6 @@ class MapStarter:
     """Answers `map/new` and `map/extend`.
 
     Args:
-        service: that it belongs to.
-        config: of the robot.
         mapping: which makes the map.
         is_editing: whether a stored map is being changed.
         explore: called when a map has begun, with whether the robot is to explore.

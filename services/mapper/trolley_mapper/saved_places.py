@@ -1,4 +1,4 @@
-"""Saved places follow the map that is being made: heard, and stored anew where they moved."""
+"""Saved places follow the map that is being made: those that moved with it are stored again."""
 
 from functools import partial
 

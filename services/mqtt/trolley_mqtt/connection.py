@@ -156,7 +156,7 @@ class BrokerConnection:
             events = list(self._events)
             self._events.clear()
             self._num_arrived = 0
-        # Where a broken packet ended the thread it begins anew; while it runs this does nothing.
+        # Where a broken packet ended the thread it starts over; while it runs this does nothing.
         self._client.loop_start()
         return events
 

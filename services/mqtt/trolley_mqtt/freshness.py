@@ -1,4 +1,4 @@
-"""How old what arrives from the broker may be at most.
+"""How old a message from the broker may be at most.
 
 A broker delivers in order. The bridge sends a mark each second and hears it come back: whatever
 arrives after a mark left the broker after that mark was sent. So a command that waited in a
@@ -25,7 +25,7 @@ class Freshness:
         self._run = run
 
     def renew(self) -> None:
-        """Begin anew on a new connection."""
+        """Start over on a new connection."""
         self._sent_ns.clear()
         self._proof_ns = None
 

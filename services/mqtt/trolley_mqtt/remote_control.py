@@ -42,7 +42,7 @@ class RemoteControl:
         elif verb == STOP:
             self._stop.begin()
         elif message.is_retained:
-            # A broker could give it to the robot again and again, days later too.
+            # A broker could give it to the robot repeatedly, days later too.
             self._drop("retained", verb, "a command must not be a retained message")
         elif not self._freshness.is_fresh(self._service.monotonic_ns):
             self._drop("stale", verb, "it may have waited too long on its way")

@@ -1,4 +1,4 @@
-"""A stop over MQTT: asked for again and again until the robot answers."""
+"""A stop over MQTT, requested repeatedly until the robot answers."""
 
 from trolley import requests
 from trolley.codes import Refused

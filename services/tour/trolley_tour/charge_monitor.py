@@ -101,5 +101,5 @@ class ReturnDecision:
         return self._is_due
 
     def set_off(self) -> None:
-        """Begin anew once the robot was sent home."""
+        """Start over once the robot was sent home."""
         self._is_due, self._arrived_ns = False, None

@@ -26,7 +26,7 @@ SAME_M, SAME_RAD = 0.01, 0.01
 @click.argument("file", type=click.Path(allow_dash=True, path_type=Path))
 @click.option("--name", help="What to call the tour; else the file's name.")
 @click.option(
-    "--map", "map_name", default="", help="The places' map; else the robot's present one."
+    "--map", "map_name", default="", help="The places' map; else the robot's current one."
 )
 @click.option("--replace", is_flag=True, help="Overwrite a tour and places of these names.")
 @click.option("--dry-run", is_flag=True, help="Show what would be saved, and save nothing.")
@@ -39,7 +39,7 @@ def import_tour(
     """Save the GoalPoints list of FILE ("-": standard input) as places and a tour.
 
     FILE is a Python script with a list `GoalPoints = [[(x, y, z), (x, y, z, w)], ...]`, or the list
-    alone; it is only read, never run. The comment behind a goal is its name.
+    alone; it is only read, never run. The comment after a goal is its name.
     """
     try:
         points = read_goal_points(_text(file))

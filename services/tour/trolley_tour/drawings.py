@@ -42,7 +42,7 @@ class DrawingStore(Generic[M]):
         return len(self._kept)
 
     def put(self, chunks: Chunks, message: M, now_ns: int, lifetime_s: float = 0.0) -> None:
-        """Keep a drawing, in place of the one under the same key; `lifetime_s` 0 = for ever.
+        """Keep a drawing, in place of the one under the same key; `lifetime_s` 0 = forever.
 
         Raises:
             Refused: A chunk of its key is not a valid name, or there are too many.
@@ -78,7 +78,7 @@ class DrawingStore(Generic[M]):
             self._remove(key)
 
     def items(self, now_ns: int) -> dict[Chunks, tuple[M, float]]:
-        """What is there, with the seconds that each has left (0 = for ever)."""
+        """What is there, with the seconds that each has left (0 = forever)."""
         self._drop_ended(now_ns)
         return {
             chunks: (kept.message, 0.0 if kept.ends_ns is None else (kept.ends_ns - now_ns) * 1e-9)

@@ -30,9 +30,7 @@ class StateFiles:
                 self._locked[name] = f"{name} cannot be read; nothing new is saved in it."
                 self._problems.set(name, self._locked[name])
             else:
-                self._problems.set(
-                    f"{name} before", f"{name} could not be read and was kept aside."
-                )
+                self._problems.set(f"{name} before", f"{name} could not be read and was set aside.")
         return content
 
     def save(self, name: str, content: Struct, then: Callable[[str | None], None]) -> None:

@@ -28,9 +28,9 @@ def viewer_link(as_json: bool, with_codes: bool) -> None:
     """Print the links that open the viewer from another host.
 
     One lets its holder do everything, the other only look and press Stop. They hold a token: treat
-    them as passwords. Run this on the viewer's host, as the user that it runs as (installed:
-    by sudo). To make all links worthless, delete viewer_access.toml in the state folder and restart
-    the viewer.
+    them as passwords. Run this on the viewer's host, as the user that the viewer runs as (if
+    installed, with sudo). To revoke all links, delete viewer_access.toml in the state folder and
+    restart the viewer.
     """
     if as_json and with_codes:
         raise click.UsageError("--json and --qr exclude each other.")

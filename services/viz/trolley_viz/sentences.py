@@ -59,7 +59,7 @@ def refusal(reply: Refused) -> str:
     if service is not None and reply.code == codes.NOT_READY:
         return f"{service} is not running. If the robot has just started, try again in a moment."
     if service is not None and reply.code == codes.TIMEOUT:
-        return f"{service} did not answer in time. Look whether it was done before you try again."
+        return f"{service} did not answer in time. Check whether it was done before you try again."
     return reply.message or codes.SENTENCES.get(reply.code, reply.code)
 
 

@@ -179,7 +179,7 @@ class VizService(Service):
                 page.session.attach(client)
         page.hear(said, self.monotonic_ns)
 
-    # What it does again and again.
+    # What it does repeatedly.
     @every(DRAW_PERIOD_S, clock="local")
     def draw(self) -> None:
         """Draw and say what changed, while any browser is open."""

@@ -191,7 +191,7 @@ def test_another_robot_on_the_map_is_not_led_astray(home: Home) -> None:
     (home.folder / "hall/last_pose.toml").write_text('map = "flat"\n')
     refused = home.refusal(requests.MAP_EDIT, EditMap(name="flat", ops=[Turn(angle=1.0)]))
     assert refused.code == codes.EXISTS
-    assert "hall would get lost" in refused.message
+    assert "hall would be lost" in refused.message
     home.edit(DrawWall(points=[(1.0, 1.0)]))  # which moves nothing
 
 

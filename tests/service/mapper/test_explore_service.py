@@ -122,7 +122,7 @@ def test_it_stands_after_a_hand_on_the_robot_until_it_is_told(stage: Stage) -> N
     stage.base.say("ok", "teleop")
     stage.bus.run(1.0)
     assert (stage.status.exploring, stage.goals[-1].state) == ("paused", "canceled")
-    assert "somebody else drives" in stage.status.message
+    assert "somebody else is driving" in stage.status.message
     stage.base.say("ok", None)
     stood = stage.world.pose
     stage.bus.run(5.0)
@@ -189,7 +189,7 @@ def test_a_mapper_that_comes_back_says_that_exploring_waits(
     stage.bus.add(MapperService(stage.config))
     stage.bus.run(1.0)
     assert stage.status.state == "mapping"
-    assert "tell it to go on" in stage.status.message
+    assert "tell it to continue" in stage.status.message
 
 
 def test_exploring_needs_a_map_in_the_making(stage: Stage) -> None:

@@ -52,7 +52,7 @@ def test_broken_history_is_kept_aside_and_reported(home: "Home"):
     health = home.lockstep.record(topics.HEALTH, "tour")
     assert home.lockstep.ask(requests.TOUR_HISTORY) == []
     home.lockstep.run(1.5)
-    assert health[-1].message == "history.sqlite could not be read and was kept aside."
+    assert health[-1].message == "history.sqlite could not be read and was set aside."
     home.start("kitchen")
     home.run_until("done")
     assert len(home.lockstep.ask(requests.TOUR_HISTORY)) == 1

@@ -66,7 +66,7 @@ def test_good_ports_are_fine() -> None:
         (replace(LIDAR, forbidden="x may not", remedy="usermod"), Level.PROBLEM, "x may not"),
         (replace(LIDAR, held_by=(Holder(812, "screen"),)), Level.PROBLEM, "screen (pid 812)"),
         (replace(LIDAR, modem_manager="it runs"), Level.WARNING, "ModemManager"),
-        (replace(LIDAR, is_seen_whole=False), Level.NOTE, "who has it open"),
+        (replace(LIDAR, is_seen_whole=False), Level.NOTE, "which program has it open"),
         (replace(LIDAR, path="/dev/ttyUSB1"), Level.WARNING, "a different device"),
     ],
 )

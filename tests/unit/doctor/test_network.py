@@ -137,7 +137,7 @@ def test_a_fact_that_cannot_be_read_is_said_so() -> None:
     (found,) = looked_at("certificates", closed)
     assert (found.level, "/etc/trolley/keys" in found.sentence) == (Level.NOTE, True)
     (found,) = looked_at("memory", broken)
-    assert "could not be looked at" in found.sentence
+    assert "could not be checked" in found.sentence
 
 
 def test_findings_cannot_steer_a_terminal() -> None:

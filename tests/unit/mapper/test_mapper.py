@@ -182,7 +182,7 @@ def test_after_a_long_way_with_a_covered_lidar_the_map_goes_on_apart_until_it_is
     assert drive.last.state == "unsure"
     drive.is_covered, drive.odometry_scale = False, 1.0
     assert drive.look().state == "lost"
-    assert "hangs loose" in drive.look().message
+    assert "not joined to the map yet" in drive.look().message
     assert drive.mapper.grid() is grid
     assert drive.mapper.num_keyframes == keyframes
     for _ in range(40):

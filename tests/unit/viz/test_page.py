@@ -85,7 +85,7 @@ def test_what_cannot_be_pressed_is_answered_so(stage: "Stage") -> None:
     stage.say(browser, Said(press=Press(id=1, at_ms=stage.now_ms, control=10**6)))
     assert browser.answers[1] == Answer(id=1, is_done=False, text="This can no longer be pressed.")
     answer = press(stage, browser, "Look", value="very")
-    assert answer.text == "Not understood: none of the list."
+    assert answer.text == "Not understood: not in the list."
 
 
 @pytest.mark.parametrize("prefers_dark", [True, False])

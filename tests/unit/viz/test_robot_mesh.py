@@ -58,7 +58,7 @@ def test_a_box_is_a_body() -> None:
         (changed(body(), scenes=[{"nodes": []}]), BROKEN),
         (changed(body(), buffers=[{"byteLength": 1 << 40}]), BROKEN),
         (changed(body(), bufferViews=[]), BROKEN),
-        (changed(body(), images=[{"uri": "http://example.com/a.png"}]), "Its body lies in several"),
+        (changed(body(), images=[{"uri": "http://example.com/a.png"}]), "Its body is in several"),
         (changed(body(), extensionsRequired=["KHR_draco_mesh_compression"]), "Its body needs “KHR"),
         (body(length_m=400.0), "Its body is 400 m long"),
         (body(scale=1000.0), "Its body is 500 m long"),

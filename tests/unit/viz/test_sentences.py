@@ -96,8 +96,8 @@ def test_a_goal_is_called_by_its_place() -> None:
     assert goal_line(goal, []).headline == "Driving to (2.02, 1.00)"
     careful = msgspec.structs.replace(goal, warning="in_passage")
     assert goal_line(careful, [KITCHEN]).detail == (
-        "2.3 m to go, about 8.2 s. In that narrow place nobody gets past the robot while it stands "
-        "there."
+        "2.3 m to go, about 8.2 s. That is a narrow passage: while the robot stands there, nobody "
+        "gets past it."
     )
 
 

@@ -118,7 +118,7 @@ def test_points_that_are_passed_belong_to_the_next_stop() -> None:
     ("draft", "problem"),
     [
         (Draft("", (HALL,)), "Give the tour a name."),
-        (Draft("a/b", (HALL,)), "Choose another name: a name may not hold '/'"),
+        (Draft("a/b", (HALL,)), "Choose another name: a name may not contain '/'"),
         (Draft("morning", (HALL,)), "There is already a tour called “morning”."),
         (Draft("round"), "Add at least one place."),
         (Draft("round", (Point(name="hall", passes=True),)), "The robot would not stop anywhere"),

@@ -216,7 +216,7 @@ def test_what_the_localizer_refuses_is_said_in_its_words(hand: Hand, keeper: Zon
     keeper.refuse = ""
     hand.editor.done()
     hand.wait()
-    assert "may not hold" in hand.browser.notices[-1][1]
+    assert "may not contain" in hand.browser.notices[-1][1]
 
 
 def test_a_zone_is_tapped_and_its_corner_dragged(hand: Hand, keeper: ZoneKeeper) -> None:

@@ -1,10 +1,10 @@
-"""Who of those at the door is let in, when, and who has to go; without sockets and clocks.
+"""Which connections the door lets in, when, and which it closes; without sockets and clocks.
 
 A guest is silent, then has greeted (a whole TLS hello), then is inside (its bytes go to the router)
-and at last proven: the router, which checks certificates, speaks with it.
+and finally proven: the router, which checks certificates, talks to it.
 
-Where there are too many, the oldest of those who have not got further have to go, and the newest
-who has greeted is let in first: a lawful host greets at once, a hanging one never gets further.
+If there are too many, the oldest of those that have got least far are closed, and the newest that
+has greeted is let in first: a legitimate host greets at once, a hanging one never gets further.
 """
 
 import dataclasses

@@ -28,7 +28,7 @@ class Door:
 
     Raises:
         OSError: The port is taken, or the address is not one of this host.
-        ValueError: It is no such endpoint.
+        ValueError: It is not such an endpoint.
     """
 
     def __init__(self, endpoint: str) -> None:

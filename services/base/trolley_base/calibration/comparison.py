@@ -13,9 +13,10 @@ class ComparisonParams:
     """How a drive by somebody else is cut into windows; set by hand."""
 
     window_m: float = 1.0
-    """A window is this long [m], or ..."""
+    """A window ends after this distance, or after turning by `window_rad`, so that the pose's own
+    error counts for little [m]."""
     window_rad: float = 2.0
-    """... turns this much [rad], so that the pose's own error counts for little."""
+    """See `window_m` [rad]."""
     gap_ns: int = 1_000_000_000
     """A longer pause between sure poses may hide a leap of the pose [ns]."""
     max_std_m: float = 0.10

@@ -224,7 +224,7 @@ class CalibrationDrive:
         if base.source == SOURCE or self._followed_ns is None:
             self._followed_ns = now_ns
         if now_ns - self._followed_ns > PARAMS.follow_ns:
-            return 'base does not take the commands: is "calibrate" in [base.sources]?'
+            return 'base does not accept the commands: is "calibrate" in [base.sources]?'
         return None
 
 

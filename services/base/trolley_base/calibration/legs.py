@@ -96,7 +96,7 @@ class OdometryLog:
         return bool(self._stamps_ns) and self._stamps_ns[0] <= stamp_ns <= self._stamps_ns[-1]
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
-        """Return odom_T_base, interpolated; the nearest outside of what was heard.
+        """Return odom_T_base, interpolated; the nearest outside what was heard.
 
         Raises:
             LookupError: nothing was heard yet.

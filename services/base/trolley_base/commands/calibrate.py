@@ -124,7 +124,7 @@ def square_command(
 @where_options
 @reports_errors
 def compare_command(seconds: float, **result: Any) -> None:
-    """Compare odometry and localizer for a while, as somebody else drives the robot.
+    """Compare odometry and localizer for a while; somebody else drives the robot.
 
     Drive it by hand or let it drive a tour: straight stretches and turns in both directions.
     Ctrl-C ends it early and evaluates what was heard so far.

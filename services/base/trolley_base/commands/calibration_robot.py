@@ -33,7 +33,7 @@ def refuse_unready(robot: Robot, *, needs_pose: bool) -> None:
     if base.mode != "ok":
         raise Refused(base.reason or base.mode, base.message or f"Base is {base.mode}.")
     if base.source is not None:
-        raise Refused(codes.TAKEN_OVER, f"{base.source} drives the robot now; end that first.")
+        raise Refused(codes.TAKEN_OVER, f"{base.source} is driving the robot; stop that first.")
     if not needs_pose:
         return
     estimate = robot.pose()
@@ -53,7 +53,7 @@ def refuse_narrow(robot: Robot, places: list[Place]) -> None:
     about, laser = robot.latest(topics.ROBOT), robot.latest(topics.TF, "laser")
     scan = robot.latest(topics.SCAN)
     if about is None or laser is None or scan is None:
-        raise Refused(codes.NOT_READY, "There is no scan that could show whether there is room.")
+        raise Refused(codes.NOT_READY, "There is no scan to show whether there is room.")
     ranges = floats_from_bytes(scan.ranges).astype(np.float64)
     angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
     is_echo = np.isfinite(ranges) & (ranges > 0.0)

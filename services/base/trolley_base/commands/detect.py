@@ -31,14 +31,14 @@ USUAL, SCREEN = "<usual>", "-"
     is_flag=False,
     flag_value=USUAL,
     metavar="[ROBOT.TOML]",
-    help="Put the settings into this file, else the usual one; name ports before it.",
+    help="Write the settings to this file, else the usual one; name ports before it.",
 )
 @click.option(
     "--udev",
     is_flag=False,
     flag_value=SCREEN,
     metavar="[FILE.RULES]",
-    help="Print a udev rule with lasting names for the ports, or write it to this file.",
+    help="Print a udev rule with permanent names for the ports, or write it to this file.",
 )
 @where_options
 @json_option
@@ -48,9 +48,9 @@ def detect_command(
 ) -> int:
     """Find the motor board and the lidar by what they answer; nothing on wheels moves.
 
-    Looks at the serial ports named, else at all that nobody has open; that takes about 8 s. Each
-    is asked some short questions: name the ports if other things are plugged in that must not be.
-    Devices are left as they were found, only a lidar left measuring for nobody is told to stop.
+    Tries the given serial ports, else all that no program has open; that takes about 8 s. It sends
+    a few short questions to each: name the ports if something is plugged in that must not get them.
+    Devices are left as they were found, except that a lidar left running is told to stop.
     """
     for value, suffix in ((write, ".toml"), (udev, ".rules")):
         # A port behind such an option would be taken for the file, and written over.

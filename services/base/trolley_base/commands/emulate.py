@@ -70,7 +70,7 @@ def _epilog() -> str:
 @click.option(
     "--ports",
     type=click.Path(file_okay=False, path_type=Path),
-    help="The folder of the ports' names [default: a new one].",
+    help="The folder in which the ports appear [default: a new one].",
 )
 @click.option(
     "--fault",
@@ -79,7 +79,7 @@ def _epilog() -> str:
     metavar="DEVICE:KIND[=VALUE][@S][+S]",
     help="What goes wrong, from which second on and for how long (may be repeated).",
 )
-@click.option("-q", "--quiet", is_flag=True, help="Say nothing but what goes wrong.")
+@click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
 @where_options
 @reports_errors
 def emulate_command(
@@ -92,11 +92,11 @@ def emulate_command(
     ports: Path | None,
     faults: tuple[str, ...],
 ) -> None:
-    """Play motor boards and lidars at pseudo terminals, from a simulated world, until Ctrl-C.
+    """Emulate motor boards and lidars on pseudo-terminals, in a simulated world, until Ctrl-C.
 
-    They share one robot: the board moves it, the lidars see from where it is. With --config the
-    robot is as that file says (outline, lidar's pose, wheels). With --robot or --config it
-    publishes sim/truth. What --fault takes can also be typed while it runs.
+    They share one robot: the board moves it, the lidars see what is around it. With --config,
+    footprint, lidar's pose and wheels are those of that file. With --robot or --config it publishes
+    sim/truth. Faults can also be typed while it runs, in the form that --fault takes.
     """
     path: Path | None = given("config")
     config = None if path is None else load_config(path)

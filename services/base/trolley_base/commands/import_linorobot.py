@@ -42,14 +42,14 @@ Files = dict[Path, bytes]
     envvar="LINOBASE",
     default="",
     metavar="|".join(DRIVES),
-    help="How it is driven; else LINOBASE.",
+    help="Its drive [default: as LINOBASE says].",
 )
 @click.option(
     "--lidar",
     envvar="LINOLIDAR",
     default="",
     metavar="|".join(LIDARS),
-    help="Its lidar; else LINOLIDAR.",
+    help="Its lidar [default: as LINOLIDAR says].",
 )
 @reports_errors
 def import_linorobot(
@@ -136,4 +136,4 @@ def _report(findings: Findings, output: Path) -> None:
     for note in findings.notes:
         say(f"\n{note}")
     say(f"\nWrote {output}. Next: `trolley detect --write {output}` on the robot finds the")
-    say(f"ports' lasting names; then `trolley up --config {output}`.")
+    say(f"ports' permanent names; then `trolley up --config {output}`.")

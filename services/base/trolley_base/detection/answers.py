@@ -92,7 +92,7 @@ def describe_bridge(counts: str | None) -> FoundDevice:
     details: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
     if counts is None:
-        problems = ("It does not answer the question for its encoders.",)
+        problems = ("It does not answer when asked for its encoders.",)
     elif counts == _REFUSAL:
         problems = (
             "Its sketch was built without USE_BASE and cannot drive: take the // away before "
@@ -115,14 +115,14 @@ def _describe_health(
     """Return a lidar's identification in words, and its problems."""
     details = (f"firmware {info.firmware}", f"serial {serial}")
     if health is None:
-        return details, ("It does not say how it is: a weak 5 V supply is the usual cause.",)
+        return details, ("It does not report its health: a weak 5 V supply is the usual cause.",)
     status, code = health
     if status == 0:
         return (*details, "health good"), ()
     if status < _FAULTY:
         return (*details, f"health warning (code {code})"), ()
     problem = (
-        f"It reports a fault (code {code}): take its power away for some seconds; if the fault "
+        f"It reports a fault (code {code}): unplug its power for a few seconds; if the fault "
         f"stays, is the head free to turn and the 5 V supply strong enough?"
     )
     return (*details, f"health error {code}"), (problem,)

@@ -90,8 +90,8 @@ def _why_nothing(received: dict[int, int]) -> str:
     most = max(received.values(), default=0)
     if most == 0:
         return (
-            "Nothing answers: has the device power, is the cable a data cable (not charge-only), "
-            "and is it a board or lidar that Trolley knows?"
+            "Nothing answers: does the device have power, is the cable a data cable (not "
+            "charge-only), and is it a board or lidar that Trolley knows?"
         )
     amounts = " and ".join(f"{count} at {baud} baud" for baud, count in received.items())
     return (

@@ -133,7 +133,7 @@ def _lasting_name(
             why = "it has no serial number"
         return by_path[0], f"Named by its USB socket, since {why}: leave it plugged in there."
     if by_id:
-        return by_id[0], "Named by what it is: a second adapter of this kind would be mixed up."
+        return by_id[0], "Named by what it is: a second adapter of this kind would look the same."
     if Path(device).name.startswith(("ttyUSB", "ttyACM")):
-        return device, "No lasting name is known (no udev here): it changes with the order."
+        return device, "No permanent name is known (no udev here): this one may change."
     return device, ""

@@ -38,8 +38,8 @@ def describe(topics: Mapping[str, TopicInfo]) -> FoundDevice:
     missing = [topic.name for topic in TOPICS if topic.is_needed and topic.name not in topics]
     if missing:
         problem = (
-            f"It speaks rosserial but does not announce {' and '.join(missing)}, so this is no "
-            f"linorobot firmware that Trolley can drive."
+            f"It speaks rosserial but does not announce {' and '.join(missing)}, so this is not a "
+            "linorobot firmware that Trolley can drive."
         )
         return FoundDevice("board", None, "a rosserial board", LINOROBOT.baud, (names,), (problem,))
     problems = tuple(
@@ -54,4 +54,4 @@ def describe(topics: Mapping[str, TopicInfo]) -> FoundDevice:
 
 
 def _ignore(_name: str, _number: int) -> None:
-    """Count nothing: what is no frame is some other device's."""
+    """Count nothing: what is not a frame is some other device's."""

@@ -59,7 +59,7 @@ def propose(seen: Sequence[PortResult], settings: dict[str, Any]) -> Proposal:
         _propose_baud(proposal, LIDAR, found, base.get("lidar", {}))
         if "pose" not in base.get("lidar", {}):
             proposal.notes.append(
-                "Where the lidar sits is still to be measured: [base.lidar] pose = { x, y, yaw } "
+                "You still have to measure where the lidar sits: [base.lidar] pose = { x, y, yaw } "
                 "and z_m, in metres and radians from the middle between the driven wheels."
             )
     if proposal.values:
@@ -103,8 +103,8 @@ def _propose_board(
         proposal.waiting[*CHASSIS, "board"] = found.model
         proposal.appendix = WHEELS
         proposal.notes.append(
-            "The wheels are still to be measured: [base.chassis] board stays commented out, and "
-            "nothing is driven, until [base.chassis.wheels] says how large they are."
+            "You still have to measure the wheels: [base.chassis] board stays commented out, and "
+            "the robot cannot drive, until [base.chassis.wheels] says how large they are."
         )
     else:
         proposal.values[*CHASSIS, "board"] = found.model or ""

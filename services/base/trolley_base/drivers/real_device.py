@@ -12,7 +12,7 @@ from trolley_base.drivers.lidars import make_lidar
 from trolley_base.drivers.real_hardware import RealHardware
 from trolley_base.persistence import SavedWorld
 
-NO_BOARD = "No motor board is set ([base.chassis] board), so commands go nowhere."
+NO_BOARD = "No motor board is set ([base.chassis] board), so commands have no effect."
 LONGEST_DELAY_S = 0.35
 """Where nobody has measured it: a board that looks at its commands ten times a second, motors that
 follow a control loop, and the way there and back."""
@@ -58,7 +58,7 @@ class RealDevice:
         robot_ns: Callable[[int], int],
         call_soon: CallSoon,
     ) -> Opened:
-        """Begin to open the ports; what is not there yet is tried again and again."""
+        """Begin to open the ports; what is not there yet is tried repeatedly."""
         del saved
         chassis, lidar = self._config.base.chassis, self._config.base.lidar
         board = None

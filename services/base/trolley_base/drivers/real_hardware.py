@@ -44,7 +44,7 @@ class SerialChassis:
         return replace(reading, link=self._conversation.link(self._now_ns), counts=counts)
 
     def restart(self) -> bool:
-        """Open the port anew, which restarts an Arduino; False for boards that do not notice."""
+        """Reopen the port, which restarts an Arduino; False for boards that do not notice."""
         return self._conversation.restart(self._now_ns)
 
     def advance(self, now_ns: int) -> None:

@@ -57,7 +57,6 @@ class SerialDevice:
 
     Args:
         path: the port.
-        line: how to open it.
         explain: turns an error of the port into a sentence.
         wake: called on the thread when something has arrived, if the line is a prompt one.
     """

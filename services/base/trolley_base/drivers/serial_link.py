@@ -12,13 +12,13 @@ D = TypeVar("D", bound=Dialogue)
 REOPEN_EVERY_NS = 5_000_000_000
 """A port is opened again at most this often at a dialogue's request [ns]."""
 REFUSED_NS = 500_000_000
-"""A port that refuses what is written for this long does not work [ns] ..."""
+"""A port that has refused all writes for this long counts as down [ns]."""
 TAKEN_NS = 1_000_000_000
-"""... and one that has refused nothing for this long does again [ns]."""
+"""It counts as up again once it has refused nothing for this long [ns]."""
 MOST_LOSSES, LOSSES_WITHIN_NS = 3, 10_000_000_000
-"""A device that was lost this often within this time will be lost again [ns] ..."""
+"""A device that was lost this often within this time [ns] is not used for now."""
 STEADY_NS = 3_000_000_000
-"""... until it has been there for this long without a break [ns]."""
+"""It is used again once it has stayed connected for this long [ns]."""
 
 
 class SerialLink(Generic[D]):
@@ -98,12 +98,12 @@ class SerialLink(Generic[D]):
             self._refused_since_ns = None
             self._reopen(
                 now_ns,
-                f"{self._device.path} takes nothing of what is written to it: the device or its "
-                "adapter hangs; plug it in again.",
+                f"{self._device.path} accepts nothing that is written to it: the device or its "
+                "adapter hangs; unplug it and plug it in again.",
             )
 
     def restart(self, now_ns: int) -> bool:
-        """Open the port anew where that restarts the device; False where it would not."""
+        """Reopen the port where that restarts the device; False where it would not."""
         if not (self._is_open and self.dialogue.line.restarts):
             return False
         self._reopen(now_ns, "The motor board is being restarted.")
@@ -123,7 +123,7 @@ class SerialLink(Generic[D]):
         message = (
             f"{self._device.path}: the connection was lost {len(self._losses_ns)} times within "
             f"{LOSSES_WITHIN_NS // 1_000_000_000} s: the device restarts, or its cable is loose. "
-            "Look at its supply and its cable; it is used again when it stays."
+            "Check its supply and its cable; it is used again once it stays connected."
         )
         return Link(name=self._name, state="down", message=message)
 

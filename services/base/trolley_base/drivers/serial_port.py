@@ -25,7 +25,6 @@ class SerialPort:
 
     Args:
         path: the device, or a link to it.
-        line: how to open it.
 
     Raises:
         OSError: it cannot be opened; `errno` says why (EBUSY: somebody else has it).

@@ -44,7 +44,7 @@ class Device:
     def __init__(self, baud: int) -> None:
         self.baud = baud
         self.is_stuck = False
-        """Fault: it reports the same values (board) or the same angle (lidar) again and again."""
+        """Fault: it reports the same values (board) or the same angle (lidar) repeatedly."""
         self._frames: list[Frame] = []
         self._remarks: list[str] = []
 

@@ -21,13 +21,13 @@ KINDS = {
     "silence": "it sends nothing",
     "noise": "random bytes between its frames; =BYTES per second, else 200",
     "cut": "frames cut short; =SHARE of them, else 0.3",
-    "stuck": "a lidar reports one angle, a board the same values, again and again",
+    "stuck": "a lidar keeps reporting one angle, a board the same values",
     "unplug": "the port is gone; plugged in again at the end",
     "blind": "a lidar finds nothing ahead of the robot; =DEGREES in all, else 60",
     "fail": "beams of a lidar find nothing; =SHARE of them, else 0.95",
     "cover": "a lidar's every beam ends at its nearest range",
-    "flood": "its last frame again and again, more than the line carries",
-    "deaf": "a board heeds no command any more: it drives on as it did",
+    "flood": "its last frame over and over, more than the line carries",
+    "deaf": "a board ignores commands and drives on as before",
     "drives": "a board drives by itself; =M/S, else 0.3",
     "factor": "a board drives =TIMES what it is told, else -1: the wrong way",
     "motor": "a motor is dead: =left, =right or =both",
@@ -36,11 +36,11 @@ KINDS = {
     "lifted": "the wheels turn in the air",
     "pushed": "somebody pushes the robot to and fro; =M/S at most, else 0.4",
     "jump": "a board's odometry leaps once a second",
-    "nan": "linorobot: its speeds are no numbers",
+    "nan": "linorobot: its speeds are not numbers (NaN)",
     "gyro": "linorobot: its gyro reads =TIMES the truth, else -1: the wrong way round",
     "reset": "the device restarts once a second",
-    "refuse": "the port takes nothing of what the host writes",
-    "md5": "linorobot: another firmware, with another `raw_vel`",
+    "refuse": "the port accepts nothing that the host writes",
+    "md5": "linorobot: other firmware, with a different `raw_vel`",
     "pin": "arduino_bridge: =d4:0 or =a0:700, what a pin reads",
     "ok": "all faults of the device end",
 }
@@ -93,7 +93,7 @@ class Fault:
         pin: for pin: its name and what it reads.
         sides: for motor and encoder: which are broken.
         start_s: since the start of the emulator; None: at once.
-        duration_s: None: for ever.
+        duration_s: None: forever.
         text: as it was written.
     """
 

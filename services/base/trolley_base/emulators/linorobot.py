@@ -1,8 +1,8 @@
 """A board with the firmware of linorobot (Teensy, ROS 1), as it ships.
 
-Two driven wheels, GY-85 inertial unit, `DEBUG 1`. It says nothing until the host asks for its
-topics, stops publishing when the time it asks for every 2.5 s has not come for 11 s, and lets the
-wheels stand when 400 ms have passed without a command. Its log lines need no session.
+Two driven wheels, GY-85 inertial unit, `DEBUG 1`. It is silent until the host asks for its topics,
+stops publishing if the time that it requests every 2.5 s has not come for 11 s, and stops the
+wheels after 400 ms without a command. Its log lines need no session.
 
 Source:
     linorobot teensy/firmware/src/firmware.ino, lib/encoder, lib/kinematics; lino_msgs.
@@ -75,7 +75,7 @@ class Linorobot(Board):
         self.gyro_factor = 1.0
         """Fault: its gyro reads this many times the truth."""
         self.says_nan = False
-        """Fault: its speeds are no numbers."""
+        """Fault: its speeds are not numbers."""
         self.has_wrong_md5 = False
         """Fault: another firmware, whose `raw_vel` has another layout."""
         self._options = options

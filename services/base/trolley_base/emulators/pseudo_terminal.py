@@ -67,7 +67,7 @@ class PseudoTerminal:
     def plug(self) -> None:
         """Make the terminal and its link."""
         if self.link.exists() and not self.link.is_symlink():
-            raise PortError(f"{self.link} exists and is no link; choose another folder")
+            raise PortError(f"{self.link} exists and is not a link; choose another folder")
         self._is_refusing = False
         self._master, slave = os.openpty()
         self._poll.register(self._master, select.POLLIN)

@@ -23,7 +23,6 @@ class TruthPublisher:
 
     Args:
         target: the robot and its routers.
-        world: the world's name.
         truth: returns the true state, stamped in local monotonic time.
         tell: called with a line for a person.
     """

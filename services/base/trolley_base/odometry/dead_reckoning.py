@@ -20,7 +20,7 @@ By hand.
 JUMP = Note(
     "warning",
     "odometry/jump",
-    "The wheels reported a motion that no robot can do; it was ignored.",
+    "The wheels reported a motion that no robot can make; it was ignored.",
 )
 SENTENCES = {
     GyroState.STUCK: "The gyro keeps repeating one value; its turn rate is not used.",
@@ -50,7 +50,6 @@ class DeadReckoning:
     """Joins the motions of a run to the robot's track in `odom`.
 
     Args:
-        config: of the robot.
         scales: between reported and true motion.
         stamp_ns: robot time at which the run begins.
     """
@@ -70,7 +69,7 @@ class DeadReckoning:
         return "" if found is None else found.value
 
     def add_reading(self, reading: ChassisReading) -> ChassisReading:
-        """Join what was measured; return the reading with what there is to say of it added."""
+        """Join what was measured; return the reading with what there is to say about it added."""
         if self._uses_imu:
             for imu in reading.imu:
                 self._fusion.add_gyro(imu.stamp_ns, imu.angular_velocity[2])

@@ -1,7 +1,7 @@
 """What a gyro reads while the robot stands, and how far that may have drifted since.
 
 The wheels must have stood for a while, and the gyro be quiet: who is pushed or carried does not
-rest. A first value needs two quiet seconds that agree; a second that says something else than what
+rest. A first value needs two quiet seconds that agree; a second that says something other than what
 was known throws that away, so a robot that is turned by hand leaves no wrong bias behind.
 """
 

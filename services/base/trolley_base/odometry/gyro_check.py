@@ -13,9 +13,9 @@ class GyroCheckParams:
     min_turn_rate: float = 0.3
     """Slower turns say more of the bias than of the gyro [rad/s]."""
     judged_turn: float = 1.5
-    """It is judged after this much turning [rad] ..."""
+    """The gyro is judged after this much turning [rad]."""
     forgetting_turn: float = 4.0
-    """... and older turns are forgotten over this much [rad]."""
+    """Older turns are forgotten over this much turning [rad]."""
     reversed_below: float = -0.5
     """It turns the other way: less than this per turn of the wheels."""
     still_below: float = 0.2
@@ -33,12 +33,13 @@ class GyroTrouble(enum.Enum):
     """How gyro and wheels differ; the value is a sentence."""
 
     REVERSED = (
-        "The gyro turns the other way than the wheels: turn two of [base.chassis] imu_axes round, "
-        "such as x and z, or left and right are swapped. Its turn rate is not used."
+        "The gyro turns the opposite way to the wheels: reverse two of [base.chassis] imu_axes, "
+        "such as x and z, unless left and right are swapped. Its turn rate is not used."
     )
     STILL = (
-        "The wheels turn, but the robot does not, says the gyro: it has been lifted, its wheels "
-        "slip, or [base.chassis] imu_axes names another axis. Its turn rate is not used."
+        "According to the gyro the robot does not turn, although its wheels do: it has been "
+        "lifted, its wheels slip, or [base.chassis] imu_axes names another axis. Its turn rate "
+        "is not used."
     )
     DEGREES = (
         "The gyro reports degrees per second, not radians: its firmware needs another scale. Its "

@@ -62,7 +62,7 @@ class OdometryTrack:
     def poses_at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return odom_T_base (n, 3) x, y [m], yaw [rad, not wrapped] at robot times (n,).
 
-        Interpolated; outside of what is kept the nearest pose that is.
+        Interpolated; outside what is kept the nearest pose that is.
         """
         track = np.array(self._track)
         # Relative to now: nanoseconds since 1970 do not fit a float.

@@ -33,11 +33,12 @@ class YawFusionParams:
     yaw_slip_per_m: float = 0.015
     """Heading error of the wheels after a metre, a random walk [rad/m^0.5]."""
     max_difference: float = 0.3
-    """If the two differ by more than this [rad/s] ..."""
+    """One of the two is wrong if they differ by more than this and by more than
+    `max_difference_share`; there is no telling which [rad/s]."""
     max_difference_share: float = 0.5
-    """... and this share of the turn, one is wrong, and there is no telling which."""
+    """See `max_difference`, as a share of the turn rate."""
     trusted_after_ns: int = 1_000_000_000
-    """After that the gyro must follow for this long before it is used again [ns]."""
+    """After that, the gyro must follow for this long before it is used again [ns]."""
     disagrees_after_ns: int = 2_000_000_000
     """A difference that lasts this long is reported [ns]."""
     gyro_per_wheel_turn: tuple[float, float] = (0.5, 1.5)

@@ -18,7 +18,7 @@ class RecordedDevice:
 
     world: str | None = None
     is_stepped = True
-    cannot_drive = "A recorded drive is being played, so commands go nowhere."
+    cannot_drive = "A recorded drive is being played, so commands have no effect."
     delay_s = 0.0
     watchdog_s = 0.5
 

@@ -95,7 +95,7 @@ class Arbiter:
             return Reject.UNKNOWN_SOURCE
         if not command.twist.is_finite():
             return Reject.NOT_FINITE
-        # Written so that NaN is refused, too; an endless one is no number of seconds either.
+        # Written so that NaN is refused, too; an endless one is not a number of seconds either.
         if not 0.0 < command.valid_for < float("inf"):
             return Reject.NOT_VALID
         if command.stamp_ns > foremost_ns + MAX_AHEAD_NS:

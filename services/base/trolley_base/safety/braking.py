@@ -1,9 +1,9 @@
-"""Where a robot may come to before it stands. Frame `base_link` as odometry shows it now, SI.
+"""Where a robot may get to before it stops. Frame `base_link` as odometry shows it now, SI.
 
-Between a command and the wheels lies a delay, so the commands of the last moment are still under
-way and will be driven, whatever is decided now. Then the robot brakes, surely as hard as its limits
-say, but speed and turn rate each at a rate of its own: it leaves its arc, to a side that nobody
-knows. So the way to standing is a family of paths, sampled as poses.
+Commands reach the wheels with a delay, so the latest ones are still under way and will be driven,
+whatever is decided now. Then the robot brakes at least as hard as its limits say, but speed and
+turn rate may fall at different rates, so it leaves its arc to an unknown side. The motion until it
+stops is therefore a family of paths, sampled as poses.
 """
 
 import math
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class BrakingParams:
-    """Which braking is reckoned with, and how finely its paths are sampled.
+    """Which braking is allowed for, and how finely its paths are sampled.
 
     Set by hand, and judged by bench/base/braking.py.
     """
@@ -30,7 +30,7 @@ class BrakingParams:
     """How many times harder than surely speed and turn rate may brake, each pair a path: both as
     little as possible, the turn ending sooner or at once, the speed ending at once."""
     delays: tuple[float, ...] = (1.0, 0.6, 0.25)
-    """Shares of the longest delay that are reckoned with where the robot does not drive evenly: a
+    """Shares of the longest delay that are allowed for where the robot does not drive evenly: a
     turn that is under way with the one has been driven with the other."""
     period_s: float = 0.02
     """How long a command is driven before the next one can end it [s]."""
@@ -46,7 +46,7 @@ PARAMS = BrakingParams()
 
 
 class CommandsUnderWay:
-    """What was commanded during the last moments, as wheels will drive it that just begin to.
+    """Recent commands that the wheels have only just begun to follow.
 
     Some wheels brake at once, others as slowly as the limits allow; a robot that was told to turn
     back may drive either way.

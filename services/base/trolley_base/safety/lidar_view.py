@@ -33,26 +33,28 @@ class LidarViewParams:
     """What counts as seeing, and as closed; set by hand."""
 
     cover_m: float = 0.005
-    """Ranges this near to the nearest that the sensor can measure [m] ..."""
+    """Ranges this near to the shortest measurable one may be a cover on the lidar [m]."""
     cover_width: float = 0.7
-    """... side by side over such an angle are a cover, not echoes: not even a wall that touches a
+    """They are a cover if they lie side by side over this angle: not even a wall that touches a
     lidar of 0.1 m is as near over more than 0.63 rad [rad]."""
     body_m: float = 0.02
     """An echo farther inside the footprint is the robot's own body, as for the stop field [m]."""
     fine: float = 0.5
-    """A side of whose beams this share sees is open."""
+    """A side is open if this share of its beams sees something."""
     closed: float = 0.1
-    """A side of whose beams less than this share sees is dark ..."""
+    """A side is dark if less than this share of its beams sees something."""
     closed_s: float = 3.0
-    """... and for this long it may be closed [s]."""
+    """A side that is dark for this long may be blocked [s]."""
     sudden_m: float = 0.1
-    """It is, if between open and dark the robot moved less than this [m] ..."""
+    """A dark side is blocked if the robot moved less than this, and turned less than `sudden_rad`,
+    since it was open [m]."""
     sudden_rad: float = 0.15
-    """... and turned less than this [rad], ..."""
+    """See `sudden_m` [rad]."""
     past_m: float = 1.0
-    """or if it has since moved farther than this [m] ..."""
+    """A dark side is also blocked if the robot has moved farther than this, or turned farther than
+    `past_rad`, since it became dark [m]."""
     past_rad: float = 1.0
-    """... or turned farther than this [rad]."""
+    """See `past_m` [rad]."""
 
 
 PARAMS = LidarViewParams()

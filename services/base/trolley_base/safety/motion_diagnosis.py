@@ -20,13 +20,15 @@ class MotionDiagnosisParams:
     """When a part of the robot counts as broken; set by hand."""
 
     stands_share: float = 0.25
-    """A side that goes at less than this share of what it is told ..."""
+    """A side that moves at less than this share of its command, and slower than `stands_slack`,
+    does not turn."""
     stands_slack: float = 0.02
-    """... and this, does not turn [m/s]."""
+    """See `stands_share` [m/s]."""
     told_speed: float = 0.04
-    """A side that is told less than this says nothing [m/s]."""
+    """A side with a smaller command than this is no evidence [m/s]."""
     witness_wz: float = 0.2
-    """The gyro decides between two explanations that differ by at least this [rad/s]."""
+    """The gyro decides between two explanations whose turn rates differ by at least this
+    [rad/s]."""
 
 
 PARAMS = MotionDiagnosisParams()
@@ -43,7 +45,7 @@ class Fault(enum.IntEnum):
     OTHERWISE = 2
     """Told to move, it moves in another way."""
     JUMPS = 3
-    """Its odometry reports what no robot can do, again and again."""
+    """Its odometry reports what no robot can do, over and over."""
     DRIVES = 4
     """It stood and drives by itself, evenly as motors do, or for long."""
     GOES_ON = 5

@@ -1,14 +1,14 @@
-"""Whether the robot does as it is told: what is commanded against what wheels and gyro report.
+"""Whether the robot does as it is told: commands compared with what wheels and gyro report.
 
-A lawful base does what it is told a moment later, not exactly, and brakes no slower than its
-limits say. From the commands of the last moments this makes bounds within which it must move; what
-it goes beyond them adds up, and what stays inside takes away again (a CUSUM test: Page, Continuous
-Inspection Schemes, Biometrika 41, 1954). So a single wrong reading, a coarse encoder and noise
-accuse nobody, and a robot that drives on after a zero is found out within half a second.
+A sound robot follows its commands a moment later, roughly, and brakes at least as hard as its
+limits say. Its latest commands therefore give bounds for its motion. What exceeds them adds up;
+what stays within them is subtracted again (a CUSUM test: Page, Continuous Inspection Schemes,
+Biometrika 41, 1954). So a single wrong reading, a coarse encoder or noise raises no alarm, and a
+robot that drives on after a zero is detected within half a second.
 
-Told to stand, speed and turn rate must fall. Told to move, each side of the robot must go roughly
-as fast as told: two sides in place of speed and turn rate, since what breaks is one motor or one
-encoder.
+If it is told to stand, speed and turn rate must fall. If it is told to move, each side of the robot
+must move roughly as fast as told: the two sides are judged, not speed and turn rate, since what
+breaks is one motor or one encoder.
 """
 
 import math
@@ -31,76 +31,77 @@ from trolley_base.safety.motion_limits import MotionLimits
 
 @dataclass(frozen=True, slots=True)
 class MotionSupervisionParams:
-    """What a lawful base may do: as tight as `bench.base.obedience` has no false alarm with."""
+    """What a sound base may do: as tight as `bench.base.obedience` has no false alarm with."""
 
     delay_ns: int = 220_000_000
-    """A zero acts on the motors and shows in the odometry after this long, where nobody has
-    measured it [ns]. The excess that is allowed makes up for 0.3 s."""
+    """Time until a zero acts on the motors and shows in the odometry, if it has not been measured
+    [ns]. The allowed excess makes up for 0.3 s."""
     least_delay_ns: int = 100_000_000
-    """Nothing acts sooner, however short a delay was measured [ns]."""
+    """Shortest delay that is believed, however short the measured one [ns]."""
     braking_share: float = 0.5
-    """It brakes with at least this share of the configured deceleration."""
+    """Share of the configured deceleration with which the robot brakes at least."""
     turn_braking_share: float = 0.5
     """The same for its turn rate, whose braking nobody measures."""
     standing_speed: float = 0.015
-    """Slower than this is standing, with what encoders and backlash make of it [m/s]."""
+    """A slower robot counts as standing, given encoders and backlash [m/s]."""
     standing_wz: float = 0.05
     """The same for turning [rad/s]."""
     braking_excess_m: float = 0.006
-    """So much farther than any lawful braking: it does not brake [m]."""
+    """A robot that goes this much farther than its braking distance does not brake [m]."""
     braking_excess_rad: float = 0.025
     """The same for turning [rad]."""
     smooth_ns: int = 100_000_000
-    """How fast it was when it was told to brake is the mean over this time [ns]."""
+    """Its speed when it was told to brake is the mean over this time [ns]."""
     uneven: float = 0.5
-    """One wheel may brake later than the other: this share of the speed shows as a turn, and of
+    """One wheel may brake later than the other: this share of the speed may show as a turn, and of
     the turn as speed."""
     following_ns: int = 180_000_000
-    """A side of the robot does as told, or no longer so, this long after the delay [ns]."""
+    """A side follows a new command at the latest this long after the delay [ns]."""
     fastest_share: float = 1.4
-    """It goes at most this many times as fast as told ..."""
+    """A side may move at this many times its commanded speed, plus `fast_slack`."""
     fast_slack: float = 0.04
-    """... with this on top, for what the other side makes of it [m/s] ..."""
+    """Added to the highest allowed speed, for what the other side contributes [m/s]."""
     slowest_share: float = 0.5
-    """... and at least this share of it ..."""
+    """A side must move at this share of its commanded speed, less `slow_slack`."""
     slow_slack: float = 0.015
-    """... less this, which friction and a dead band eat [m/s]."""
+    """Subtracted from the lowest allowed speed, for friction and a dead band [m/s]."""
     fast_excess_m: float = 0.04
-    """So much farther than a side may go: it drives otherwise than told [m]."""
+    """A side that goes this much farther than it may drives otherwise than told [m]."""
     slow_excess_m: float = 0.025
-    """The same for so much less [m]."""
+    """The same for a side that goes less far than it must [m]."""
     still_share: float = 0.5
-    """A side that covers less than this share of the way that it is told, to and fro ..."""
+    """A side must cover this share of the distance it is told, to and fro, less `still_slack`."""
     still_slack: float = 0.03
-    """... less what a dead band eats [m/s] ..."""
+    """Subtracted from the commanded speed, for a dead band [m/s]."""
     still_excess_m: float = 0.05
-    """... and falls so much behind, does not turn [m]: who steers it may go to and fro so fast that
-    no single command can be held against it."""
+    """A side that lags this far behind does not turn [m]: commands may go to and fro so fast that
+    no single one can be held against it."""
     dead_share: float = 0.1
-    """A side that covers less than this share of the way that it is told, less the same slack and
-    what a wrong track makes of the other side ..."""
+    """A side must cover this share of the distance it is told, less `still_slack` and what a wrong
+    track makes of the other side."""
     dead_excess_m: float = 0.015
-    """... and falls so much behind, does not turn at all [m]."""
+    """A side that lags this far behind does not turn at all [m]."""
     ticks: float = 1.5
-    """Coarse encoders may add this many of their ticks to each excess."""
+    """Each excess grows by this many encoder ticks, for coarse encoders."""
     least_tick_m: float = 1e-6
-    """What is nearer together is not a tick, but the end of a number's digits [m]."""
+    """Smaller steps are rounding of numbers, not ticks [m]."""
     rested_ns: int = 500_000_000
-    """It stood for this long: what moves it now is no braking any more [ns]."""
+    """After it has stood for this long, a motion is not braking any more [ns]."""
     steady_ns: int = 500_000_000
-    """Motors hold a speed for this long, a hand does not ..."""
+    """Motors hold a speed for this long, a hand does not [ns]."""
     steady_share: float = 0.15
-    """... within this share of it."""
+    """A speed is held if it varies by less than this share."""
     steady_speed: float = 0.05
-    """Slower than that nothing is judged to be steady [m/s]."""
+    """Slower motions are never judged to be steady [m/s]."""
     longest_push_ns: int = 3_000_000_000
-    """A hand lets go sooner, or it is taken for a motor [ns]."""
+    """A push that lasts longer than this counts as the motors' doing [ns]."""
     kept_ns: int = 1_000_000_000
     """Commands and motions are kept for this long [ns]."""
     longest_gap_ns: int = 500_000_000
-    """After a longer time without commands or reports nothing is known of what was before [ns]."""
+    """After a longer gap in commands or reports, what came before is forgotten [ns]."""
     gyro_wz: float = 0.1
-    """A faster turn by the gyro is moving, whatever the wheels say [rad/s]."""
+    """A robot that turns faster than this by its gyro is moving, whatever its wheels say
+    [rad/s]."""
     shown_ns: int = 250_000_000
     """Whether it moves is judged by the mean over this time [ns]."""
 
@@ -129,7 +130,7 @@ class _Excess:
     _value: float = 0.0
 
     def add(self, rate: float, moved: "_Moved", tick: float) -> bool:
-        """Add what goes beyond, or take away what stays inside; whether it has become too much.
+        """Add what goes beyond, or subtract what stays inside; whether it is too much now.
 
         Args:
             rate: how fast it goes beyond, below zero inside.
@@ -145,13 +146,13 @@ class _Excess:
         return self._value >= most
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Start over."""
         self._value = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Braking:
-    """How one part of a velocity becomes slower.
+    """How one part of a velocity decreases while braking.
 
     Attributes:
         delay_ns: it begins within this time.
@@ -169,7 +170,7 @@ class _Braking:
 
 
 class _InForce(Generic[T]):
-    """What was told in the last moments, each until the next."""
+    """Recent commands, each in force until the next."""
 
     def __init__(self) -> None:
         self._told: deque[tuple[int, T]] = deque()
@@ -258,7 +259,7 @@ class _Floor:
 
 
 class _Standing:
-    """Whether a side turns at all, to and fro: it may be slow, or stand for a shorter way."""
+    """Whether a side turns at all, to and fro: it may be slow, or stand for a short distance."""
 
     def __init__(self) -> None:
         self.excesses = _Excess(PARAMS.still_excess_m), _Excess(PARAMS.dead_excess_m)
@@ -321,7 +322,7 @@ class _Part:
         self._told.tell(now_ns, told)
 
     def excuse(self, now_ns: int) -> None:
-        """Begin anew: however fast it is, it may brake from that."""
+        """Start over: however fast it is, it may brake from that."""
         self._excused_ns = now_ns
         for excess in self.excesses:
             excess.clear()
@@ -392,7 +393,7 @@ class MotionSupervision:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: what the robot does now is taken for what it did before."""
+        """Start over: what the robot does now is taken for what it did before."""
         self._commands: deque[tuple[int, Twist2D]] = deque()
         self._told_sides = _InForce[tuple[float, float]]()
         self._moved: deque[_Moved] = deque()
@@ -489,7 +490,7 @@ class MotionSupervision:
                 part.excuse(moved.stamp_ns)
 
     def take_finding(self) -> Finding | None:
-        """Return what was found out since the last call, None while it does as it is told."""
+        """Return what was detected since the last call, None while the robot does as it is told."""
         found, self._found = self._found, None
         return found
 
@@ -600,7 +601,7 @@ class MotionSupervision:
         if self._is_steady(untold, moved.stamp_ns):
             return Finding(Fault.DRIVES, f"it drives by itself at {speed}")
         if moved.stamp_ns - untold.since_ns > PARAMS.longest_push_ns:
-            return Finding(Fault.DRIVES, f"it goes on and on untold, now at {speed}")
+            return Finding(Fault.DRIVES, f"it keeps driving by itself, now at {speed}")
         return MOVES_UNTOLD
 
     def _is_steady(self, untold: _Untold, now_ns: int) -> bool:

@@ -16,20 +16,21 @@ class NearEchoesParams:
     """What is remembered and smoothed of the echoes near the robot; set by hand."""
 
     blind_margin_m: float = 0.03
-    """Echoes this much beyond the shortest measurable distance are remembered, for as long as the
-    sensor is blind for them, when the robot comes nearer [m]."""
+    """Echoes up to this much beyond the shortest measurable range are remembered as the robot comes
+    nearer, for as long as the sensor is blind to them [m]."""
     remembered_m: float = 0.02
-    """Of what is remembered, points nearer together than about this count once [m] ..."""
+    """Remembered points nearer together than about this count as one [m]."""
     max_remembered: int = 1024
-    """... and at most so many are kept, the newest."""
+    """At most this many points are remembered, the newest."""
     blind_width: float = 0.15
-    """Something that near covers many beams; this many are judged together [rad]."""
+    """Something that near covers many beams; beams within this angle are judged together [rad]."""
     smoothing_width: float = 0.02
-    """Beams this far to both sides are smoothed together [rad] ..."""
+    """Beams within this angle on both sides are smoothed together [rad]."""
     max_smoothed: int = 3
-    """... but at most so many to each side ..."""
+    """At most this many beams on each side are smoothed together."""
     same_surface_m: float = 0.04
-    """... where their ranges differ by less than this, as on one surface [m]."""
+    """Beams are smoothed together only if their ranges differ by less than this, as on one surface
+    [m]."""
 
 
 PARAMS = NearEchoesParams()

@@ -26,17 +26,17 @@ class ObservedSpaceParams:
     cell_m: float = 0.05
     """Edge of a cell [m]."""
     dark_s: float = 0.5
-    """What a beam should see and none has seen for this long is forgotten [s]."""
+    """A cell that a beam should see, and none has seen for this long, is forgotten [s]."""
     hidden_m: float = 0.05
     """Between two usable beams, with others that failed between them, nothing wider than this may
     go unseen: so far from the lidar the gap counts as seen [m]."""
     adjacent: float = 1.5
     """Beams that are at most so many increments apart are neighbours: no gap."""
     crowd_width: float = 0.7
-    """A beam is believed where of those around it, over this angle [rad], ..."""
+    """A beam is believed if enough beams around it, over this angle, are usable, too [rad]."""
     crowd_share: float = 0.125
-    """... this share is usable, too: one of twenty that succeeds is luck, not sight; one of five,
-    as towards the sun, is little, but soon there is another."""
+    """Share of those beams that must be usable: one of twenty that succeeds is luck, not sight; one
+    of five, as towards the sun, is little, but soon there is another."""
     behind_echo_m: float = 0.15
     """What lies this much behind an echo is left to the stop field, which keeps the robot from the
     echo [m]."""

@@ -1,4 +1,4 @@
-"""Why the robot may not drive, whatever the commands and the echoes say."""
+"""Why the robot may not drive, independent of commands and echoes."""
 
 from dataclasses import dataclass
 

@@ -1,11 +1,12 @@
 """The sight distance: no command drives the footprint faster than what was seen lets it stop.
 
-What the lidar has not seen is met as the stop field meets an echo, but softly: driven by hand the
-robot creeps on into it, driven by a program it stands before it. Where it saw the floor free, but
-not lately, a program creeps, too: somebody may have stepped there. Corners and sides that swing out
-of the footprint while it turns in place may creep: to turn is how a lidar that looks ahead only
-comes to see the rest. While a program also drives on, they come so slowly to what nobody ever saw
-that nothing is pushed by them; and always, where a program drives, to where something stood.
+Floor that the lidar has not seen is treated as the stop field treats an echo, but more gently:
+driven by hand, the robot creeps on into it; driven by a program, it stops in front of it. Where the
+lidar saw the floor free, but not lately, a program creeps, too: somebody may have stepped there.
+Corners and sides that swing out while the robot turns in place may creep, since turning is how a
+lidar that looks ahead only comes to see the rest. Driven by a program, they move so slowly towards
+where something stood that nothing is pushed, and while the robot also drives on, so they do towards
+what was never seen.
 """
 
 import math
@@ -25,7 +26,7 @@ from trolley_base.safety.touching import closest_on_outline, point_velocities
 
 @dataclass(frozen=True, slots=True)
 class SightDistanceParams:
-    """How what was not seen is driven into; set by hand."""
+    """How fast the robot may drive into what was not seen; set by hand."""
 
     slack: float = 0.05
     """A velocity faster than a creep by this share is a creep, too."""
@@ -82,7 +83,7 @@ class SightDistance:
         """How far from `base_link` what was not seen can matter within half a second [m]."""
 
     def look(self, twist: Twist2D, unseen: Unseen, *, by_hand: bool) -> Sight:
-        """Return what part of a velocity may be driven.
+        """Return which share of a velocity may be driven.
 
         Args:
             twist: within the limits.

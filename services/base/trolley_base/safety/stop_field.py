@@ -228,7 +228,7 @@ class StopField:
 
         Args:
             poses: (n, k, 4) x, y, yaw, way.
-            points: (m, 2) outside of the footprint.
+            points: (m, 2) outside the footprint.
             side: by how much it is widened where it stands [m].
         """
         flat = poses.reshape(-1, 4)

@@ -23,7 +23,7 @@ def contact_times(points: Floats, outline: Floats, twist: Twist2D) -> Floats:
     """Return when each point meets the outline of a robot that drives with a constant velocity.
 
     Args:
-        points: (n, 2) x, y [m], outside of the outline.
+        points: (n, 2) x, y [m], outside the outline.
         outline: (m, 2) x, y [m].
         twist: the robot's velocity.
 
@@ -73,6 +73,6 @@ def _arc_times(points: Floats, outline: Floats, twist: Twist2D) -> Floats:
         turn = np.arctan2(math.copysign(1.0, twist.wz) * cross, dot) % (2.0 * math.pi)
         # A point on the outline is met now and not after a whole turn.
         turn[turn > 2.0 * math.pi - 1e-9] = 0.0
-        with np.errstate(over="ignore"):  # so slow a turn takes for ever
+        with np.errstate(over="ignore"):  # so slow a turn takes forever
             np.minimum.at(times, point, turn / abs(twist.wz))
     return times

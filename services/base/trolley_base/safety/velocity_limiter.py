@@ -129,7 +129,7 @@ class VelocityLimiter:
         return rejected
 
     def forget(self) -> None:
-        """Stand, and let only what arrives from now on move the robot."""
+        """Stop, and let only commands that arrive from now on move the robot."""
         self._arbiter.forget()
         self._twist = Twist2D.zero()
         self._lost_ns = None

@@ -82,7 +82,6 @@ class SimulatedRun:
 
     Args:
         hardware: the robot in its world.
-        world: the world's name.
         start: what the configuration says about the start.
     """
 

@@ -62,7 +62,7 @@ class Walker:
             self._begin_anywhere(rng)
 
     def keep_off(self, outline: NDArray[np.float64], rng: np.random.Generator) -> None:
-        """Begin somewhere else if that is on the robot: there, each would hold the other for ever.
+        """Begin somewhere else if that is on the robot: there, each would hold the other forever.
 
         Args:
             outline: (n, 2) the robot's footprint [m] in `map`.

@@ -126,7 +126,7 @@ class Sun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Person(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Somebody who walks along a path, again and again.
+    """Somebody who walks along a path, over and over.
 
     `path` is walked there and back, or round and round with `loop`, with `dwell_s` at each point.
     The seed chooses where on the path the person is at first; with `starts_s` the person stands at

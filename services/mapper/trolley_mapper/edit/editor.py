@@ -65,8 +65,6 @@ class MapEditor:
     """Answers `map/edit`.
 
     Args:
-        service: that it belongs to.
-        config: of the robot.
         check_idle: raises `Refused` while a map is being made.
     """
 
@@ -90,7 +88,7 @@ class MapEditor:
 
     @answers(requests.MAP_EDIT)
     def edit_map(self, params: EditMap) -> Later[MapEdited]:
-        """Change a stored map; the version before is kept."""
+        """Change a stored map; the previous version is kept."""
         task = None if params.id is None else self._remembered.get(params.id)
         if task is None:
             task = self._begin(params)

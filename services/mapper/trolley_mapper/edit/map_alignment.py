@@ -57,13 +57,15 @@ class AlignmentParams:
     rival: float = 0.8
     """Another placement with more than this share of the best score makes it ambiguous."""
     purer: float = 0.03
-    """As does one with a share of agreeing walls that is greater by this,"""
+    """So does one whose share of agreeing walls is greater by this, if at least `rival_length`
+    long."""
     rival_length: float = 0.2
-    """and at least this share of the best one's agreeing length."""
+    """Least agreeing length of such a placement, as a share of the best one's."""
     same_m: float = 0.5
-    """Placements nearer to each other than this are the same [m]."""
+    """Placements nearer to each other than this, and turned by less than `same_rad`, are the same
+    [m]."""
     same_rad: float = math.radians(10.0)
-    """If their angles are, too [rad]."""
+    """See `same_m` [rad]."""
     free_penalty: float = 1.5
     """A wall across free floor says more against a placement than a wall on a wall says for it."""
 

@@ -212,8 +212,8 @@ class _Edit:
         if others:
             raise Refused(
                 codes.EXISTS,
-                f"{', '.join(others)} would get lost: also on the map {self._name}. Store the "
-                f"changed map under another name.",
+                f"{', '.join(others)} would be lost: last seen on the map {self._name}. Store "
+                "the changed map under another name.",
             )
 
     # Parts.

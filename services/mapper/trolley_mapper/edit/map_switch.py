@@ -39,7 +39,7 @@ class SwitchPlan(Struct, frozen=True, kw_only=True):
     """
 
     schema: int = 2
-    """Of the file; counted up when its form changes. Files of before it was told have none."""
+    """Of the file; counted up when its form changes. Older files have none."""
     map: str
     """The map to be loaded."""
     of: str
@@ -71,7 +71,7 @@ def store_plan(state: Path, plan: SwitchPlan) -> None:
 def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
     """Return the plan that the last run did not carry out, None if there is none.
 
-    A plan that cannot be read is kept aside; a sentence says so.
+    A plan that cannot be read is set aside; a sentence says so.
     """
     file = state / PLAN_FILE
     try:
@@ -89,12 +89,15 @@ def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
 
 
 def _put_aside(file: Path, why: Exception) -> str:
-    words = f"What the robot was to be told of an edited map cannot be read ({why})"
+    words = f"The pending switch to an edited map cannot be read ({why})"
     try:
         aside = keep_unreadable(file, why)
     except OSError as error:
         return f"{words}, nor be kept aside: {error.strerror}."
-    return f"{words}; it is kept as {aside.name}. Places and zones may lie where they lay before."
+    return (
+        f"{words}; it is kept as {aside.name}. Places and zones may still be where they were "
+        "before."
+    )
 
 
 def forget_plan(state: Path) -> None:
@@ -109,7 +112,6 @@ class MapSwitch:
     came before it has would be those of the map before.
 
     Args:
-        service: that asks.
         plan: what they are to be told.
         done: called at the end, with what did not go through, in a sentence; empty if all did.
     """

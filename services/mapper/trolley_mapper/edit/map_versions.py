@@ -1,12 +1,12 @@
-"""The maps of this host with their former versions: a map that is changed leaves the old one.
+"""The maps of this host and their earlier versions: changing a map keeps the previous one.
 
-In `<state>/maps` stand `<name>.yaml` and the image that it names: the newest version. What it was
-before stands in `versions/<name>/NNNN.yaml` with its image and `NNNN.zones.toml`, the zones of that
-time. The YAML file says which version it is under its own key `trolley`, which ROS ignores.
+`<state>/maps` holds the newest version: `<name>.yaml` and the image that it names. Earlier versions
+are in `versions/<name>/NNNN.yaml` with their images and `NNNN.zones.toml`, the zones of that time.
+The YAML file says which version it is under its own key `trolley`, which ROS ignores.
 
-The one write that counts is the rename of `<name>.yaml`. The image has its own name per version
-(`<name>@7.pgm`: "@" stands in no map's name), so that whoever reads between two writes finds an
-image and a description that belong together.
+The one write that counts is the rename of `<name>.yaml`. Each version's image has a name of its own
+(`<name>@7.pgm`; "@" cannot be in a map's name), so that a reader between two writes finds an image
+and a description that belong together.
 """
 
 import re
@@ -40,7 +40,7 @@ class Version(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What a map's YAML file says of its version."""
 
     schema: int | None = None
-    """Of this entry; files of before it was told have none."""
+    """Of this entry; older files have none."""
     number: int
     before: int | None = None
     """The version that `take_back` goes back to."""
@@ -144,7 +144,7 @@ class MapVersions:
         seeds: Sequence[Zone] | None = None,
         saved_at: str | None = None,
     ) -> Version:
-        """Make the version before the newest again, again and again; the newest is kept.
+        """Make the previous version the newest again, a step back at each call; the newest is kept.
 
         Raises:
             LookupError: there is none before, or it has been dropped.

@@ -77,7 +77,7 @@ class Frontier:
         """What it shows for its distance: the greater the better.
 
         Distance weighs more: going for the greatest gain makes the robot drive half as far again,
-        since it must come back for what it left behind (bench/exploring.py).
+        since it must come back for what it left behind (bench/mapper/exploring.py).
         """
         return math.sqrt(self.gain_m2) / (self.distance_m + 1.0)
 

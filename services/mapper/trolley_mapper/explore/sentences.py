@@ -8,11 +8,15 @@ TOO_LONG = "It took too long."
 SHUT_IN = "Exploring is paused: the robot is boxed in and has no room to drive anywhere."
 PAUSES = {
     codes.STOPPED: "Exploring is paused: the robot was stopped; resume it, then exploring.",
-    codes.TAKEN_OVER: "Exploring is paused: somebody else drives the robot; tell it to go on.",
-    codes.RESTARTED: "Exploring is paused: the robot was restarted; tell it to go on.",
-    codes.OTHER_GOAL: "Exploring is paused: somebody sent the robot elsewhere; tell it to go on.",
-    codes.CANCELED: "Exploring is paused: its goal was canceled; tell it to go on.",
-    codes.PAUSED: "Exploring is paused; tell it to go on.",
+    codes.TAKEN_OVER: (
+        "Exploring is paused: somebody else is driving the robot; tell it to continue."
+    ),
+    codes.RESTARTED: "Exploring is paused: the robot was restarted; tell it to continue.",
+    codes.OTHER_GOAL: (
+        "Exploring is paused: somebody sent the robot elsewhere; tell it to continue."
+    ),
+    codes.CANCELED: "Exploring is paused: its goal was canceled; tell it to continue.",
+    codes.PAUSED: "Exploring is paused; tell it to continue.",
     codes.LOST: "Exploring is paused: the robot does not know where it is on the new map.",
     codes.NOT_CONVERGED: "Exploring is paused: the robot is not sure where it is on the new map.",
 }

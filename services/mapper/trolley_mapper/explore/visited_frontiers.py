@@ -1,4 +1,4 @@
-"""What came of the frontiers that a robot drove to, so that it does not try one for ever."""
+"""What became of the frontiers that a robot drove to, so that it does not try one forever."""
 
 import math
 from dataclasses import dataclass

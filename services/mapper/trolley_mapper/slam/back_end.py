@@ -26,11 +26,7 @@ PARAMS = BackEndParams()
 
 
 class BackEnd:
-    """Hands out one job at a time.
-
-    Args:
-        config: of the mapper.
-    """
+    """Hands out one job at a time."""
 
     def __init__(self, config: MapperConfig) -> None:
         self._config = config
@@ -50,7 +46,7 @@ class BackEnd:
         self._has_new = True
 
     def part_began(self, joint: Joint) -> None:
-        """Look for where a new part belongs from now on; nothing that was found before counts."""
+        """From now on look for where a new part belongs; earlier findings no longer count."""
         self._joint, self._places, self._is_searched = joint, [], False
         self._pending, self._job = [], None
 

@@ -12,7 +12,7 @@ from trolley_mapper.slam.pose_graph import ODOMETRY, SCAN_MATCH, Edge, between, 
 
 @dataclass(frozen=True, slots=True)
 class EdgeParams:
-    """Which matches become edges. Found with bench/mapper.py."""
+    """Which matches become edges. Found with bench/mapper/."""
 
     max_edges: int = 3
     """A keyframe gets scan-match edges to this many others at most."""

@@ -27,7 +27,7 @@ from trolley_mapper.slam.sweep import Sweep
 
 @dataclass(frozen=True, slots=True)
 class JoinParams:
-    """Where a loose part is looked for, and when it is joined. Set by hand."""
+    """Where a loose part is searched for, and when it is joined. Set by hand."""
 
     place_m: float = 2.5
     """Places that are searched lie this far apart along an axis [m]."""

@@ -48,7 +48,7 @@ class Keyframe:
 
     @property
     def is_prior(self) -> bool:
-        """Whether it is a map made before instead of a scan."""
+        """Whether it is an earlier map instead of a scan."""
         return self.floor is not None
 
     def cloud(self) -> Cloud:

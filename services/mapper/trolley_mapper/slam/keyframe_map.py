@@ -34,7 +34,6 @@ class KeyframeMap:
     """Keyframes with their poses and edges, and what follows from them.
 
     Args:
-        config: of the mapper.
         prior: a map made before, which stays where it is.
     """
 
@@ -122,7 +121,7 @@ class KeyframeMap:
         return [row for row, one in enumerate(keyframes) if row > 0 and one.stamp_ns >= stamp_ns]
 
     def remove(self, rows: Sequence[int]) -> None:
-        """Remove keyframes, given by their rows, and draw the map anew."""
+        """Remove keyframes, given by their rows, and redraw the map."""
         numbers = [self.store.keyframes[row].number for row in rows]
         self.anchors.forget(self.store, numbers)
         self.store.remove(numbers)
@@ -130,7 +129,7 @@ class KeyframeMap:
         self.version += 1
 
     def drop(self, numbers: list[int]) -> None:
-        """Forget keyframes that hang loose: the grid does not show them."""
+        """Forget keyframes of loose parts, which the grid does not show."""
         self.anchors.forget(self.store, numbers)
         self.store.remove(numbers)
 

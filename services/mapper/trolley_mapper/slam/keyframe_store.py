@@ -34,8 +34,8 @@ PARAMS = KeyframeStoreParams()
 class KeyframeStore:
     """All keyframes in the order in which they were taken.
 
-    Edges hold them together in parts. The first keyframe's part is the map; the others hang loose:
-    how they lie to it is not known yet.
+    Edges join them into parts. The first keyframe's part is the map; the other parts are loose:
+    where they lie on it is not known yet.
     """
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class KeyframeStore:
         return self.keyframes[-1]
 
     def copy(self) -> "KeyframeStore":
-        """Return one that can be changed apart; the keyframes never change."""
+        """Return a copy that can be changed on its own; the keyframes never change."""
         other = KeyframeStore()
         other.keyframes, other.rows = list(self.keyframes), dict(self.rows)
         other.poses, other.edges = self.poses.copy(), list(self.edges)
@@ -86,7 +86,7 @@ class KeyframeStore:
     # Parts.
 
     def part_of(self, number: int) -> list[int]:
-        """Return the keyframes that edges lead to from one, itself among them, the oldest first."""
+        """Return the keyframes connected with one by edges, itself included, the oldest first."""
         part = self._parts[number]
         return [one.number for one in self.keyframes if self._parts[one.number] == part]
 
@@ -96,7 +96,7 @@ class KeyframeStore:
 
     @property
     def loose(self) -> NDArray[np.bool_]:
-        """(n,) which keyframes hang loose."""
+        """(n,) which keyframes belong to loose parts."""
         return np.array([self.is_loose(one.number) for one in self.keyframes], bool)
 
     @property
@@ -107,7 +107,7 @@ class KeyframeStore:
 
     @property
     def prior(self) -> int | None:
-        """Number of the map made before, if there is one."""
+        """Number of the earlier map, if there is one."""
         first = self.keyframes[0] if self.keyframes else None
         return first.number if first is not None and first.is_prior else None
 
@@ -123,7 +123,7 @@ class KeyframeStore:
             self._parts.update({n: one for n, part in self._parts.items() if part == other})
 
     def cut(self, edges: Sequence[Edge]) -> None:
-        """Remove edges; what they alone held hangs loose."""
+        """Remove edges; whatever only they joined becomes a loose part."""
         self._reconnect([edge for edge in self.edges if all(edge is not one for one in edges)])
 
     def _connect(self, edge: Edge) -> None:

@@ -19,7 +19,7 @@ from trolley_mapper.slam.sweep import Sweep
 
 @dataclass(frozen=True, slots=True)
 class LocalMapParams:
-    """How scans are compared with surfaces. Found with bench/mapper.py where not said otherwise."""
+    """How scans are compared with surfaces. Found with bench/mapper/ unless stated otherwise."""
 
     cell_m: float = 0.1
     """Edge of the cells that surfels are averaged in [m]."""
@@ -161,7 +161,7 @@ class LocalMap:
     def classify(
         self, pose: NDArray[np.float64], sweep: Sweep, near_m: float = PARAMS.near_m
     ) -> NDArray[np.uint8]:
-        """Return what the surfaces and the free space make of each point (n,) of a scan."""
+        """Classify each point (n,) of a scan by the surfaces and the free space."""
         classes = np.empty(len(sweep.cloud.points), np.uint8)
         surfels.classify_points(classes, self.surfels, sweep.cloud, sweep.laser, pose, near_m)
         return classes
@@ -226,11 +226,7 @@ class LocalMap:
 
 
 class Neighbourhood:
-    """The local map round the robot, put together anew when the robot has moved on.
-
-    Args:
-        config: of the mapper.
-    """
+    """The local map around the robot, rebuilt when the robot has moved on."""
 
     def __init__(self, config: MapperConfig) -> None:
         self._config = config
@@ -238,7 +234,7 @@ class Neighbourhood:
         self._centre = np.zeros(3)
 
     def invalidate(self) -> None:
-        """Put it together anew at the next chance: keyframes have come, gone or moved."""
+        """Rebuild it at the next chance: keyframes have come, gone or moved."""
         self._local = None
 
     def around(

@@ -31,7 +31,7 @@ from trolley_mapper.slam.sweep import Sweep
 
 @dataclass(frozen=True, slots=True)
 class LoopParams:
-    """Where loops are looked for, and which are believed. Found with bench/mapper.py."""
+    """Where loops are searched for, and which are believed. Found with bench/mapper/."""
 
     query_distance_m: float = 2.0
     """Keyframes within this distance along edges are looked for together [m]."""
@@ -182,7 +182,7 @@ class LoopJob:
         self.occupancy = draw_map(self.config.resolution_m, self.prior, self.store)
 
     def _cut_contradicted(self) -> bool:
-        """Cut loops of before that the new ones outvote; False where it is the other way round."""
+        """Cut earlier loops that the new ones outvote; False where it is the other way round."""
         problem = make_problem(self.store.edges, self.store.rows)
         is_out = contradicted(self.store.poses, problem, self.store.anchored_rows)
         out = [edge for edge, is_one in zip(self.store.edges, is_out, strict=True) if is_one]
@@ -194,7 +194,7 @@ class LoopJob:
 
 
 def total_error(store: KeyframeStore) -> float:
-    """Return the sum of the squared errors of all edges; loops count for little more than phi."""
+    """Return the sum of the squared errors of all edges; a loop counts for hardly more than phi."""
     problem = make_problem(store.edges, store.rows)
     chi2 = squared_errors(store.poses, problem)
     return float(np.minimum(chi2, PARAMS.max_strain).sum())

@@ -11,7 +11,7 @@ class MotionModelParams:
     """Standard deviations of odometry.
 
     The model follows Thrun, Burgard, Fox, Probabilistic Robotics (2005), section 5.4; the values
-    were found with bench/mapper.py.
+    were found with bench/mapper/.
     """
 
     still_m: float = 0.01

@@ -131,7 +131,7 @@ class LogOddsGrid:
 
 
 def draw_map(resolution: float, prior: GridMap | None, store: KeyframeStore) -> LogOddsGrid:
-    """Draw all keyframes but those that hang loose, over a map made before if there is one."""
+    """Draw all keyframes except those of loose parts, over the earlier map if there is one."""
     occupancy = LogOddsGrid(resolution, prior)
     for one, pose, is_loose in zip(store.keyframes, store.poses, store.loose, strict=True):
         if not is_loose:

@@ -11,7 +11,7 @@ from trolley.geometry import Pose2D
 
 @dataclass(frozen=True, slots=True)
 class OdometryScaleParams:
-    """What is believed, and from when on. Found with bench/mapper.py."""
+    """What is believed, and from when on. Found with bench/mapper/."""
 
     scale_dev: float = 0.06
     """Standard deviation of the scales before the first metre."""
@@ -50,7 +50,7 @@ class OdometryScale:
         return Pose2D(self.distance * step.x, self.distance * step.y, self.turn * step.yaw)
 
     def restart(self) -> None:
-        """Begin to measure anew, from a pose that is known."""
+        """Start measuring again, from a pose that is known."""
         self._raw = Pose2D.identity()
 
     def learn(self, moved: NDArray[np.float64], information: NDArray[np.float64]) -> None:

@@ -24,7 +24,7 @@ from trolley_mapper.slam.sweep import Sweep, read_sweep
 
 @dataclass(frozen=True, slots=True)
 class ScanMatcherParams:
-    """When a match is good, and where else a scan is tried. Found with bench/mapper.py."""
+    """When a match is good, and where else a scan is tried. Found with bench/mapper/."""
 
     min_dev_m: float = 0.004
     """The position is never believed to be surer than this [m]."""

@@ -2,6 +2,6 @@
 
 BLIND = "the lidar sees too little"
 PAUSED = "paused: the map does not grow"
-LOST = "this part hangs loose: drive on to where the map shows it, then the two are joined"
+LOST = "this part is not joined to the map yet: drive on to a place that the map shows"
 UNSURE = "checking the pose: drive on a little, then the map grows again"
 SLIPS = "the wheels slip: they turn farther than the robot moves"

@@ -73,12 +73,12 @@ def only_chunk(chunks: tuple[str, ...]) -> str:
         Refused: The key has several chunks.
     """
     if len(chunks) != 1:
-        raise Refused(codes.BAD_REQUEST, "A deletion names one value.")
+        raise Refused(codes.BAD_REQUEST, "A deletion must name one value.")
     return chunks[0]
 
 
 def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> SavedPose:
-    """The saved pose as it is stored; without a map of its own it belongs to the present one.
+    """The saved pose as it is stored; without a map of its own it belongs to the current one.
 
     Raises:
         Refused: Something in it is not allowed, or no map is known.

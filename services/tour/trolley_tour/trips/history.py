@@ -84,8 +84,8 @@ class TripHistory:
         """Report what was found broken in the file."""
         if outcome.kept is not None:
             self._service.log.error(
-                "The history cannot be read and was kept aside", kept=outcome.kept
+                "The history cannot be read and was set aside", kept=outcome.kept
             )
-            self._problems.set(f"{FILE} before", f"{FILE} could not be read and was kept aside.")
+            self._problems.set(f"{FILE} before", f"{FILE} could not be read and was set aside.")
         if outcome.num_unreadable:
             self._service.count("history/unreadable", outcome.num_unreadable)

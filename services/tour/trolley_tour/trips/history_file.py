@@ -84,7 +84,7 @@ def read_trips(
 
 
 def _with_recovery(path: Path, act: Callable[[Path], Outcome]) -> Outcome:
-    """Run `act` on the file; one that is no history of ours is kept aside, and a new one begun."""
+    """Run `act` on the file; one that is not our history is set aside, and a new one begun."""
     try:
         try:
             return act(path)
@@ -142,7 +142,7 @@ def _make(path: Path) -> None:
 
 
 def _check(connection: sqlite3.Connection) -> None:
-    """Refuse what is no history, or one of a newer schema."""
+    """Refuse what is not a history, or one of a newer schema."""
     (schema,) = connection.execute("PRAGMA user_version").fetchone()
     if schema > SCHEMA:
         raise _NewerHistory(f"schema {schema}")

@@ -224,7 +224,7 @@ class Trip:
                 self._attempt.lost(at)
 
     def _update_paused_goal(self, goal_stands: bool, status: GoalStatus, at: Moment) -> None:
-        """Notice that somebody resumed the goal by itself, or that it did not heed the pause."""
+        """Notice that somebody resumed the goal by itself, or that it ignored the pause."""
         if status.state not in ACTIVE:
             self._phase = Paused(goal_stands=True)
         elif goal_stands:
@@ -429,7 +429,7 @@ class Trip:
             self.actions.append(Cancel(self.record.goal))
 
     def _correct(self, action: Action, at: Moment) -> None:
-        """Repeat, once a second, what a goal of ours did not heed."""
+        """Repeat, once a second, what a goal of ours ignored."""
         last_ns = self._corrected_ns
         again_ns = int(self._params.ask_again_s * 1e9)
         if last_ns is None or at.monotonic_ns - last_ns >= again_ns:

@@ -186,7 +186,7 @@ class Aiming:
                 params = SetPose(pose=map_T_odom @ now.pose, covariance=before.covariance)
                 self._actions.ask(requests.POSE_SET, params, "Pose not set")
 
-        # After a restart of the base its odometry begins anew.
+        # After a restart of the base its odometry starts over.
         return Step("Set pose", undo, lambda: self._service.time_of(robot).epoch == epoch)
 
     def _preview_moved(self, pointed: Pointed | None) -> None:

@@ -25,7 +25,6 @@ class RobotActions:
     """Requests from one browser; all on the service's thread.
 
     Args:
-        service: asks.
         robot: the name of the robot that is asked.
         view: what is known of it.
         tell: shows a notice.
@@ -75,7 +74,7 @@ class RobotActions:
             point=point,
             frame=None if point is None else self._view().placement.world,
         )
-        self.ask(requests.GOAL_FOLLOW, params, "The robot follows nobody")
+        self.ask(requests.GOAL_FOLLOW, params, "The robot does not follow anybody")
 
     def steer(self, action: str) -> None:
         """Do "Pause", "Continue" or "Cancel" to what is under way: the trip, or else the goal."""

@@ -26,7 +26,6 @@ class Touching:
     """One thing at a time.
 
     Args:
-        service: asks.
         actions: ask the robot that is followed.
         aiming: sets poses.
         place_actions: save places.

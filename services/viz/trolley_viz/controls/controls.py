@@ -290,7 +290,7 @@ class List(Field[str]):
 
     def _checked(self, value: Value) -> str:
         if not isinstance(value, str) or value not in self._look.options:
-            raise BadValue("none of the list")
+            raise BadValue("not in the list")
         return value
 
 

@@ -106,7 +106,6 @@ class ChangeRequests:
     """Asks the robot to put proposals on the map, or not to make them again.
 
     Args:
-        service: asks.
         actions: asks the selected robot, and remembers what can be undone.
         robot: which that is.
         map_name: the name of its map; "" while that is not known.

@@ -38,7 +38,7 @@ SNAP_M = 0.15
 """A corner of a mirror or glass line snaps to a wall within this distance."""
 MIN_LENGTH_M = 0.02
 FAR_CELLS = 1e9
-"""Far outside of every map, and still a whole number of cells."""
+"""Far outside every map, and still a whole number of cells."""
 
 
 @dataclass(frozen=True)

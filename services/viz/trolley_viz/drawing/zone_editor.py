@@ -52,7 +52,6 @@ class ZoneEditor:
         canvas: what the browser shows and takes.
         zone_requests: what the robot is asked.
         view: what is known of the robot.
-        tell: tells the person.
         begin: called before the floor is taken: other tools are put away.
     """
 

@@ -42,12 +42,10 @@ class ZoneRequests:
     """Asks the robot's localizer for one change at a time.
 
     Args:
-        service: asks.
         robot: whom.
         zones: what is stored now.
         map_name: of the map that the zones belong to; "" while it is not known.
         history: what the person can take back.
-        tell: tells the person.
     """
 
     def __init__(

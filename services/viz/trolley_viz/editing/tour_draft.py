@@ -52,7 +52,7 @@ class Draft:
     name: str = ""
     points: tuple[Point, ...] = ()
     repeat: int = 1
-    """Rounds, 0 = for ever."""
+    """Rounds, 0 = forever."""
     there_and_back: bool = False
     resume: bool = False
     times: tuple[ScheduleEntry, ...] = field(default=())

@@ -101,7 +101,7 @@ def mesh_problem(glb: bytes) -> str:
         if needed:
             return f"Its body needs “{needed[0][:40]}”: export it without."
         if any(one.uri is not None for one in (*document.buffers, *document.images)):
-            return "Its body lies in several files: export it as one glb."
+            return "Its body is in several files: export it as one glb."
         _check_places(document, len(data))
         corners = np.array(_corners(document), np.float64).reshape(-1, 3)
     except (ValueError, IndexError, struct.error, msgspec.MsgspecError, RecursionError):
@@ -133,7 +133,7 @@ def _chunk(data: bytes, kind: int) -> tuple[bytes, bytes]:
 
 
 def _check_places(document: _Document, num_bytes: int) -> None:
-    """Raise where something lies outside of the data."""
+    """Raise where something lies outside the data."""
     for buffer in document.buffers:
         if buffer.byteLength > num_bytes:
             raise ValueError

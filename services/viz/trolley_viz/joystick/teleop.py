@@ -42,7 +42,6 @@ class Teleop:
 
     Args:
         service: publishes, and knows the time.
-        robots: what is known of each.
         name_of: what to call the browser of a page, "" where there is nothing to tell it by.
     """
 

@@ -36,7 +36,7 @@ def catalogues() -> Mapping[str, Catalogue]:
     """Read all catalogues, by the codes of their languages (ISO 639).
 
     Raises:
-        msgspec.DecodeError: A file is no catalogue.
+        msgspec.DecodeError: A file is not a catalogue.
     """
     files = resources.files("trolley_viz").joinpath("languages").iterdir()
     read = {

@@ -59,7 +59,6 @@ class MapEditor:
         service: asks the robot's mapper.
         robot: whom.
         view: what is known of the robot.
-        tell: tells the person.
         begin: called before the floor is taken: other tools are put away.
     """
 
@@ -242,7 +241,7 @@ class MapEditor:
         self._ask(params, stored)
 
     def undo_stored(self) -> None:
-        """Go back to the version before of the map that the robot is on."""
+        """Go back to the previous version of the map that the robot is on."""
         grid = self._view().map
         if grid is not None and not self.is_busy:
             self.leave()

@@ -50,7 +50,7 @@ LATE_MS = 2000.0
 GOES_ON_NS = 2_000_000_000
 """What was stopped continues this long after “Drive on” was answered, if the robot may drive."""
 AHEAD_MS = 500.0
-"""No press comes from farther in the future; a page that says so reckons wrongly."""
+"""No press comes from farther in the future; the clock of a page that says so is wrong."""
 ROBOT_NAME = re.compile(r"[a-z0-9_-]{1,32}")
 """As `RobotName`: what else a page calls a robot must not get into a key."""
 
@@ -256,7 +256,7 @@ class Page:
         why = (
             f"It was pressed {late_ms * 1e-3:.0f} s ago. Press again if you still want it."
             if late_ms > 0.0
-            else "The page is out of step. Reload it."
+            else "The page's clock is wrong. Reload it."
         )
         self.say(Told(answer=Answer(id=pressed.id, is_done=False, text=why)))
         return False

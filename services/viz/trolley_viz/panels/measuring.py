@@ -54,7 +54,6 @@ class PlotPanel:
     """The last minutes of any number that the robot publishes.
 
     Args:
-        gui: where it is added.
         folder: adds its folder.
         new_readings: follows values of a robot.
         save_file: gives the person a file of this name and text.

@@ -47,7 +47,7 @@ class PastBar:
         moments = past.moments[-MAX_MOMENTS:]
         self._show_times(moments)
         is_playing, is_fast = past.speed > 0.0, past.speed == FAST
-        self._play.label = "Halt" if is_playing else "Play"
+        self._play.label = "Stop playing" if is_playing else "Play"
         self._play.icon = "player-pause" if is_playing else "player-play"
         self._fast.label = "Play at normal speed" if is_fast else "Play 8 times as fast"
         self._fast.icon = "player-track-next"

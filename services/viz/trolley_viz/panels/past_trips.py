@@ -23,7 +23,6 @@ class PastTripsPanel:
     """A list that is asked for when it is opened.
 
     Args:
-        gui: where it is added.
         has_record: whether it is recorded what the robot did on a trip.
         look_at: shows that, or the moment of a stop that was not reached.
     """

@@ -19,7 +19,6 @@ class PointEditor:
     """Where it is, whether the robot stops there, how long, and what if it cannot.
 
     Args:
-        gui: where it is added.
         change: called with the point before and after.
         arrange: called with `UP`, `DOWN` or `REMOVE`.
         point_out: lets the person show the place on the map.

@@ -32,7 +32,7 @@ class StreamPanel:
             service_line(name, one, (view.now_ns - heard.get((name,), 0)) * 1e-9)
             for (name,), one in sorted(health.items())
         ]
-        self._services.content = "".join(map(row, lines)) or note("No services heard.")
+        self._services.content = "".join(map(row, lines)) or note("No services found.")
         self._count(view)
         rows = [
             (name, f"{self._rates[name]:.1f} Hz" if name in self._rates else "…")

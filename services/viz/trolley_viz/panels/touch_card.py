@@ -34,8 +34,6 @@ class TouchCard:
     """One card, for operators.
 
     Args:
-        gui: where it is added.
-        session: the browser.
         leads: to other panels.
     """
 

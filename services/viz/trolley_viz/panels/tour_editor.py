@@ -37,8 +37,6 @@ class TourEditor:
     """Edits one tour at a time.
 
     Args:
-        gui: where it is added.
-        session: the browser.
         save: called with the tour and what it was when it was opened.
     """
 

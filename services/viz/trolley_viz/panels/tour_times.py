@@ -23,7 +23,6 @@ class TimesEditor:
     """A list of times, and one more to add.
 
     Args:
-        gui: where it is added.
         folder: adds its folder.
         change: called with the new times.
     """

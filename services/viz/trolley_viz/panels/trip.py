@@ -16,7 +16,6 @@ class TripPanel:
     """One trip at a time.
 
     Args:
-        gui: where it is added.
         steer: does one of the actions; None where that is not the person's to do.
     """
 
@@ -110,7 +109,7 @@ def is_there(trip: TourStatus, tour: Tour) -> bool:
 
 
 def visits_to_come(trip: TourStatus, tour: Tour | None) -> list[int]:
-    """The stops that this round visits after the present one, in order."""
+    """The stops that this round visits after the current one, in order."""
     if tour is None or trip.stop is None or trip.stop >= len(tour.stops):
         return []
     onward = list(range(trip.stop + 1, len(tour.stops)))

@@ -137,7 +137,7 @@ class Looking:
         if record is None:
             return None
         then = record.at(self._at_ns)
-        said = "Nothing is known of that time." if then.words is None else then.words.headline
+        said = "Nothing was recorded at that time." if then.words is None else then.words.headline
         where = (
             f" It was on the map “{then.map}”, which is not shown."
             if then.map and then.map != map_name

@@ -1,4 +1,4 @@
-"""What was known of a robot, moment by moment: where it was, what it saw and what was said.
+"""What was known of a robot at each moment: where it was, what it saw and what was said.
 
 Times are local monotonic ones [ns]: neither the robot's clock nor that of this host can put them
 out of order. What a clock on the wall showed is known only by whoever shows them.
@@ -233,7 +233,7 @@ class Record:
         self._extend(newer.last_ns)
 
     def shift(self, by_ns: int) -> None:
-        """Count all times from elsewhere, as those of a clock that began anew."""
+        """Count all times from elsewhere, as those of a clock that started over."""
         for rows in (self.poses.rows, self.scans.rows):
             rows[AT] += by_ns
         self.sentences = _shifted(self.sentences, by_ns)

@@ -93,7 +93,6 @@ class Recorder:
 
     Args:
         service: whose wire and clocks it uses.
-        robot: the robot's name.
     """
 
     def __init__(self, service: Service, robot: str) -> None:
@@ -333,7 +332,7 @@ def _has_moved(was: Pose2D | None, is_now: Pose2D | None) -> bool:
 
 
 def _of_one_run(rows: NDArray[Any]) -> NDArray[Any]:
-    """Those since the robot's clock last began anew."""
+    """Those since the robot's clock last started over."""
     (restarts,) = np.nonzero(np.diff(rows["robot_ns"]) <= 0)
     return rows[int(restarts[-1]) + 1 :] if len(restarts) else rows
 

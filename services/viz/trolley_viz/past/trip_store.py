@@ -73,7 +73,7 @@ class TripStore:
     def read(self, name: TripName, then: Callable[[Record | str], None]) -> None:
         """Read the record of a trip, by the local monotonic clock; a sentence where that fails.
 
-        What is broken, or of a newer Trolley, is kept aside.
+        What is broken, or of a newer Trolley, is set aside.
         """
         if name not in self.names:
             then(GONE)
@@ -126,7 +126,7 @@ class TripStore:
         except OSError:
             return "The record of this trip cannot be read."
         self._service.log.error(
-            "The record of a trip cannot be read and was kept aside", kept=aside, why=why
+            "The record of a trip cannot be read and was set aside", kept=aside, why=why
         )
         return f"The record of this trip cannot be read; it is kept as {aside.name}."
 

@@ -18,7 +18,7 @@ SEEN = "LNPS"
 
 NO_COOKIE = "This browser keeps no cookies, so its name cannot be remembered."
 TOO_LONG = f"A name has at most {MAX_NAME} characters."
-NOT_YOURS = "Browsers without a name are called so. Choose another name."
+NOT_YOURS = "That is what browsers without a name are called. Choose another name."
 A_ROBOT = "This is the name of a robot. Choose another name."
 TAKEN = "Another browser has this name. Choose another name."
 

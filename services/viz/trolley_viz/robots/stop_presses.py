@@ -39,7 +39,7 @@ DISOBEYED = StopLine("NOT STOPPED: the motor board does not obey", is_alarm=True
 class StopPresses:
     """The presses that are not answered yet, one for each robot.
 
-    They are repeated for ever, whatever robot is shown by then and even with no browser open; only
+    They are repeated forever, whatever robot is shown by then and even with no browser open; only
     an answer or Resume ends them.
     """
 

@@ -27,7 +27,6 @@ class Line:
 
     Args:
         socket: to the page.
-        transport: below it.
         key: the page's own secret: who comes again with it is the same page.
         visitor: who it is.
     """

@@ -18,7 +18,6 @@ class SceneLink:
 
     Args:
         browser: the connection with the page.
-        transport: below it.
         scene: the connection with viser.
     """
 

@@ -307,7 +307,7 @@ def _wants_socket(request: web.Request) -> bool:
 
 
 def _small_socket(address: tuple[Any, ...]) -> socket.socket:
-    """Return a socket to viser on which little waits; the system reckons in segments."""
+    """Return a socket to viser on which little waits; the system counts in segments."""
     connection = socket.socket(*address[:3])  # family, kind, protocol
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SCENE_BUFFER_BYTES)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, SEGMENT_BYTES)

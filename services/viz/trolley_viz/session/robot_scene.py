@@ -35,8 +35,6 @@ class RobotScene:
 
     Args:
         service: whose subscriptions, requests and clocks are used.
-        server: the scene.
-        robot: the robot's name.
     """
 
     def __init__(self, service: Service, server: viser.ViserServer, robot: str) -> None:
@@ -137,8 +135,6 @@ class RobotScenes:
 
     Args:
         service: as for `RobotScene`.
-        server: the scene.
-        robots: what is known of each.
     """
 
     def __init__(self, service: Service, server: viser.ViserServer, robots: Robots) -> None:

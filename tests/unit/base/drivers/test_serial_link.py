@@ -75,7 +75,7 @@ def test_a_port_that_takes_nothing_is_down_and_not_merely_counted(port: str) -> 
             break
     talk.close()
     assert states[-1].state == "down"
-    assert "takes nothing" in states[-1].message
+    assert "accepts nothing" in states[-1].message
 
 
 def test_what_arrived_in_a_row_is_joined_and_a_break_stays_between() -> None:

@@ -53,8 +53,7 @@ def make_board(config: ChassisConfig, drive: Drive) -> BoardDialogue:
     is_wired = inputs.bumper_pins or inputs.cliff_pins or inputs.battery_pin is not None
     if is_wired and not facts.has_inputs:
         raise DriverError(
-            f"[base.chassis.inputs] names pins, but {facts.title} does not tell what they read; "
-            "remove them"
+            f"[base.chassis.inputs] names pins, but {facts.title} does not report them; remove them"
         )
     if config.board == "linorobot":
         return LinorobotDialogue(config, baud, can_drive_sideways=drive == "mecanum")

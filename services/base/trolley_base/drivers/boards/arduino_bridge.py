@@ -54,7 +54,7 @@ ANSWERS = {
 
 @dataclass(slots=True)
 class Question:
-    """Something that is asked again and again."""
+    """Something that is asked repeatedly."""
 
     text: str
     period_ns: int
@@ -77,7 +77,7 @@ def pid_command(pid: PidConfig) -> str:
     if len(argument) > MOST_ARGUMENT:
         raise DriverError(
             f"[base.chassis.pid] is too long for arduino_bridge: {argument} has more than "
-            f"{MOST_ARGUMENT} letters; take smaller numbers"
+            f"{MOST_ARGUMENT} characters; use smaller numbers"
         )
     return f"u {argument}"
 
@@ -86,7 +86,6 @@ class ArduinoBridgeDialogue:
     """Talks to the firmware.
 
     Args:
-        config: of the chassis.
         wheels: what a tick stands for.
         baud: bits per second.
 
@@ -245,7 +244,7 @@ class ArduinoBridgeDialogue:
         return text.encode() + b"\r"
 
     def _give_up(self, now_ns: int) -> None:
-        """Wait no longer for an answer that is late; after a longer silence greet anew."""
+        """Wait no longer for an answer that is late; after a longer silence greet it again."""
         if not self._in_flight or now_ns - self._in_flight[0][1] <= ANSWER_NS:
             return
         if self._is_greeted:

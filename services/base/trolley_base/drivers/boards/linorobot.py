@@ -61,7 +61,6 @@ class LinorobotDialogue:
     """Talks to the firmware.
 
     Args:
-        config: of the chassis.
         baud: bits per second; a board on native USB ignores it.
         can_drive_sideways: it has mecanum wheels.
     """

@@ -85,9 +85,9 @@ class Negotiation:
             self._heard[topic] = info.topic_id
             if info.md5 != topic.md5:
                 self._mismatch = (
-                    f"The motor board's topic {topic.name} has another layout than linorobot's: "
-                    f"it is {info.type_name} with md5 {info.md5}, expected is {topic.type_name} "
-                    f"with md5 {topic.md5}. Nothing is driven; flash linorobot's firmware with "
+                    f"The motor board's topic {topic.name} is not laid out like linorobot's: it "
+                    f"is {info.type_name} with md5 {info.md5}, not {topic.type_name} with "
+                    f"md5 {topic.md5}. The robot does not drive; flash linorobot's firmware with "
                     "unchanged lino_msgs."
                 )
 
@@ -122,6 +122,6 @@ def _lament(missing: frozenset[Topic]) -> str:
         for topic in sorted(missing)
     )
     return (
-        f"The motor board {lacks}: it runs another firmware than linorobot's. Flash linorobot's, "
+        f"The motor board {lacks}: it does not run linorobot's firmware. Flash linorobot's, "
         "or set [base.chassis] board to what it runs."
     )

@@ -40,7 +40,7 @@ class VelocityIntegrator:
             self._count("gaps", 1)
             self.reset()
         before_ns = self._stamp_ns
-        # Over USB bytes come faster than the baud rate, by which their times are reckoned.
+        # Over USB bytes come faster than the baud rate, by which their times are calculated.
         self._left_ns = left_ns if before_ns is None else max(left_ns, self._left_ns)
         self._stamp_ns = self._clock.stamp(self._left_ns)
         if before_ns is None:

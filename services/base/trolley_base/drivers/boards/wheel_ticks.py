@@ -39,7 +39,7 @@ class WheelOdometry:
     """Makes motions of encoder counts, which wrap around at 32 bits.
 
     Attributes:
-        has_restarted: the counts added last began anew: the board has rebooted.
+        has_restarted: the counts added last started over: the board has rebooted.
 
     Args:
         wheels: what a tick stands for.
@@ -56,7 +56,7 @@ class WheelOdometry:
         self._jumped: Counts | None = None
 
     def reset(self) -> None:
-        """Begin anew: the next counts are where the motion begins."""
+        """Start over: the next counts are where the motion begins."""
         self._last = self._jumped = None
 
     def add(self, new: Counts) -> MotionSample | None:

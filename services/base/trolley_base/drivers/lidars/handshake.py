@@ -51,7 +51,6 @@ class HandshakeLidar(StreamingLidar):
     """A lidar that streams after a handshake; subclasses write the script.
 
     Args:
-        facts: of the model.
         config: how it is mounted and what of it counts.
         decoder: makes what decodes its stream.
 
@@ -144,8 +143,8 @@ class HandshakeLidar(StreamingLidar):
             self._note("lidar_health", f"The {self.facts.title} warns: health code {code}.")
             return True
         self._fault = (
-            f"The {self.facts.title} reports a fault (health error {code}): take its power away "
-            f"for some seconds; is its head free to turn, and its 5 V supply strong enough?"
+            f"The {self.facts.title} reports a fault (health error {code}): unplug its power for "
+            "a few seconds; is its head free to turn, and its 5 V supply strong enough?"
         )
         return False
 

@@ -77,7 +77,7 @@ class Lds01(StreamingLidar):
         self._asked_ns = None
 
     def outgoing(self, now_ns: int) -> bytes:
-        """Ask it to start, again and again while it is silent."""
+        """Ask it to start, over and over while it is silent."""
         is_patient = self._asked_ns is not None and now_ns - self._asked_ns < ASK_AGAIN_NS
         if is_patient or not self.is_silent(now_ns, ASK_AGAIN_NS if self._asked_ns else 0):
             return b""

@@ -109,7 +109,6 @@ class Revolutions:
     """Gathers samples and makes a scan of each revolution.
 
     Args:
-        facts: of the model.
         config: how it is mounted and what of it counts.
         counts: what goes wrong is added here.
     """

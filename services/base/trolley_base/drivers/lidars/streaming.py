@@ -36,7 +36,6 @@ class StreamingLidar:
     """A lidar that streams by itself; `HandshakeLidar` builds upon it.
 
     Args:
-        facts: of the model.
         config: how it is mounted and what of it counts.
         decoder: makes what decodes it, anew at each opening; it counts what goes wrong.
 
@@ -159,7 +158,7 @@ class StreamingLidar:
         facts = self.facts
         if not self.is_silent(now_ns, SILENT_NS):
             if now_ns - max(self._turn_ns, self._stream_ns) <= NO_TURN_NS:
-                return f"The {facts.title} begins to turn."
+                return f"The {facts.title} is starting to turn."
             if self._revolutions.short_in_a_row:
                 return (
                     f"Much of what the {facts.title} sends is lost or damaged: is its cable loose, "

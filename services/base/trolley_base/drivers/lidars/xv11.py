@@ -2,7 +2,7 @@
 
 Frame of 22 bytes: FA, index A0...F9 (of 4 degrees each), speed [rpm / 64], 4 × (distance [mm] with
 flags in its two highest bits, signal strength), a folding sum of 15 bits. Bit 15 of a distance
-marks it as invalid; bit 14 warns of weak strength and is not heeded.
+marks it as invalid; bit 14 warns of a weak signal and is ignored.
 
 Source:
     xv_11_laser_driver; getSurreal XV Lidar Controller.
@@ -30,7 +30,7 @@ FACTS = LidarFacts(
     turns_hz=(180.0 / 60.0, 349.0 / 60.0),
     usual_hz=5.0,
     clockwise=False,
-    speed_hint="Its motor needs a controller outside of the sensor: is that set to 300 rpm?",
+    speed_hint="Its motor needs a controller outside the sensor: is it set to 300 rpm?",
 )
 _WEIGHTS = 2 ** np.arange(9, -1, -1)
 

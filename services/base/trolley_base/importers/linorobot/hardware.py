@@ -51,8 +51,8 @@ def _take_drive(findings: Findings, base: str) -> None:
         findings.note(f"Trolley cannot drive a base of the kind {base}: no motor board is set.")
     else:
         findings.note(
-            "LINOBASE is not set, so the drive is taken for differential (2wd); for another one "
-            "give --base 4wd or --base mecanum."
+            "LINOBASE is not set, so the drive is assumed to be differential (2wd); for another "
+            "one give --base 4wd or --base mecanum."
         )
 
 
@@ -85,8 +85,8 @@ def _take_lidar(findings: Findings, lidar: str) -> LidarModel | None:
         place = findings.place(baud)
         if model == "rplidar_a1":
             findings.note(
-                f"{place}: an RPLIDAR that talks at {baud.value} baud is no A1, and Trolley has no "
-                f"driver for it."
+                f"{place}: an RPLIDAR that talks at {baud.value} baud is not an A1, and Trolley "
+                "has no driver for it."
             )
             return None
         if model == "ydlidar_x4":
@@ -111,8 +111,9 @@ def _take_mount(findings: Findings, model: str | None) -> None:
     mount = find_mount(findings.launch, findings.notes)
     if mount is None:
         findings.note(
-            "Where the lidar sits was not found: it is taken for the middle between the wheels, "
-            "0.2 m high, looking forward. Measure it and correct [base.lidar] pose and z_m."
+            "Where the lidar sits was not found: it is assumed to be in the middle between the "
+            "wheels, 0.2 m high, facing forward. Measure it and correct [base.lidar] pose and "
+            "z_m."
         )
         return
     yaw = mount.yaw
@@ -132,10 +133,10 @@ def _take_mount(findings: Findings, model: str | None) -> None:
     findings.set("base.lidar.z_m", round(min(max(mount.z_m, 0.0), MOST_HEIGHT_M), 6))
     if mount.is_upside_down:
         findings.set("base.lidar.upside_down", True)
-        findings.note("The lidar is mounted head down.")
+        findings.note("The lidar is mounted upside down.")
     findings.note(
-        "Drivers count a lidar's angles differently: look in the viewer whether the scan lies on "
-        "the walls, else correct [base.lidar] pose."
+        "Drivers count a lidar's angles differently: check in the viewer that the scan lies on "
+        "the walls; if not, correct [base.lidar] pose."
     )
 
 

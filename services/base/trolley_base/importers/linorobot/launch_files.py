@@ -61,7 +61,7 @@ class Launch:
 
     Attributes:
         nodes: programs.
-        params: parameters that stand outside of programs.
+        params: parameters that stand outside programs.
         problems: what could not be read, one sentence each.
     """
 

@@ -79,7 +79,7 @@ def find_mount(launch: Launch, problems: list[str]) -> Mount | None:
         height_m += float(floor.parent_T_child[2, 3])
         sources.append(floor.source)
     if abs(base_T_laser[2, 2]) < math.cos(LEVEL_RAD):
-        problems.append("The lidar does not lie level; it is taken as if it did.")
+        problems.append("The lidar is not mounted level; it is treated as if it were.")
     return Mount(
         x_m=float(base_T_laser[0, 3]),
         y_m=float(base_T_laser[1, 3]),

@@ -74,7 +74,7 @@ def _take_footprint(findings: Findings, parameters: Parameters) -> None:
             findings.take("robot.footprint", value, words, given)
             return
     findings.note(
-        "No footprint was taken: 0.30 x 0.24 m stands there. Measure the robot and correct "
+        "No footprint was found: the file now says 0.30 x 0.24 m. Measure the robot and correct "
         "[robot] footprint before it drives."
     )
 
@@ -93,7 +93,7 @@ def _footprint(value: object) -> tuple[dict[str, Any], str]:
     try:
         corners = np.asarray(plain, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{plain!r:.80} holds something else than numbers") from error
+        raise ValueError(f"{plain!r:.80} holds something other than numbers") from error
     footprint_from_polygon(corners)
     half = np.abs(corners).max(axis=0)
     if len(corners) == 4 and np.all(np.abs(np.abs(corners) - half) < SAME_M):
@@ -111,7 +111,7 @@ def _take_speeds(findings: Findings, parameters: Parameters) -> None:
         if speed.value > DEFAULT_SPEED_MPS:
             findings.set("base.limits.max_speed_mps", speed.value)
     else:
-        findings.note(f"No speed was found: {DEFAULT_SPEED_MPS} m/s holds.")
+        findings.note(f"No speed was found: {DEFAULT_SPEED_MPS} m/s is used.")
     if turns:
         turn = max(turns, key=lambda one: one.value)
         words = f"turn rate {turn.value:g} rad/s"
@@ -119,7 +119,7 @@ def _take_speeds(findings: Findings, parameters: Parameters) -> None:
         if turn.value > DEFAULT_TURN_RADPS:
             findings.set("base.limits.max_wz_radps", turn.value)
     else:
-        findings.note(f"No turn rate was found: {DEFAULT_TURN_RADPS} rad/s holds.")
+        findings.note(f"No turn rate was found: {DEFAULT_TURN_RADPS} rad/s is used.")
 
 
 def _numbers(
@@ -162,7 +162,7 @@ def _looks_like_map(path: Path) -> bool:
     try:
         text = read_file(path).decode("utf-8", "replace")
     except OSError:
-        return False  # what cannot be read is no map that could be taken
+        return False  # what cannot be read is not a map that could be taken
     return all(re.search(rf"(?m)^{key}:", text) for key in ("image", "resolution", "origin"))
 
 
@@ -198,7 +198,7 @@ def _take_start(findings: Findings) -> None:
 
 
 def _amcl_parameters(findings: Findings) -> dict[str, Value]:
-    """What AMCL is told of its start, inside of its node and outside."""
+    """What AMCL is told about its start, inside of its node and outside."""
     nodes = findings.launch.of_kind("amcl")
     prefixes = [f"{node.name}/" for node in nodes]
     found = {
@@ -218,7 +218,7 @@ def _start_number(findings: Findings, name: str, given: Value) -> float | None:
     number = _number(given)
     if number is None:
         place = findings.place(given)
-        findings.note(f"{place}: {name} is {given.value!r}, no number; it is left out.")
+        findings.note(f"{place}: {name} is {given.value!r}, not a number; it is left out.")
     return number
 
 
@@ -245,7 +245,7 @@ def _take_heading(findings: Findings, start: Parameters, pose: dict[str, Any]) -
     if turned is not None and abs(math.remainder(turned - yaw, math.tau)) > SAME_RAD:
         findings.note(
             f"initial_pose_a says {math.degrees(yaw):.1f}°, initial_orientation_* "
-            f"{math.degrees(turned):.1f}°: AMCL knows only the first, so it is taken."
+            f"{math.degrees(turned):.1f}°: AMCL uses only the first, and so does Trolley."
         )
     pose["yaw"] = yaw
     return yaw

@@ -67,7 +67,7 @@ def test_takes_the_heading_that_amcl_knew(package: Package) -> None:
     package.change(AMCL, old, '<param name="initial_pose_a" value="1.5"/>')
     findings = read_linorobot(package.folder, "2wd", "xv11")
     assert value(findings, "start.pose")["yaw"] == 1.5
-    assert "AMCL knows only the first" in notes(findings)
+    assert "AMCL uses only the first" in notes(findings)
 
 
 def test_takes_parameters_that_stand_outside_of_the_node(package: Package) -> None:
@@ -183,7 +183,7 @@ def test_knows_that_a_fast_rplidar_is_no_a1(package: Package) -> None:
     package.change("launch/include/lidar/rplidar.launch", "115200", "256000")
     findings = read_linorobot(package.folder, "2wd", "rplidar")
     assert "base.lidar.model" not in findings.chosen
-    assert "is no A1" in notes(findings)
+    assert "is not an A1" in notes(findings)
 
 
 def test_turns_an_rplidar_as_its_driver_counts(package: Package) -> None:
