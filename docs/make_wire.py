@@ -16,6 +16,7 @@ from msgspec import inspect as shapes
 
 from trolley import codes, requests, topics
 from trolley.cli import cli, exits
+from trolley.config.changing import Name, acts, service_of
 from trolley.config.describe import allowed, sections
 from trolley.messages.arrays import ARRAY_FIELDS
 from trolley.requests import Request
@@ -76,6 +77,10 @@ One `robot.toml` per robot: `--config`, else `TROLLEY_CONFIG`, else `/etc/trolle
 range are refused; the error names the file, the key and what is allowed. Paths in it are relative
 to its folder.
 
+Some settings can be changed [while the robot runs](settings.md): with `trolley config`, in the
+viewer, or over the wire. They count *at once* or *after a restart*; what is *file only* is changed
+in the file itself, and counts after a restart of all services.
+
 A footprint is `{length_m, width_m}`, `{radius_m}` or `{polygon_m = [[x, y], ...]}`; a pose is
 `{x, y, yaw}` or `{x, y, orientation = [x, y, z, w]}`, as ROS tools print it.
 
@@ -83,6 +88,13 @@ Programs also read these environment variables: `TROLLEY_STATE` (the state folde
 `STATE_DIRECTORY`, else `~/.local/state/trolley`), `TROLLEY_LOG` (`debug`, `info`, `warning` or
 `error`) and `TROLLEY_WORLDS` (the folder of simulated worlds).
 """
+
+COUNTS = {
+    "at_once": "at once",
+    "restart": "after a restart of {service}",
+    "file": "file only",
+}
+"""When a setting that is changed while the robot runs counts."""
 
 
 CLI_HEAD = """\
@@ -290,10 +302,13 @@ def configuration() -> str:
     parts = [CONFIG_HEAD]
     for section in sections():
         parts.append(f"## `[{section.name}]`\n\n{section.meaning}\n")
-        parts.append("| key | meaning | allowed | default |\n|---|---|---|---|")
+        parts.append("| key | meaning | allowed | default | a change counts |")
+        parts.append("|---|---|---|---|---|")
         for key in section.keys:
             default = "required" if key.is_required else f"`{key.default}`" if key.default else ""
-            parts.append(f"| `{key.name}` | {key.meaning} | {key.allowed} | {default} |")
+            counts = COUNTS[acts(Name(section.name, key.name))]
+            counts = counts.format(service=service_of(section.name))
+            parts.append(f"| `{key.name}` | {key.meaning} | {key.allowed} | {default} | {counts} |")
         parts.append("")
     return "\n".join(parts)
 

@@ -43,6 +43,8 @@ from trolley.messages import (
     Marker,
     Overlay,
     PoseEstimate,
+    Setting,
+    Settings,
     TourStatus,
     VelocityCommand,
     request_params,
@@ -318,6 +320,28 @@ class Robot:
     def delete_overlay(self, name: str = "*") -> None:
         """Delete a panel, or all."""
         self._connection.delete(self.name, topics.OVERLAY, name)
+
+    # Settings.
+    def config(self, section: str | None = None, key: str | None = None) -> list[Setting]:
+        """The settings, those of a section such as "planner", or one of them.
+
+        Raises:
+            Refused: `unknown_name`.
+        """
+        asked = request_params.WhichConfig(section=section, key=key)
+        return self.ask(requests.CONFIG_GET, asked).settings
+
+    def set_config(self, section: str, *, save: bool = True, **values: Any) -> Settings:
+        """Change settings: `robot.set_config("planner", max_speed_mps=0.3)`; None: the default.
+
+        With `save` they are written into robot.toml, too. The answer's `message` says whether they
+        are and when they count; each setting's `value` is what counts now.
+
+        Raises:
+            Refused: `bad_request` for a value that is not allowed, `only_in_file`, `file_changed`.
+        """
+        asked = request_params.SetConfig(section=section, values=values, save=save)
+        return self.ask(requests.CONFIG_SET, asked)
 
     # Stopping.
     def stop(self) -> BaseState:

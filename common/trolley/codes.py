@@ -75,6 +75,9 @@ SHUTDOWN = "shutdown"
 DOES_NOT_OBEY = "does_not_obey"
 # Storage.
 NOT_SAVED = "not_saved"
+# Settings.
+ONLY_IN_FILE = "only_in_file"
+FILE_CHANGED = "file_changed"
 
 SENTENCES: dict[str, str] = {
     BAD_REQUEST: "The request was not understood.",
@@ -137,6 +140,8 @@ SENTENCES: dict[str, str] = {
     SHUTDOWN: "The base service is shutting down.",
     DOES_NOT_OBEY: "The motor board does not obey.",
     NOT_SAVED: "It could not be written to disk.",
+    ONLY_IN_FILE: "That setting is changed only in robot.toml itself, on the robot.",
+    FILE_CHANGED: "Somebody has edited robot.toml meanwhile, so nothing was changed.",
 }
 """One plain sentence per code."""
 

@@ -131,6 +131,14 @@ CHANGES_DISMISS = Request(
 )
 BASE_STOP = Request("base/stop", request_params.Nothing, m.BaseState, "base", always=True)
 BASE_RESUME = Request("base/resume", request_params.Nothing, m.BaseState, "base")
+CONFIG_GET = Request("config/get", request_params.WhichConfig, m.Settings, "base")
+CONFIG_SET = Request(
+    "config/set",
+    request_params.SetConfig,
+    m.Settings,
+    "base",
+    (codes.ONLY_IN_FILE, codes.FILE_CHANGED, codes.NOT_SAVED, codes.BUSY),
+)
 MAP_LIST = Request("map/list", request_params.Nothing, list[str], "localizer")
 MAP_LOAD = Request(
     "map/load",

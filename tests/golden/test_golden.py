@@ -33,6 +33,7 @@ PLAIN: dict[type[inspect.Type], Any] = {
     inspect.FloatType: 0.25,
     inspect.BytesType: b"glb",
     inspect.DictType: {"code": 3},
+    inspect.AnyType: "mppi",
 }
 
 

@@ -22,6 +22,7 @@ from trolley.runtime.state import StateFolder
 from trolley.state_file import schema_of
 from trolley.zones import ZoneFile
 from trolley_base.persistence import SavedLatch, SavedTime, SavedWorld
+from trolley_base.settings_keeper import SavedSettings
 from trolley_localizer.changes.change_file import ChangeFile
 from trolley_localizer.map_server import ChosenMap
 from trolley_localizer.start_pose import LastPose
@@ -66,6 +67,7 @@ FORMS = {
     "mapping.bin": Form(Checkpoint, Checkpoint(name="a", core=b"").schema),
     "map_edit.json": Form(SwitchPlan, 2),
     "viewer_trip": Form(TripFile, TripFile.SCHEMA),
+    "base_settings.toml": Form(SavedSettings, schema_of(SavedSettings)),
     "map.yaml": Form(Version, 1),
     "map.zones.toml": Form(ZoneFile, schema_of(ZoneFile)),
 }

@@ -44,6 +44,7 @@ COMMANDS = {
     "map": ("trolley.cli.maps", "The map."),
     "zones": ("trolley.cli.maps", "List mirrors, glass, keep-out and speed zones."),
     "teleop": ("trolley.cli.teleop", "Drive by hand, with the keys of this terminal."),
+    "config": ("trolley.cli.config", "Show and change settings while the robot runs."),
     "record": ("trolley.cli.record", "Record what a robot publishes into a file."),
     "replay": ("trolley.cli.replay", "Play a recording under another robot's name."),
     "backup": ("trolley.cli.backup", "Save everything the robot knows in one file."),

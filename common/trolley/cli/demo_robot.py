@@ -108,7 +108,9 @@ def settings(choices: Choices) -> dict[str, Any]:
 def write_settings(choices: Choices, folder: Path) -> Path:
     """Write the demo's robot.toml into a folder."""
     path = folder / "robot.toml"
+    path.unlink(missing_ok=True)
     path.write_text(tomli_w.dumps(settings(choices)), encoding="utf-8")
+    path.chmod(0o444)  # what is set while it drives is not saved here: each demo writes it anew
     return path
 
 

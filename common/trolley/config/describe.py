@@ -34,6 +34,14 @@ class Key(NamedTuple):
     default: str | None
     """As TOML writes it; None: it may be left out and then there is none."""
     is_required: bool
+    plain_default: Any = None
+    """In plain values; None: there is none."""
+    least: float | None = None
+    """No number may be below this,"""
+    greatest: float | None = None
+    """nor above this."""
+    choices: tuple[str, ...] = ()
+    """All values of a word."""
 
 
 class Section(NamedTuple):
@@ -61,8 +69,18 @@ def _sections(struct: type[msgspec.Struct], name: str) -> list[Section]:
             below += _sections(table, f"{name}.{field.name}".lstrip("."))
         elif name:
             meaning = words.get(field.name, "")
+            default = _default(field)
             keys.append(
-                Key(field.name, meaning, allowed(field.type), _default(field), field.required)
+                Key(
+                    field.name,
+                    meaning,
+                    allowed(field.type),
+                    None if default is None else to_toml(default),
+                    field.required,
+                    msgspec.to_builtins(default),
+                    *_range(field.type),
+                    _choices(field.type),
+                )
             )
     meaning = inspect.cleandoc(struct.__doc__ or "").split("\n\n", 1)[0].replace("\n", " ")
     meaning = meaning.removeprefix(f"`[{name}]`: ")
@@ -100,12 +118,29 @@ def _table(shape: shapes.Type) -> type[msgspec.Struct] | None:
     return None
 
 
-def _default(field: shapes.Field) -> str | None:
+def _default(field: shapes.Field) -> Any:
+    """What a setting is that is not given, None if there is nothing then."""
     if field.default_factory is not msgspec.NODEFAULT:
-        return to_toml(field.default_factory())
-    if field.default is msgspec.NODEFAULT or field.default is None:
-        return None
-    return to_toml(field.default)
+        return field.default_factory()
+    return None if field.default is msgspec.NODEFAULT else field.default
+
+
+def _range(shape: shapes.Type) -> tuple[float | None, float | None]:
+    """The bounds of a number, None where there is none."""
+    if not isinstance(shape, shapes.FloatType | shapes.IntType):
+        return None, None
+    least = shape.gt if shape.ge is None else shape.ge
+    greatest = shape.lt if shape.le is None else shape.le
+    return (
+        None if least is None else float(least),
+        None if greatest is None or greatest >= _LARGE else float(greatest),
+    )
+
+
+def _choices(shape: shapes.Type) -> tuple[str, ...]:
+    if not isinstance(shape, shapes.LiteralType):
+        return ()
+    return tuple(str(value) for value in shape.values)
 
 
 def to_toml(value: Any) -> str:

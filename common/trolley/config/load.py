@@ -22,6 +22,10 @@ from trolley.files import read_text
 DEFAULT_PATH = Path("/etc/trolley/robot.toml")
 
 
+SET_ON_LOADING = ("folder", "file")
+"""What a `RobotConfig` knows besides what stands in the file."""
+
+
 class ConfigError(Exception):
     """The configuration cannot be used; the text names file, key and what is allowed."""
 
@@ -42,6 +46,8 @@ class RobotConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     mapper: MapperConfig = MapperConfig()
     folder: str = ""
     """Where the file lies (set on loading): paths in it are relative to this."""
+    file: str = ""
+    """The file itself (set on loading); "" where there is none."""
 
     def path(self, name: str) -> Path:
         """A file named in the configuration; a relative name counts from the file's folder."""
@@ -80,10 +86,14 @@ def load_config(path: Path) -> RobotConfig:
         ConfigError: It cannot be read, or a key in it is unknown or not allowed.
     """
     plain = read_toml(path)
-    if "folder" in plain:
-        raise ConfigError(f"{path}: unknown key `folder`")
+    for key in SET_ON_LOADING:
+        if key in plain:
+            raise ConfigError(f"{path}: unknown key `{key}`")
+    file = path.resolve()
     try:
-        return msgspec.convert({**plain, "folder": str(path.resolve().parent)}, type=RobotConfig)
+        return msgspec.convert(
+            {**plain, "folder": str(file.parent), "file": str(file)}, type=RobotConfig
+        )
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {in_words_of_the_file(str(error))}") from error
 

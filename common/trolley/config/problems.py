@@ -6,7 +6,13 @@ from typing import Any, cast
 
 import msgspec
 
-from trolley.config.load import ConfigError, RobotConfig, in_words_of_the_file, read_toml
+from trolley.config.load import (
+    SET_ON_LOADING,
+    ConfigError,
+    RobotConfig,
+    in_words_of_the_file,
+    read_toml,
+)
 
 MOST = 30
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`\Z", re.DOTALL)
@@ -21,7 +27,7 @@ def find_problems(path: Path) -> list[str]:
         plain = read_toml(path)
     except ConfigError as error:
         return [str(error)]
-    found = ["unknown key `folder`"] if plain.pop("folder", None) is not None else []
+    found = [f"unknown key `{key}`" for key in SET_ON_LOADING if plain.pop(key, None) is not None]
     for name in [*plain, *(key for key in ("robot",) if key not in plain)]:
         found += _problems_of(name, plain)
     return [f"{path}: {text}" for text in found[:MOST]]

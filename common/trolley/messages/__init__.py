@@ -55,6 +55,7 @@ from trolley.messages.sensing import (
     SuspectLine,
     Suspects,
 )
+from trolley.messages.settings import ChangedSetting, ConfigChanges, Setting, Settings
 from trolley.messages.system import Alive, ErrorReply, Health
 from trolley.messages.touring import (
     CapturedPose,
@@ -84,8 +85,10 @@ __all__ = [
     "Candidate",
     "CapturedPose",
     "ChangeKind",
+    "ChangedSetting",
     "Choice",
     "Clock",
+    "ConfigChanges",
     "Crop",
     "DrawWall",
     "EditMap",
@@ -123,6 +126,8 @@ __all__ = [
     "SavedPoses",
     "Scan",
     "ScheduleEntry",
+    "Setting",
+    "Settings",
     "Stop",
     "StopResult",
     "SuspectLine",

@@ -1,6 +1,6 @@
 """Parameters of the requests, one struct each, decoded strictly: unknown fields are refused."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
@@ -162,3 +162,21 @@ class WhichChange(Struct, frozen=True, kw_only=True):
     """A proposed change of the map, by its `id` in `changes`."""
 
     id: str
+
+
+class WhichConfig(Struct, frozen=True, kw_only=True):
+    """The settings of a section such as `base.limits`, or one of them; without either, all."""
+
+    section: str | None = None
+    key: str | None = None
+
+
+class SetConfig(Struct, frozen=True, kw_only=True):
+    """Give settings of one section other values; `null` means the default.
+
+    With `save` they are also written into robot.toml, whose comments stay.
+    """
+
+    section: str
+    values: dict[str, Any]
+    save: bool = True

@@ -4,6 +4,7 @@ import msgspec
 
 from trolley import topics
 from trolley.config import RobotConfig
+from trolley.config.changing import all_keys
 from trolley.messages import Transform
 from trolley.runtime.service import Service, every
 from trolley_base.description import describe_robot, footprint_of, half_track_of, limits_of
@@ -21,6 +22,7 @@ from trolley_base.safety.observed_space import ObservedSpace
 from trolley_base.safety.sight_distance import SightDistance
 from trolley_base.safety.stop_field import StopField
 from trolley_base.safety.velocity_limiter import VelocityLimiter
+from trolley_base.settings_keeper import SettingsKeeper
 from trolley_base.simulation.shared_world import SharedWorld
 from trolley_base.state_reporter import StateReporter
 from trolley_base.timekeeper import Timekeeper
@@ -51,7 +53,7 @@ class BaseService(Service):
         )
         field = StopField(footprint, limits, config.base.stop_margin_m, device.delay_s)
         sight = SightDistance(footprint, limits, device.delay_s)
-        limiter = VelocityLimiter(config.base.sources, limits, field, sight)
+        limiter = self._limiter = VelocityLimiter(config.base.sources, limits, field, sight)
         self._time = Timekeeper(self)
         clock = self.own_time = self._time.clock
         mount = device.base_T_laser
@@ -74,9 +76,14 @@ class BaseService(Service):
             self._reporter,
             watch,
         )
+        self._settings = SettingsKeeper(self, config, self._use)
         self._world = None if device.world is None else SharedWorld(self, device.world)
         shared = () if self._world is None else (self._world,)
-        self.parts = (*self._drive.parts, self._time, self._inputs, *shared)
+        self.parts = (*self._drive.parts, self._time, self._inputs, self._settings, *shared)
+
+    def prepare(self) -> None:
+        """Read what there is to say about the settings, which takes longer than a period."""
+        all_keys()
 
     @property
     def hardware(self) -> Hardware:
@@ -94,6 +101,7 @@ class BaseService(Service):
         step_ns = round(CONTROL_S * 1e9) if self._device.is_stepped else None
         self._time.begin(epoch_ns, self._device.rate, step_ns)
         self._introduce(epoch_ns)
+        self._settings.start()
         if self._world is not None and opened.world is not None:
             self._world.begin(opened.world)
 
@@ -120,6 +128,15 @@ class BaseService(Service):
         if self._world is not None:
             self._world.update(now_ns)
         self._time.finish_period(now_ns)
+
+    def _use(self, config: RobotConfig) -> None:
+        """Heed other limits from the next period on; the brakes are what they were."""
+        limits = limits_of(config, self._device.watchdog_s)
+        self._limiter.limits = limits
+        robot = msgspec.structs.replace(self._robot, max_speed=limits.speed, max_wz=limits.wz)
+        if robot != self._robot:
+            self._robot = robot
+            self.publish(topics.ROBOT, msgspec.structs.replace(robot, stamp_ns=self.stamp_ns))
 
     def _introduce(self, now_ns: int) -> None:
         """Publish what does not change during a run."""

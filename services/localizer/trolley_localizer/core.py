@@ -168,6 +168,13 @@ class Localizer:
         self._beams: BeamSet | None = None
         self._map_T_odom: Pose2D | None = None
 
+    def set_config(self, config: LocalizerConfig) -> None:
+        """Locate by other thresholds from the next scan on; field, noise and counts stay."""
+        self._config = config
+        self._estimator.set_config(config)
+        if isinstance(self._state, Following):
+            self._state.monitor.set_config(config)
+
     # One scan.
 
     def step(self, scan: ScanInput) -> Estimate | Reject:

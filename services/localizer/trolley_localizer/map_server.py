@@ -151,6 +151,12 @@ class MapServer:
         configured = None if file is None else self._config.path(file)
         return MapStore(self._service.maps.path, configured)
 
+    def set_config(self, config: RobotConfig) -> None:
+        """Locate by other settings, on this map and the next ones."""
+        self._config = config
+        if self.current is not None:
+            self.current.localizer.set_config(config.localizer)
+
     def open(self, seed: int) -> None:
         """Load the map of the last run, or the configured one.
 

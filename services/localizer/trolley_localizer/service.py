@@ -11,6 +11,7 @@ from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import MappingStatus, Odometry, PoseEstimate, Scan, Suspects, Transform
 from trolley.messages.request_params import Nothing, SetPose
+from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Service, Watch, answers, on
 from trolley.scanning import MAX_WAIT_S, Reject, ScanAssembler, ScanInput
 from trolley_localizer.change_proposals import ChangeProposals
@@ -39,7 +40,8 @@ class LocalizerService(Service):
         self._publisher = PosePublisher(self)
         self._last_pose = LastPoseStore(self)
         self._start_pose = StartPose(self, config.start, self._is_localized)
-        self.parts = (self._lease, self._maps, self._zones, self._changes, self._start_pose)
+        live = LiveConfig(self, config, self._maps.set_config)
+        self.parts = (self._lease, self._maps, self._zones, self._changes, self._start_pose, live)
 
     # Life.
 

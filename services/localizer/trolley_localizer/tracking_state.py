@@ -81,6 +81,10 @@ class TrackingMonitor:
         self._usual = 0.0
         self._silent_s = 0.0
 
+    def set_config(self, config: LocalizerConfig) -> None:
+        """Judge by other thresholds."""
+        self._config = config
+
     @property
     def doubts(self) -> bool:
         """Whether the estimate has been in doubt for long enough to look elsewhere."""

@@ -85,6 +85,15 @@ class Navigator:
         self._scanned_ns = 0
         self._num_jumps = 0
 
+    def set_config(self, config: PlannerConfig) -> None:
+        """Drive by other settings from now on; a goal that is driven to stays the goal."""
+        self._config = config
+        self._motion_state.set_config(config)
+        self._giving_way.set_config(config)
+        self._stepping_aside.set_config(config)
+        self._spin_to_localize.set_config(config)
+        self.costmap_manager.set_config(config)
+
     # The cycle.
 
     def update_scan(

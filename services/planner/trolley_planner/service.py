@@ -5,7 +5,7 @@ from typing import TypeVar
 
 from trolley import requests, topics
 from trolley.codes import Refused
-from trolley.config import RobotConfig
+from trolley.config import PlannerConfig, RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import (
     BaseState,
@@ -23,6 +23,7 @@ from trolley.messages import (
     Zones,
 )
 from trolley.messages.request_params import FollowPerson, SendGoal, WhichGoal
+from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Later, Service, answers, every, gets, on
 from trolley_planner.navigator import OWN_SOURCE, Navigator
 from trolley_planner.warmup import warm_up
@@ -47,6 +48,14 @@ WAIT_SHARE = 0.4
 """Nearer to the next scan than this share of the control period, odometry gives no command."""
 
 
+def command_period_ns(config: PlannerConfig) -> int:
+    """Return the least time between two commands [ns].
+
+    Odometry has a rhythm of its own: a little early is better than a whole period late.
+    """
+    return round(0.8e9 / config.control_rate_hz)
+
+
 class PlannerService(Service):
     """Owns the costmap, the path, the trajectory and the current goal."""
 
@@ -55,14 +64,20 @@ class PlannerService(Service):
     def __init__(self, config: RobotConfig) -> None:
         self._config = config.planner
         self.navigator = Navigator(config.planner)
-        # Odometry has a rhythm of its own: a little early is better than a whole period late.
-        self._command_ns = round(0.8e9 / config.planner.control_rate_hz)
+        self._command_ns = command_period_ns(config.planner)
+        self.parts = (LiveConfig(self, config, self._use),)
         self._commanded_ns = 0
         self._scan_ns = 0
         self._scan_period_ns = 0
         self._trajectory_ns = 0
         self._costmap_ns = 0
         self._path_key = ""
+
+    def _use(self, config: RobotConfig) -> None:
+        """Drive by settings that were changed."""
+        self._command_ns = command_period_ns(config.planner)
+        self.navigator.set_config(config.planner)
+        self.log.info("Settings changed")
 
     def prepare(self) -> None:
         """Compile the kernels."""

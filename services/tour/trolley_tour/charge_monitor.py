@@ -38,6 +38,11 @@ class ChargeThreshold:
         self._params = params
         self._since_ns: int | None = None
 
+    def set_limit(self, limit: float) -> None:
+        """Judge anew by another limit."""
+        if limit != self._limit:
+            self._limit, self.is_passed, self._since_ns = limit, False, None
+
     def update(self, fraction: float, stamp_ns: int) -> None:
         """Take a measurement of the charge."""
         if fraction >= self._limit:
@@ -52,10 +57,16 @@ class ChargeMonitor:
     """What the battery says."""
 
     def __init__(self, params: BatteryParams) -> None:
+        self._params = params
         self.fraction = 0.0
         """The newest charge as a share; 0 while unknown."""
         self._low = ChargeThreshold(params.low, params)
         self._urgent = ChargeThreshold(params.low * params.urgent_part, params)
+
+    def set_low(self, low: float) -> None:
+        """Let another charge count as low, and the same part of it as before as urgent."""
+        self._low.set_limit(low)
+        self._urgent.set_limit(low * self._params.urgent_part)
 
     def update(self, state: BaseState) -> None:
         """Take the state of the base; one that says nothing of the charge changes nothing."""

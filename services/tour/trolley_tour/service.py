@@ -1,6 +1,7 @@
 """The tour service: what people store, trips and their history; markers and overlays in memory."""
 
-from trolley.config import RobotConfig
+from trolley.config import RobotConfig, TourConfig
+from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Service
 from trolley_tour.charge_monitor import BatteryParams, ChargeMonitor
 from trolley_tour.drawings import Drawings
@@ -19,6 +20,11 @@ from trolley_tour.trips.schedule import Scheduler
 from trolley_tour.trips.trip_params import TripParams
 
 
+def params_of(config: TourConfig) -> TripParams:
+    """Return the numbers of a trip, as they are configured."""
+    return TripParams(config.stop_timeout_s, config.retry_wait_s)
+
+
 class TourService(Service):
     """All of the tour service, as parts."""
 
@@ -29,14 +35,14 @@ class TourService(Service):
         problems = Problems(self)
         files = StateFiles(self, problems)
         battery = BatteryParams(low=tour.low_battery)
-        charge = ChargeMonitor(battery)
+        charge = self._charge = ChargeMonitor(battery)
         robot = self._robot = RobotState(self)
         places = self.places = Places(self, files, robot)
         tours = self.tours = Tours(self, files)
         capture = self._capture = PoseCapture(self, places, robot)
         history = TripHistory(self, problems, float(tour.history_days))
         report = TripReport(self, history, charge)
-        params = TripParams(tour.stop_timeout_s, tour.retry_wait_s)
+        params = params_of(tour)
         trips = self._trips = TripRunner(self, files, robot, places, tours, report, params)
         self.parts = (
             Offers(self, robot, places, trips, charge),
@@ -49,7 +55,13 @@ class TourService(Service):
             history,
             places,
             tours,
+            LiveConfig(self, config, self._use),
         )
+
+    def _use(self, config: RobotConfig) -> None:
+        """Heed settings that were changed, from now on."""
+        self._trips.set_params(params_of(config.tour))
+        self._charge.set_low(config.tour.low_battery)
 
     def start(self) -> None:
         """Watch the robot, publish what is stored, and take up the trip where it was."""

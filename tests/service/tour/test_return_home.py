@@ -7,7 +7,16 @@ import pytest
 
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, Battery, SavedPose, ScheduleEntry, Stop, Tour
+from trolley.messages import (
+    BaseState,
+    Battery,
+    ChangedSetting,
+    ConfigChanges,
+    SavedPose,
+    ScheduleEntry,
+    Stop,
+    Tour,
+)
 from trolley.messages.request_params import AskOffer, SendGoal
 
 if TYPE_CHECKING:
@@ -258,3 +267,42 @@ def test_a_robot_with_a_low_battery_does_not_offer_itself(home: "Home") -> None:
     live(home, 12, 0.1)
     offer = home.lockstep.ask(requests.TOUR_OFFER, AskOffer(pose=HOME_POSE))
     assert (offer.free, offer.reason) == (False, codes.LOW_BATTERY)
+
+
+def low_battery(home: "Home", value: float) -> None:
+    """Let another charge count as low, as base says it when somebody has set it."""
+    change = ChangedSetting(section="tour", key="low_battery", value=value)
+    home.lockstep.publish(topics.CONFIG, ConfigChanges(stamp_ns=0, changes=[change]))
+
+
+def test_what_counts_as_low_can_be_changed_on_the_way(housed: "Home", plan: "type[Plan]") -> None:
+    housed.planner.script = [plan(seconds=30.0)]
+    housed.start("corridor")
+    live(housed, 12, 0.4)
+    low_battery(housed, 0.5)
+    live(housed, 60, 0.4)
+    assert targets(housed)[-1] == HOME_POSE
+
+
+def test_a_robot_that_stands_is_not_set_off_by_a_change_of_what_is_low(
+    housed: "Home", plan: "type[Plan]"
+) -> None:
+    housed.planner.script = [plan(seconds=3.0)]
+    housed.start("corridor")
+    live(housed, 12, 0.4)
+    assert housed.status.state == "done"
+    low_battery(housed, 0.9)
+    live(housed, 90, 0.4)
+    assert HOME_POSE not in targets(housed)
+
+
+def test_a_lower_limit_takes_back_that_the_battery_is_low(
+    housed: "Home", plan: "type[Plan]"
+) -> None:
+    housed.planner.script = [plan(seconds=30.0)]
+    housed.start("corridor")
+    live(housed, 12, 0.18)
+    low_battery(housed, 0.1)
+    live(housed, 60, 0.18)
+    assert housed.status.state == "done"
+    assert HOME_POSE not in targets(housed)

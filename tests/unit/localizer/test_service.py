@@ -16,7 +16,9 @@ from trolley.config import RobotConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.gridmap import GridMap, save_map
 from trolley.messages import (
+    ChangedSetting,
     Clock,
+    ConfigChanges,
     Odometry,
     PoseEstimate,
     SavedPose,
@@ -137,6 +139,22 @@ def test_map_and_zones_are_published_at_the_start(make_robot: MakeRobot, flat: G
     assert (robot.maps[0].width, robot.maps[0].height) == (flat.cols, flat.rows)
     assert robot.zones[-1].map == "flat"
     assert robot.zones[-1].zones == []
+
+
+def test_settings_that_are_changed_count_from_the_next_scan_on(
+    make_robot: MakeRobot, flat: GridMap
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(2.0, 0.3)
+    assert robot.last.state == "localized"
+    change = ChangedSetting(section="localizer", key="max_spread_m", value=0.001)
+    robot.bus.publish(topics.CONFIG, ConfigChanges(stamp_ns=0, changes=[change]))
+    robot.drive(2.0, 0.3)
+    assert robot.last.state == "unsure"
+    assert robot.error_m() < 0.05, "the estimate itself goes on"
+    robot.bus.publish(topics.CONFIG, ConfigChanges(stamp_ns=0, changes=[]))
+    robot.drive(2.0, 0.3)
+    assert robot.last.state == "localized"
 
 
 def test_each_scan_gives_a_pose_and_before_it_the_transform(

@@ -12,8 +12,7 @@ from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, print_json, print_table
-from trolley.config import ConfigError, find_config
-from trolley_base.commands import robot_toml
+from trolley.config import ConfigError, find_config, robot_toml
 from trolley_base.detection import settings, udev_rules
 from trolley_base.detection.detector import detect_devices
 from trolley_base.detection.ports import find_ports

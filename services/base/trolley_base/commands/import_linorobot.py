@@ -12,9 +12,9 @@ from trolley.cli.robots import reports_errors
 from trolley.cli.show import print_table
 from trolley.config import ConfigError
 from trolley.config.describe import to_toml
+from trolley.config.robot_toml import check_text, replace_text
 from trolley.files import read_file, write_atomically
 from trolley.gridmap.description import read_description, render_description
-from trolley_base.commands.robot_toml import check_text, replace_text
 from trolley_base.importers.linorobot.findings import Findings
 from trolley_base.importers.linorobot.hardware import DRIVES, LIDARS
 from trolley_base.importers.linorobot.reading import read_linorobot

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from trolley_base.commands.robot_toml import read_text, replace_text, with_values
+from trolley.config.robot_toml import read_text, replace_text, with_values
 from trolley_base.odometry.wheel_scales import WheelScales
 
 TABLE = ("base", "odometry")

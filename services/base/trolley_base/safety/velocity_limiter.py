@@ -109,7 +109,8 @@ class VelocityLimiter:
         sight: SightDistance,
     ) -> None:
         self._arbiter = Arbiter(priorities)
-        self._limits = limits
+        self.limits = limits
+        """How fast it may drive and speed up; the others know what it can brake with."""
         self._field = field
         self._sight = sight
         self._twist = Twist2D.zero()
@@ -159,7 +160,7 @@ class VelocityLimiter:
             self._twist = Twist2D.zero()
             self._field.follow(self._twist, since_ns * 1e-9)
             return self._report(choice, restriction, now_ns, None)
-        wanted = within(choice.twist, self._limits)
+        wanted = within(choice.twist, self.limits)
         if block is Block.ALL_BUT_BACK:
             wanted = Twist2D(min(0.0, wanted.vx), 0.0, 0.0)
             # Not along a ramp either: that were half a second more into what was touched.
@@ -171,7 +172,7 @@ class VelocityLimiter:
 
     def _allowed(self, wanted: Twist2D, dt: float, around: _Around) -> Twist2D:
         """Return the next velocity towards `wanted` that may be driven there."""
-        following = ramp(self._twist, wanted, self._limits, dt)
+        following = ramp(self._twist, wanted, self.limits, dt)
         scale = self._scale(following, around)
         if scale == 1.0 and not self._turns_clear:
             return following
@@ -179,7 +180,7 @@ class VelocityLimiter:
         possible_speed = wanted.speed * self._scale(wanted, around)
         self._turns_clear = wanted.wz != 0.0 and possible_speed <= PARAMS.standing_speed
         if self._turns_clear:
-            following = ramp(self._twist, Twist2D(0.0, 0.0, wanted.wz), self._limits, dt)
+            following = ramp(self._twist, Twist2D(0.0, 0.0, wanted.wz), self.limits, dt)
             scale = self._scale(following, around)
         return following.scaled(scale)
 

@@ -197,6 +197,10 @@ class PoseEstimator:
         self._phase = 0.5
         self.spread_m = 0.0
 
+    def set_config(self, config: LocalizerConfig) -> None:
+        """Update the particles by other thresholds; their number and noise stay."""
+        self._config = config
+
     @property
     def pose(self) -> NDArray[np.float64]:
         """The estimate (3,)."""

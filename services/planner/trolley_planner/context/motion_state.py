@@ -17,8 +17,6 @@ from trolley_planner.sensing.inputs import Inputs
 class MotionStateParams:
     """Where commands start from; by hand."""
 
-    unsure_mps: float = 0.15
-    """Highest speed while the localizer is unsure."""
     most_elapsed_s: float = 0.1
     """Longer gaps between commands than this count as this."""
     spinning_mps: float = 0.15
@@ -66,6 +64,10 @@ class MotionState:
         self._costmap_manager = costmap_manager
         self._commanded = CommandedVelocity()
         self._commanded_ns: int | None = None
+
+    def set_config(self, config: PlannerConfig) -> None:
+        """Heed other limits from the next command on."""
+        self._config = config
 
     @property
     def commanded_ns(self) -> int:
@@ -120,7 +122,7 @@ class MotionState:
         if goal_speed is not None:
             speed = min(speed, goal_speed)
         if self._inputs.is_unsure:
-            speed = min(speed, MOTION.unsure_mps)
+            speed = min(speed, config.unsure_speed_mps)
         return limits_of(config, speed, robot.max_wz, robot.deceleration)
 
     def turn_limits(self) -> Limits | None:

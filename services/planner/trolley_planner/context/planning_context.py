@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +41,8 @@ from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
 WINDOW_MARGIN_M = 0.4
+SPEEDS = ("max_speed_mps", "max_turn_radps", "slow_speed_mps", "unsure_speed_mps")
+"""Settings that each command reads anew: a change of others takes a new context."""
 SEEN_M = 0.8
 """Distances to what stands around are computed up to this, where ways are searched."""
 TURN_STEP_RAD = 0.1
@@ -64,7 +67,7 @@ class PlanningContext:
         self.footprint = footprint
         self.costmap = Costmap(grid, footprint, config, free)
         self.planner = GlobalPlanner(self.costmap)
-        half = max(1.5, max_speed * config.horizon_s + footprint.circumscribed_m + WINDOW_MARGIN_M)
+        half = half_window_m(footprint, config, max_speed)
         self.local_costmap = LocalCostmap(self.costmap, footprint, config, half)
         self.half_m = half
         self.pose_search = self.planner.pose_search
@@ -179,6 +182,11 @@ class PlanningContext:
         return self.pose_search.find(grid, unseen, closed, task, SEARCH.driving)
 
 
+def half_window_m(footprint: Footprint, config: PlannerConfig, max_speed: float) -> float:
+    """Return how far the local costmap reaches from the robot [m] that drives so fast at most."""
+    return max(1.5, max_speed * config.horizon_s + footprint.circumscribed_m + WINDOW_MARGIN_M)
+
+
 def empty_grid(centre: Pose2D, size_m: float, resolution_m: float) -> GridMap:
     """Return a square map of which nothing is known, around a place.
 
@@ -218,6 +226,7 @@ class CostmapManager:
 
     def __init__(self, config: PlannerConfig, inputs: Inputs) -> None:
         self._config = config
+        self._is_outdated = False
         self._inputs = inputs
         self.context: PlanningContext | None = None
         self.is_other_map = False
@@ -230,6 +239,17 @@ class CostmapManager:
         self._suspected: tuple[PlanningContext, Suspects | None] | None = None
         self._faded_ns = 0
         self._num_jumps = 0
+
+    def set_config(self, config: PlannerConfig) -> None:
+        """Plan by other settings; on the same costmaps where only speeds change, and they fit."""
+        before, self._config = self._config, config
+        speeds = {name: getattr(config, name) for name in SPEEDS}
+        has_changed = msgspec.structs.replace(before, **speeds) != config
+        context, robot = self.context, self._robot
+        if context is not None and robot is not None:
+            needed_m = half_window_m(context.footprint, config, self._speed(robot))
+            has_changed |= needed_m > context.half_m
+        self._is_outdated |= has_changed
 
     def require_context(self) -> PlanningContext:
         """Return the planning context.
@@ -266,6 +286,7 @@ class CostmapManager:
         if robot is None or (inputs.frame == "map" and grid is None):
             return False
         is_new_robot = robot is not self._robot and self._update_robot(robot)
+        is_new_robot |= self._is_outdated
         if self._footprint is None:
             self.context = None
             return is_new_robot
@@ -275,7 +296,7 @@ class CostmapManager:
             self.is_other_map = (
                 self._map is not None and grid is not None and grid.name != self._map.name
             )
-            self._map, self._zones = grid, None
+            self._map, self._zones, self._is_outdated = grid, None, False
             self.context = PlanningContext(
                 _grid_of(grid) if grid is not None else empty_grid(Pose2D.identity(), 1.0, 0.1),
                 self._footprint,
@@ -365,8 +386,9 @@ class CostmapManager:
             if is_needed and all(_is_within(before, pose, edge) for pose in (here, *goals)):
                 return False
         grid = empty_grid(centre, size_m, config.odom_resolution_m)
+        self._is_outdated = False
         self.context = PlanningContext(grid, footprint, config, self._speed(robot))
-        if before is not None:
+        if before is not None and before.grid.resolution == grid.resolution:
             self.context.costmap.take_over(before.costmap)
         return True
 

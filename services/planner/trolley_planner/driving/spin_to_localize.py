@@ -43,6 +43,10 @@ class SpinToLocalize:
         self._is_spent = False
         self._rate = 0.0
 
+    def set_config(self, config: PlannerConfig) -> None:
+        """Allow a turn from now on, or no longer."""
+        self._is_allowed = config.turn_to_find
+
     @property
     def is_turning(self) -> bool:
         """Whether it is about to turn, or turns."""

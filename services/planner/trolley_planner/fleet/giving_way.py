@@ -94,6 +94,10 @@ class GivingWay:
         self.wait: Wait | None = None
         """Which robot it waits for now."""
 
+    def set_config(self, config: PlannerConfig) -> None:
+        """Wait and drive by other settings."""
+        self._config = config
+
     def update_neighbours(
         self, context: PlanningContext, others: Sequence[Neighbour], now_ns: int
     ) -> None:

@@ -49,6 +49,12 @@ class TripRunner:
         self._trip: Trip | None = None
         self._epoch_ns: int | None = None
 
+    def set_params(self, params: TripParams) -> None:
+        """Wait and give up by other numbers, on this trip and the next ones."""
+        self._params = params
+        if self._trip is not None:
+            self._trip.set_params(params)
+
     def start(self) -> None:
         """Take up the trip where it was."""
         record = self._files.read(TRIP_FILE, TripRecord)

@@ -97,6 +97,10 @@ class Trip:
         self._ticked_ns: int | None = None
         self._corrected_ns: int | None = None
 
+    def set_params(self, params: TripParams) -> None:
+        """Wait and give up by other numbers from now on."""
+        self._params = params
+
     # People.
     def begin(self, at: Moment, goal_before: str | None, source: str | None = None) -> None:
         """Set off.

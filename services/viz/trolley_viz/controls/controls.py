@@ -246,6 +246,10 @@ class Check(Field[bool]):
 class Number(Field[float]):
     """A number within bounds, typed or set by a slider."""
 
+    def set_range(self, least: float, greatest: float | None) -> None:
+        """Allow numbers between these two only."""
+        self._change(min=least, max=greatest)
+
     def _checked(self, value: Value) -> float:
         # Not isfinite: it breaks down on a whole number that no float can hold.
         if (
@@ -309,6 +313,11 @@ class Folder(Container):
     """Controls that can be folded away, under a title; without a title they just stand together."""
 
     _act: Callable[[bool], None] | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a person sees what is in it."""
+        return self._look.is_open
 
     def open(self) -> None:
         """Open it on the page."""

@@ -11,6 +11,7 @@ from trolley_viz.panels.more_tab import MoreTab
 from trolley_viz.panels.past_bar import PastBar
 from trolley_viz.panels.people import PeoplePanel
 from trolley_viz.panels.robots import RobotsPanel
+from trolley_viz.panels.settings import SettingsPanel
 from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.touch_card import Leads, TouchCard
 from trolley_viz.panels.tours_tab import TourTab
@@ -33,6 +34,7 @@ class Console:
         self._map: MapTab | None = None
         self._card: TouchCard | None = None
         self._view_bar = ViewBar(gui, session)
+        self._settings: SettingsPanel | None = None
         self._links: LinksPanel | None = None
         self._past_bar = PastBar(gui, session)
         tabs = self._tabs = gui.add_tabs()
@@ -51,6 +53,7 @@ class Console:
             self._more = MoreTab(gui, session)
             self._people = PeoplePanel(gui, session)
             if session.may_drive:
+                self._settings = SettingsPanel(gui, session)
                 self._links = LinksPanel(gui, session.folder, session.hub.links)
             with session.folder("State"):
                 self._state = gui.add_html("")
@@ -73,6 +76,8 @@ class Console:
         self._state.content = "".join(map(row, lines))
         self._more.update(view)
         self._people.update(view.now_ns)
+        if self._settings is not None:
+            self._settings.update(view)
         if self._links is not None:
             self._links.update(view.now_ns)
 

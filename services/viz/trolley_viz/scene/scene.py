@@ -57,6 +57,7 @@ ALWAYS: tuple[Topic[Any], ...] = (
     topics.TOURS,
     topics.TOUR,
     topics.HEALTH,
+    topics.CONFIG,
 )
 """What the panels and several layers need whatever is switched off."""
 

@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from trolley.cli.init import render
-from trolley.config import ConfigError, load_config
-from trolley_base.commands import robot_toml
+from trolley.config import ConfigError, load_config, robot_toml
 from trolley_base.detection import settings
 from trolley_base.detection.ports import Port
 from trolley_base.detection.results import FoundDevice, PortResult
@@ -181,3 +180,19 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     robot_toml.replace_text(link, ROBOT + "\n# more\n")
     assert link.is_symlink()
     assert path.read_text().endswith("# more\n")
+
+
+def test_a_word_that_toml_cannot_hold_is_refused() -> None:
+    with pytest.raises(ConfigError, match="cannot be put into the file"):
+        robot_toml.with_values(EXPLAINED, {("start", "pose"): "a\x7fb"}, {}, "")
+
+
+def test_a_pose_is_written_on_one_line_and_taken_out_again() -> None:
+    pose = {"x": 1.0, "y": 2.0, "yaw": 0.5}
+    changed = robot_toml.with_values(EXPLAINED, {("start", "pose"): pose}, {}, "")
+    assert "\npose = { x = 1.0, y = 2.0, yaw = 0.5 }\n" in changed
+    again = robot_toml.with_values(changed, {("start", "pose"): {**pose, "x": 3.0}}, {}, "")
+    assert tomllib.loads(again)["start"]["pose"]["x"] == 3.0
+    without = robot_toml.with_values(again, {("start", "pose"): None}, {}, "")
+    assert "pose" not in tomllib.loads(without).get("start", {})
+    assert without.splitlines()[0] == EXPLAINED.splitlines()[0]

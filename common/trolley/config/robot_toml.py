@@ -3,6 +3,7 @@
 import difflib
 import os
 import re
+import stat
 import tempfile
 import tomllib
 from collections.abc import Mapping, MutableMapping
@@ -16,8 +17,15 @@ from trolley.config import ConfigError, load_config
 from trolley.config.describe import to_toml
 from trolley.files import write_atomically
 
-Values = Mapping[tuple[str, ...], str | int | float]
-"""Settings by their keys from the outermost table on, such as ("base", "lidar", "port")."""
+Values = Mapping[tuple[str, ...], Any]
+"""Settings by their keys from the outermost table on, such as ("base", "lidar", "port").
+
+None takes a setting out, a `dict` is written on one line.
+"""
+
+
+class NotWritable(ConfigError):
+    """The file is as good as before, but cannot be written where it is."""
 
 
 def read_text(path: Path) -> str:
@@ -49,13 +57,14 @@ def with_values(text: str, values: Values, waiting: Values, appendix: str) -> st
     try:
         for keys, value in values.items():
             changed = _with_value(changed, keys, value)
-    except (TOMLKitError, TypeError, AttributeError) as error:
+        for keys, value in waiting.items():
+            changed = _with_line(changed, keys, f"# {keys[-1]} = {to_toml(value)}") or changed
+        if appendix and appendix not in changed:
+            changed += f"\n{appendix}"
+        is_right = tomllib.loads(changed) == _expected(tomllib.loads(text), values)
+    except (TOMLKitError, TypeError, AttributeError, ValueError) as error:
         raise ConfigError(f"these settings cannot be put into the file: {error}") from error
-    for keys, value in waiting.items():
-        changed = _with_line(changed, keys, f"# {keys[-1]} = {to_toml(value)}") or changed
-    if appendix and appendix not in changed:
-        changed += f"\n{appendix}"
-    if tomllib.loads(changed) != _expected(tomllib.loads(text), values):
+    if not is_right:
         raise ConfigError(
             "these settings cannot be put into the file without changing others; "
             "write them in by hand"
@@ -68,12 +77,13 @@ def check_text(path: Path, text: str) -> None:
 
     Raises:
         ConfigError: with the key and what is allowed.
+        NotWritable: nothing can be written beside the file.
     """
     try:
         # Beside the file itself: names of other files count from its folder.
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".check", dir=path.parent)
     except OSError as error:
-        raise ConfigError(f"{path.parent} cannot be written to: {error.strerror}") from error
+        raise NotWritable(f"{path.parent} cannot be written to: {error.strerror}") from error
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(text)
@@ -88,14 +98,15 @@ def replace_text(path: Path, text: str) -> None:
     """Put a checked text in the file's place; a link stays a link.
 
     Raises:
-        ConfigError: the text is not allowed, or cannot be written; then the old file stands.
+        ConfigError: the text is not allowed; the old file stands.
+        NotWritable: it cannot be written; the old file stands.
     """
     file = path.resolve()
     check_text(file, text)
     try:
-        write_atomically(file, text.encode("utf-8"))
+        write_atomically(file, text.encode("utf-8"), stat.S_IMODE(file.stat().st_mode))
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
+        raise NotWritable(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def difference(path: Path, old: str, new: str) -> str:
@@ -106,10 +117,15 @@ def difference(path: Path, old: str, new: str) -> str:
     return "".join(lines)
 
 
-def _with_value(text: str, keys: tuple[str, ...], value: str | float) -> str:
-    """Return the text with one setting."""
+def _with_value(text: str, keys: tuple[str, ...], value: Any) -> str:
+    """Return the text with one setting, or without it if it is None."""
     document = tomlkit.parse(text)
+    if value is None and not _has(document, keys):
+        return text
     table = _table(document, keys[:-1])
+    if value is None:
+        del table[keys[-1]]
+        return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
     if keys[-1] in table and table[keys[-1]] == value:
         return text
     if keys[-1] not in table:
@@ -117,8 +133,18 @@ def _with_value(text: str, keys: tuple[str, ...], value: str | float) -> str:
         changed = _with_line(text, keys, f"{keys[-1]} = {to_toml(value)}")
         if changed is not None:
             return changed
-    table[keys[-1]] = value
+    table[keys[-1]] = _on_one_line(value)
     return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
+
+
+def _on_one_line(value: Any) -> Any:
+    """Return a value so that a table is written on one line."""
+    if not isinstance(value, dict):
+        return value
+    table = tomlkit.inline_table()
+    for key, one in cast("dict[str, Any]", value).items():
+        table[key] = one
+    return table
 
 
 def _with_line(text: str, keys: tuple[str, ...], line: str) -> str | None:
@@ -152,8 +178,20 @@ def _table(document: MutableMapping[str, Any], keys: tuple[str, ...]) -> Mutable
 def _expected(plain: dict[str, Any], values: Values) -> dict[str, Any]:
     """Set the same values in the plain content of the file."""
     for keys, value in values.items():
-        _plain_table(plain, keys[:-1])[keys[-1]] = value
+        if value is not None:
+            _plain_table(plain, keys[:-1])[keys[-1]] = value
+        elif _has(plain, keys):
+            _plain_table(plain, keys[:-1]).pop(keys[-1])
     return plain
+
+
+def _has(plain: Any, keys: tuple[str, ...]) -> bool:
+    """Whether a setting stands there."""
+    for key in keys:
+        if not isinstance(plain, dict) or key not in plain:
+            return False
+        plain = cast("dict[str, Any]", plain)[key]
+    return True
 
 
 def _plain_table(plain: dict[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
