@@ -33,7 +33,7 @@ from trolley_planner.fleet.stepping_aside import Coming
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.cost_to_go import CostToGo, Terrain
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.pose_search import Task
+from trolley_planner.paths.hybrid_astar.pose_search import Task
 from trolley_planner.people import PeopleTracker, TrackedPerson, person_discs, were_passed
 
 CELLS = 60
@@ -109,7 +109,7 @@ def _detour() -> None:
 
 def _maneuver(context: PlanningContext) -> None:
     """Search a way onto a place beside a wall, and look for room along a path."""
-    ends = 0.8, 0.8, 0.0, 0.3, 0.8, 0.0
+    ends = Pose2D(0.8, 0.8, 0.0), Pose2D(0.3, 0.8, 0.0)
     context.find_way(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
     context.tight_places(np.array([[0.8, 0.8], [0.9, 0.8]]), 0.08, 0.08)
     context.can_turn_by(Pose2D(0.8, 0.8, 0.0), 1.0, 0.02)

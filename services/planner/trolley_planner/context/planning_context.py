@@ -28,14 +28,9 @@ from trolley_planner.costmap.obstacle_layer import OBSTACLES
 from trolley_planner.costmap.parts import cells_around, parts_of
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.pose_search import (
-    IN_SIGHT,
-    NEVER_SEEN,
-    OUT_OF_SIGHT,
-    SEARCH,
-    Maneuver,
-    Task,
-)
+from trolley_planner.paths.hybrid_astar.motions import Maneuver
+from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, Task
+from trolley_planner.paths.hybrid_astar.room import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -163,7 +158,9 @@ class PlanningContext:
         """
         costmap, grid = self.costmap, self._fine_grid
         half = math.ceil(half_m / costmap.resolution_m)
-        row, col = (math.floor(value / costmap.resolution_m) for value in (task.y, task.x))
+        row, col = (
+            math.floor(value / costmap.resolution_m) for value in (task.start.y, task.start.x)
+        )
         first, size = (row - half, col - half), (2 * half, 2 * half)
         grid.update(first, size)
         rows, cols = (at + np.arange(2 * half) for at in first)
@@ -176,7 +173,7 @@ class PlanningContext:
         for row, col in itertools.product(middle, repeat=2):
             unseen[row :: grid.parts, col :: grid.parts][~known] = NEVER_SEEN
         closed = np.zeros_like(unseen)
-        return self.pose_search.find(grid, unseen, closed, task, SEARCH.driving)
+        return self.pose_search.find(grid, unseen, closed, task, POSE_SEARCH.driving_states)
 
 
 def empty_grid(centre: Pose2D, size_m: float, resolution_m: float) -> GridMap:

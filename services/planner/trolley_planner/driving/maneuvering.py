@@ -21,7 +21,8 @@ from trolley_planner.control.rollout import Limits, caution_speed
 from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
-from trolley_planner.paths.pose_search import FORWARDS, TURNING, Maneuver, Task
+from trolley_planner.paths.hybrid_astar.motions import FORWARDS, TURNING, Maneuver
+from trolley_planner.paths.hybrid_astar.pose_search import Task
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,18 +349,17 @@ class Maneuvering:
         wanted_m = self._config.clearance_m + 0.02
         if to_goal:
             xy, yaw = min(0.5 * tolerances.xy, 0.03), min(0.5 * tolerances.yaw, 0.05)
-            ends = pose.x, pose.y, pose.yaw, aim.x, aim.y, aim.yaw
-            task = Task(*ends, tolerances.any_heading, xy, yaw, wanted_m)
+            task = Task(pose, aim, tolerances.any_heading, xy, yaw, wanted_m)
             way = self._context.find_way(task, MANEUVER.half_m)
             return None if way is None else (way, to_goal, rest_m)
         x, y = (float(value) for value in path.points[until])
         before = path.points[max(until - 4, 0)]
         yaw = math.atan2(y - float(before[1]), x - float(before[0]))
-        ends = pose.x, pose.y, pose.yaw, x, y, yaw
-        is_free = self._context.can_turn_by(Pose2D(x, y, yaw), 2.0 * math.pi, wanted_m)
+        end = Pose2D(x, y, yaw)
+        is_free = self._context.can_turn_by(end, 2.0 * math.pi, wanted_m)
         missed = MANEUVER.loose_m, MANEUVER.free_rad if is_free else MANEUVER.loose_rad
         for any_heading in (False, True):
-            task = Task(*ends, any_heading, *missed, wanted_m)
+            task = Task(pose, end, any_heading, *missed, wanted_m)
             way = self._context.find_way(task, MANEUVER.half_m)
             if way is not None:
                 turn = max(abs(wrap_angle(float(way.poses[-1, 2]) - yaw)) - missed[1], 0.0)
