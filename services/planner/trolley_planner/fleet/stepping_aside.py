@@ -12,16 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.jit import kernel
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change
 from trolley_planner.costmap.inflation import LETHAL
-from trolley_planner.driving.goal_execution import GoalExecution, execution_to
+from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.fleet.right_of_way import Passages
-from trolley_planner.goals import Tolerances
 from trolley_planner.paths.heap import sift_up, take_first
 from trolley_planner.paths.path import SPACING_M
 from trolley_planner.sensing.beams import wrapped
@@ -76,20 +74,14 @@ class AsideParams(NamedTuple):
 
 
 ASIDE = AsideParams()
-TOLERANCES = Tolerances(0.12, math.pi)
 SENTENCE = "Somebody comes where two do not fit side by side; the robot makes room."
 Floats = NDArray[np.float64]
 
 
 class SteppingAside:
-    """Decides whether to make room for people, and drives to where there is some.
+    """Decides whether to make room for people, and drives to where there is some."""
 
-    Args:
-        config: of the planner.
-    """
-
-    def __init__(self, config: PlannerConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self._passages: tuple[NDArray[np.float32], Passages] | None = None
         self._execution: GoalExecution | None = None
         self._place = (0.0, 0.0)
@@ -134,9 +126,7 @@ class SteppingAside:
             moves = self._execution is None or math.dist(place, self._place) > ASIDE.moves_m
             # Who is on the way to a place that still does goes there.
             if self._since_ns is None or (moves and not self._still_does(driven, motion, speed)):
-                aside = execution_to(
-                    place, driven, self._config, motion.pose, TOLERANCES, now_ns, True
-                )
+                aside = driven.to_place_beside(place, motion.pose, now_ns, hurries=True)
                 if aside is None:
                     return
                 self._execution, self._place = aside, place
