@@ -41,7 +41,7 @@ from trolley_planner.goals import (
     goal_pose,
     validate,
 )
-from trolley_planner.people import Track
+from trolley_planner.people.tracker import Track
 from trolley_planner.sensing.inputs import Inputs
 
 SETTLED_S = 1.5

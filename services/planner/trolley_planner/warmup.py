@@ -31,10 +31,12 @@ from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.fleet.stepping_aside import Coming
 from trolley_planner.navigator import Navigator
-from trolley_planner.paths.cost_to_go import CostToGo, Terrain
+from trolley_planner.paths.corridor import Terrain
+from trolley_planner.paths.cost_to_go import CostToGo
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.hybrid_astar.pose_search import Task
-from trolley_planner.people import PeopleTracker, TrackedPerson, person_discs, were_passed
+from trolley_planner.people.free_space import were_passed
+from trolley_planner.people.tracker import PeopleTracker, TrackedPerson, person_discs
 
 CELLS = 60
 EDGE_M = 0.05

@@ -8,7 +8,7 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley_localizer.matching.global_search import Place, places_around
-from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Proof, Rivals
+from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Proof, Rivals, evidence_of
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
 
@@ -202,9 +202,10 @@ def test_the_longer_no_place_was_proven_the_more_it_takes() -> None:
 def test_the_unknown_counts_neither_for_nor_against_a_place() -> None:
     proof = Proof(has_prior=True)
     for support in (0.0, 1.0):
+        unknown = MatchScore(0.0, 0.0, 0.0, 0.0, 0.0, 180, support, support)
         for _ in range(50):
             proof.predict(STEP)
-            proof.add(support, 0.3, weight=0.0)
+            proof.add(evidence_of(unknown, is_led=True), 0.3)
     assert not proof.is_right
     assert not proof.is_against
 

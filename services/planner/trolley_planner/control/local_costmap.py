@@ -25,7 +25,7 @@ from trolley_planner.costmap.inflation import (
 )
 from trolley_planner.costmap.obstacle_layer import OBSTACLES
 from trolley_planner.paths.search import STEP, UNREACHED, cost_to_go_into, make_queue
-from trolley_planner.people import NO_ROBOTS, NOBODY
+from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,8 @@ from trolley_planner.costmap.static_layer import (
     speed_limits,
     zone_points,
 )
-from trolley_planner.people import MovingObstacles, TrackedPerson, person_discs
+from trolley_planner.people.moving_obstacles import MovingObstacles
+from trolley_planner.people.tracker import TrackedPerson, person_discs
 from trolley_planner.sensing.beams import Sweep
 
 

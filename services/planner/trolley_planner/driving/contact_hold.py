@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import distance_to_outline
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.people import TrackedPerson
+from trolley_planner.people.tracker import TrackedPerson
 from trolley_planner.sensing.beams import DX, DY, ECHO, X, Y
 
 

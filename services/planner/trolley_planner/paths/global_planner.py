@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
-from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
+from trolley_planner.paths.corridor import Terrain
+from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo
 from trolley_planner.paths.footprint_check import FootprintCheck, Yaws
 from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch
 from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten, through_cells
