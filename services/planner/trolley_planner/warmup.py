@@ -29,7 +29,7 @@ from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
 from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
-from trolley_planner.fleet.stepping_aside import Coming
+from trolley_planner.fleet.stepping_aside import Surroundings
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.corridor import Terrain
 from trolley_planner.paths.cost_to_go import CostToGo
@@ -120,7 +120,8 @@ def _maneuver(context: PlanningContext) -> None:
 def _make_room(context: PlanningContext) -> None:
     """Look where nobody comes."""
     pose = Pose2D(0.8, 0.8, 0.0)
-    Coming(context, pose, 0.2).arrivals(pose, 0.5)
+    around = Surroundings(context, pose)
+    around.arrivals(around.closes_s(0.2), pose, 0.5)
 
 
 def _pursue(context: PlanningContext) -> None:

@@ -1,6 +1,5 @@
 """What one robot plans with on one map: costmaps, global planner, controller, kept up to date."""
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,13 +23,11 @@ from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.costmap.inflation import LETHAL
-from trolley_planner.costmap.obstacle_layer import OBSTACLES
 from trolley_planner.costmap.parts import cells_around, parts_of
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.hybrid_astar.motions import Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, Task
-from trolley_planner.paths.hybrid_astar.room import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -163,15 +160,7 @@ class PlanningContext:
         )
         first, size = (row - half, col - half), (2 * half, 2 * half)
         grid.update(first, size)
-        rows, cols = (at + np.arange(2 * half) for at in first)
-        cells = np.meshgrid(rows, cols, indexing="ij")
-        known = self.local_costmap.is_known(cells[0], cells[1], OBSTACLES.recent_s)
-        is_in_sight = known & self.local_costmap.is_fresh(*cells)
-        unseen = grid.divided(np.where(is_in_sight, IN_SIGHT, OUT_OF_SIGHT))
-        # As in `base`, a cell is met where its middle is.
-        middle = {(grid.parts - 1) // 2, grid.parts // 2}
-        for row, col in itertools.product(middle, repeat=2):
-            unseen[row :: grid.parts, col :: grid.parts][~known] = NEVER_SEEN
+        unseen = self.local_costmap.known_floor.in_fine_cells(grid, first)
         closed = np.zeros_like(unseen)
         return self.pose_search.find(grid, unseen, closed, task, POSE_SEARCH.driving_states)
 

@@ -16,7 +16,8 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
-from trolley_planner.control.local_costmap import BACK_STEPS_M, TIGHT_CLEARANCE_M
+from trolley_planner.control.known_floor import BACK_STEPS_M
+from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
 from trolley_planner.control.rollout import Limits, caution_speed
 from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
 from trolley_planner.driving.route import Route
@@ -214,7 +215,7 @@ class Maneuvering:
         if turn != 0.0 and not context.can_turn_by(pose, turn, TIGHT_CLEARANCE_M):
             self.stop()  # It has come a little beside its way; from here another may do.
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
-        is_known = wanted.vx >= 0.0 or local_costmap.sees_along(
+        is_known = wanted.vx >= 0.0 or local_costmap.known_floor.sees_along(
             follower.run_ahead(BACK_STEPS_M[-1])
         )
         if not is_known or self._is_anyone_near(pose, MANEUVER.stand_people_m):
