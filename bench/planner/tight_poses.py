@@ -76,7 +76,7 @@ def _timed(scene: Scene, seed: int, each: bool) -> tuple[list[float], list[int],
     missed = 0
     here = to_grid(scene.start)
     for goal in map(to_grid, scene.goals):
-        way = context.find_way(Task(here, goal, False, 0.02, 0.03, WANTED_M), WHOLE_M)
+        way = context.find_maneuver(Task(here, goal, False, 0.02, 0.03, WANTED_M), WHOLE_M)
         here = goal
         if way is None:
             missed += 1
@@ -85,7 +85,7 @@ def _timed(scene: Scene, seed: int, each: bool) -> tuple[list[float], list[int],
             task = _piece(way.poses, rng)
             for _ in range(2):
                 begun = time.perf_counter()
-                found = context.find_way(task, MANEUVER.half_m)
+                found = context.find_maneuver(task, MANEUVER.half_m)
                 took_ms = 1e3 * (time.perf_counter() - begun)
             times.append(took_ms)
             states.append(context.pose_search.num_states)

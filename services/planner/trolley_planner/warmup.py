@@ -112,7 +112,7 @@ def _detour() -> None:
 def _maneuver(context: PlanningContext) -> None:
     """Search a way onto a place beside a wall, and look for room along a path."""
     ends = Pose2D(0.8, 0.8, 0.0), Pose2D(0.3, 0.8, 0.0)
-    context.find_way(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
+    context.find_maneuver(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
     context.tight_places(np.array([[0.8, 0.8], [0.9, 0.8]]), 0.08, 0.08)
     context.can_turn_by(Pose2D(0.8, 0.8, 0.0), 1.0, 0.02)
 

@@ -146,8 +146,8 @@ class PlanningContext:
         """Return the limit of the speed zones at a place [m/s]."""
         return zone_speed(self.local_costmap.field, pose_grid.x, pose_grid.y)
 
-    def find_way(self, task: Task, half_m: float) -> Maneuver | None:
-        """Return a way from pose to pose by what is seen now; it backs only over what is known.
+    def find_maneuver(self, task: Task, half_m: float) -> Maneuver | None:
+        """Return a maneuver by what is seen now; it backs only over what is known.
 
         Args:
             task: from where to where, in `grid`.
