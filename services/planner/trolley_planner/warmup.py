@@ -75,7 +75,7 @@ def warm_up() -> None:
     )
     were_passed(np.zeros((1, 2)), np.zeros(2), np.array([0.0, 1.0]), np.ones(2))
     context.planner.optimistic_weights()
-    Passages(context.costmap.static_distance_m, EDGE_M, 0.4)
+    Passages(context.costmap.static.distance_m, EDGE_M, 0.4)
     _squeeze()
     _detour()
     _pursue(context)

@@ -69,7 +69,7 @@ class PlanningContext:
         """Return how far the footprint at a pose is from map and zones [m], at most `enough_m`."""
         costmap = self.costmap
         edge = costmap.resolution_m
-        field = Field(costmap.static_distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
+        field = Field(costmap.static.distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
         return clearance_at(
             field, self.local_costmap.body, pose_grid.x, pose_grid.y, pose_grid.yaw, enough_m
         )
@@ -395,7 +395,7 @@ def position_trouble(context: PlanningContext, here: Pose2D) -> Refused | None:
     in_grid = costmap.to_grid(here)
     if not costmap.contains(in_grid.x, in_grid.y):
         return Refused(codes.OUTSIDE_MAP, "According to its pose, the robot is outside the map.")
-    if costmap.is_wall(in_grid.x, in_grid.y):
+    if costmap.static.is_wall(in_grid.x, in_grid.y):
         return Refused(
             codes.LOST, "According to its pose, the robot is inside a wall; set its pose again."
         )

@@ -90,7 +90,7 @@ class KnownFloor:
         rows, cols = (
             np.clip(at, 0, size - 1) for at, size in zip(flat, costmap.shape, strict=True)
         )
-        layer, kinds = costmap.obstacle_layer, costmap.kinds[rows, cols]
+        layer, kinds = costmap.obstacle_layer, costmap.static.kinds[rows, cols]
         known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
         return (known | layer.is_known_free(rows, cols, within_s)).reshape(shape)
 

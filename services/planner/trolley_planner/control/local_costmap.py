@@ -11,11 +11,12 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.jit import kernel
 from trolley_planner.control.known_floor import KnownFloor
-from trolley_planner.costmap.costmap import TABLE_STEP_M, Costmap
+from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint
 from trolley_planner.costmap.inflation import (
     LETHAL,
+    TABLE_STEP_M,
     WEIGHT_UNIT,
     inflation_table,
     soften_disc,
@@ -216,7 +217,7 @@ class LocalCostmap:
     def field(self) -> Field:
         """What the kernels look up."""
         costmap, grid = self._costmap, self.fine_grid
-        limits = costmap.speed_limits if costmap.has_speed_limits else NO_LIMITS
+        limits = costmap.static.speed_limits if costmap.static.has_speed_limits else NO_LIMITS
         return Field(
             grid.distance_m,
             self._coarse.cost_m,

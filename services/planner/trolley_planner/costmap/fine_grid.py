@@ -73,8 +73,8 @@ class FineGrid:
         self.x, self.y = first[1] * costmap.resolution_m, first[0] * costmap.resolution_m
         fill_window(
             self.mask,
-            costmap.kinds,
-            costmap.keepout,
+            costmap.static.kinds,
+            costmap.static.keepout,
             layer.grid,
             first,
             self.parts,

@@ -221,7 +221,7 @@ class Route:
             off_m: how far the robot has driven since the map ended [m].
         """
         cols, rows = self._cells(self.index, len(self.path.points))
-        is_off = self._context.costmap.kinds[rows, cols] == UNKNOWN
+        is_off = self._context.costmap.static.kinds[rows, cols] == UNKNOWN
         left_m = self.path.remaining_m[self.index :]
         lengths_m = -np.diff(left_m, append=0.0) * is_off
         back = int(np.argmin(is_off)) if not is_off.all() else len(is_off)
@@ -251,7 +251,7 @@ class Route:
             # It follows a blocked path as far as it can: from close by things may look different.
             if force or self.has_strayed(pose):
                 optimistic = planner.plan(
-                    start, targets, planner.optimistic_weights(), costmap.static_distance_m, yaws
+                    start, targets, planner.optimistic_weights(), costmap.static.distance_m, yaws
                 )
                 if optimistic is not None:
                     self._replace(optimistic)
@@ -319,7 +319,7 @@ def seconds_along(
     cells = np.floor(points[1:] / costmap.resolution_m).astype(np.int64)
     near = costmap.distance_m[cells[:, 1], cells[:, 0]] - costmap.footprint.inscribed_m
     speeds = np.array([caution_speed(limits, clearance) for clearance in near.tolist()])
-    speeds = np.minimum(speeds, costmap.speed_limits[cells[:, 1], cells[:, 0]])
+    speeds = np.minimum(speeds, costmap.static.speed_limits[cells[:, 1], cells[:, 0]])
     bearings = np.arctan2(steps[:, 1], steps[:, 0])
     corners = np.abs(wrap_angles(np.diff(bearings)))
     turns = np.where(corners > TIMING.corner_rad, corners / limits.max_turn, 0.0)

@@ -267,7 +267,7 @@ class GivingWay:
         largest_m = max(one.radius_m for one in going)
         half_m = context.footprint.circumscribed_m + largest_m + RIGHT_OF_WAY.margin_m
         known = self._passages
-        walls_m = context.costmap.static_distance_m
+        walls_m = context.costmap.static.distance_m
         if known is None or known[0] is not walls_m or abs(known[1].half_m - half_m) > 1e-6:
             passages = Passages(walls_m, context.costmap.resolution_m, half_m)
             known = self._passages = walls_m, passages

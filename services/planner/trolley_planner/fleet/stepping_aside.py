@@ -137,7 +137,7 @@ class SteppingAside:
 
     def _passages_of(self, context: PlanningContext) -> Passages:
         """Return where on the map this robot does not fit beside a person in the middle."""
-        walls_m, known = context.costmap.static_distance_m, self._passages
+        walls_m, known = context.costmap.static.distance_m, self._passages
         if known is None or known[0] is not walls_m:
             half_m = ASIDE.person_m + 2.0 * context.footprint.inscribed_m
             passages = Passages(walls_m, context.costmap.resolution_m, half_m)
@@ -199,7 +199,7 @@ class Surroundings:
         self._first = max(row - half, 0), max(col - half, 0)
         part = np.s_[self._first[0] : row + half + 1, self._first[1] : col + half + 1]
         self._is_free = np.ascontiguousarray(costmap.weights[part] != LETHAL)
-        walls_m = np.ascontiguousarray(costmap.static_distance_m[part])
+        walls_m = np.ascontiguousarray(costmap.static.distance_m[part])
         walkers = context.local_costmap.walkers_now()
         walkers[:, :2] -= edge * np.array([self._first[1], self._first[0]])
         self._radii_m = walkers[:, 4]

@@ -154,7 +154,7 @@ class FootprintCheck:
         cells = np.floor(points[start : end + 1, ::-1] / self._edge_m).astype(np.int64)
         low = cells.min(axis=0) - self._margin
         size = cells.max(axis=0) + self._margin + 1 - low
-        has_seen = field.distance_m is not self._costmap.static_distance_m
+        has_seen = field.distance_m is not self._costmap.static.distance_m
         grid.update((int(low[0]), int(low[1])), (int(size[0]), int(size[1])), has_seen)
         closed = grid.divided(_box_of(weights == LETHAL, low, size))
         unknown = np.zeros_like(closed)
