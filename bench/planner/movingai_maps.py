@@ -35,7 +35,8 @@ from bench.planner.movingai import (
 from numpy.typing import NDArray
 
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
-from trolley_planner.paths.cost_to_go import CostToGo, Terrain
+from trolley_planner.paths.corridor import Terrain
+from trolley_planner.paths.cost_to_go import CostToGo
 from trolley_planner.paths.path import polyline_cost, straighten
 
 MOST_NAMED = 20

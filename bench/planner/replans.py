@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley_planner.costmap.costmap import Costmap
-from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
+from trolley_planner.paths.corridor import Terrain
+from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo
 
 HOUSES, SIZE_M = 10, 20.0
 LIMIT_MS = 0.5

@@ -16,10 +16,11 @@ from bench.planner.situations import STATIC, Scene
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.driving.maneuvering import MANEUVER
-from trolley_planner.paths.pose_search import Task
+from trolley_planner.paths.hybrid_astar.pose_search import Task
 
 TARGET_MS = 30.0
 PIECES = 12
@@ -75,8 +76,7 @@ def _timed(scene: Scene, seed: int, each: bool) -> tuple[list[float], list[int],
     missed = 0
     here = to_grid(scene.start)
     for goal in map(to_grid, scene.goals):
-        ends = here.x, here.y, here.yaw, goal.x, goal.y, goal.yaw
-        way = context.find_way(Task(*ends, False, 0.02, 0.03, WANTED_M), WHOLE_M)
+        way = context.find_maneuver(Task(here, goal, False, 0.02, 0.03, WANTED_M), WHOLE_M)
         here = goal
         if way is None:
             missed += 1
@@ -85,7 +85,7 @@ def _timed(scene: Scene, seed: int, each: bool) -> tuple[list[float], list[int],
             task = _piece(way.poses, rng)
             for _ in range(2):
                 begun = time.perf_counter()
-                found = context.find_way(task, MANEUVER.half_m)
+                found = context.find_maneuver(task, MANEUVER.half_m)
                 took_ms = 1e3 * (time.perf_counter() - begun)
             times.append(took_ms)
             states.append(context.pose_search.num_states)
@@ -103,9 +103,8 @@ def _piece(poses: NDArray[np.float64], rng: np.random.Generator) -> Task:
     first = int(rng.integers(len(poses) - 1))
     length = rng.uniform(0.3, MANEUVER.reach_m)
     last = min(int(np.searchsorted(along, along[first] + length)), len(poses) - 1)
-    x, y, yaw = (float(value) for value in poses[first])
-    to_x, to_y, to_yaw = (float(value) for value in poses[max(last, first + 1)])
-    return Task(x, y, yaw, to_x, to_y, to_yaw, False, 0.02, 0.03, WANTED_M)
+    start, end = poses[first].tolist(), poses[max(last, first + 1)].tolist()
+    return Task(Pose2D(*start), Pose2D(*end), False, 0.02, 0.03, WANTED_M)
 
 
 if __name__ == "__main__":

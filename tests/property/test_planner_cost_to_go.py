@@ -9,18 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trolley_planner.costmap.inflation import LETHAL
-from trolley_planner.paths.cost_to_go import (
-    TILE,
-    Coarse,
-    Corridor,
-    CostToGo,
-    Terrain,
-    open_path,
-    reload,
-    retile,
-    retile_changes,
-    rewind,
-)
+from trolley_planner.paths.corridor import TILE, Corridor, Terrain, open_path, reload, rewind
+from trolley_planner.paths.cost_to_go import CostToGo
 from trolley_planner.paths.path import polyline_cost, straighten
 from trolley_planner.paths.search import (
     COSTLIEST_STEP,
@@ -31,6 +21,7 @@ from trolley_planner.paths.search import (
     make_queue,
     price_of_step,
 )
+from trolley_planner.paths.tiles import Coarse, retile, retile_changes
 
 ROWS, COLS = 37, 50
 PRICE = 240

@@ -16,7 +16,7 @@ from trolley_planner.costmap.inflation import (
     replace_mask,
     update_distances,
 )
-from trolley_planner.costmap.obstacle_layer import (
+from trolley_planner.costmap.obstacle_grid import (
     OBSTACLES,
     ObstacleGrid,
     clear_inside_robot,

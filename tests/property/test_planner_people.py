@@ -20,7 +20,7 @@ from trolley_planner.control.proximity import (
     would_meet_people,
 )
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.people import NOBODY
+from trolley_planner.people.moving_obstacles import NOBODY
 
 FOOTPRINT = Footprint.from_polygon([(0.3, 0.2), (-0.25, 0.2), (-0.25, -0.2), (0.3, -0.1)])
 BODY = FOOTPRINT.body

@@ -14,7 +14,7 @@ from trolley_planner.control.proximity import (
 )
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.fleet.neighbours import NEIGHBOURS
-from trolley_planner.people import ROBOT_DT_S
+from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 
 BODY = Footprint.from_polygon(BOX).body
 WALKED = BODY.few_points, BODY.inscribed_m, BODY.circumscribed_m

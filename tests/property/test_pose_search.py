@@ -14,14 +14,8 @@ from trolley.gridmap import FREE, GridMap
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.paths.pose_search import (
-    BACKWARDS,
-    FORWARDS,
-    TURNING,
-    Maneuver,
-    PoseSearch,
-    Task,
-)
+from trolley_planner.paths.hybrid_astar.motions import BACKWARDS, FORWARDS, TURNING, Maneuver
+from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch, Task
 
 MARGIN_M = 0.03
 MAKERS = {"corridors": random_corridors, "home": random_home}
@@ -35,8 +29,7 @@ def search(
     fine = FineGrid(costmap, FINE.finest_m, 1.0)
     fine.update((0, 0), costmap.shape)
     nothing = np.zeros(fine.mask.shape, dtype=np.uint8)
-    ends = start.x, start.y, start.yaw, goal.x, goal.y, goal.yaw
-    task = Task(*ends, any_heading=False, xy_m=XY_M, yaw_rad=YAW_RAD, wanted_m=MARGIN_M)
+    task = Task(start, goal, any_heading=False, xy_m=XY_M, yaw_rad=YAW_RAD, wanted_m=MARGIN_M)
     return PoseSearch(costmap.footprint).find(fine, nothing, nothing, task)
 
 

@@ -68,7 +68,7 @@ def is_one_per_host(label: str) -> bool:
     return "-" in label
 
 
-class Elders:
+class OlderRuns:
     """The older processes of this service that are alive now.
 
     A token proves nothing: anybody can show one. A process counts only once it has answered `get`
@@ -105,7 +105,7 @@ class Elders:
         """Note that the service itself answers for its health from now on."""
         self._early.close()
 
-    def look(self) -> None:
+    def _ask_router(self) -> None:
         """Ask the router who shows a token, until it has answered once; waits for the answer."""
         if self._are_all_known:
             return
@@ -129,8 +129,12 @@ class Elders:
             there = (run for run in self._shown if {str(run), ""} & self._answered)
             return min(there, default=None)
 
-    def is_settled(self) -> bool:
-        """Whether everybody who shows a token has answered for it, or has had the time to."""
+    def settle(self) -> bool:
+        """Whether everybody who shows a token has answered for it, or has had the time to.
+
+        Asks the router who does, and waits for its answer.
+        """
+        self._ask_router()
         now_s = time.monotonic()
         if not self._are_all_known and now_s < self._known_by_s:
             return False

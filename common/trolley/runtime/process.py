@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from trolley.config import ConfigError, RobotConfig, find_config, load_config
-from trolley.runtime.clash import Elders, Run, label_of
+from trolley.runtime.clash import OlderRuns, Run, label_of
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.node import Node
 from trolley.runtime.service import Service
@@ -159,42 +159,41 @@ class ServiceProcess:
         return not self._should_stop
 
     def _serve(self, bus: ZenohBus) -> int:
-        elders = Elders(bus, self._robot, self._label, self._run, self._wake)
-        elders.look()
-        while not elders.is_settled():
+        older = OlderRuns(bus, self._robot, self._label, self._run, self._wake)
+        while not older.settle():
             if self._should_stop:
                 return 0
-            elders.ask()
+            older.ask()
             time.sleep(POLL_S)
-            elders.look()
-        if elders.oldest() is not None:
-            return self._give_way(elders.oldest())
+        oldest = older.oldest()
+        if oldest is not None:
+            return self._give_way(oldest)
         host = ProcessHost(self._robot, self._log, self._wake)
         node = self._node = Node(self._service, self._robot, bus, host, self._label, str(self._run))
         try:
             node.open()
-            elders.serves()
+            older.serves()
             bus.on_connection(lambda is_up: node.reconnected() if is_up else None)
             self._supervision.ready()
             # What start-up made stays for good: the collector need not look at it again.
             gc.collect()
             gc.freeze()
-            code = self._loop(node, host, elders)
+            code = self._loop(node, host, older)
         except Exception:
             self._log.crash(CRASH)
             code = EXIT_CRASHED
         return self._end(node, host) or code
 
-    def _loop(self, node: Node, host: ProcessHost, elders: Elders) -> int:
+    def _loop(self, node: Node, host: ProcessHost, older: OlderRuns) -> int:
         next_alive_s = 0.0
         while not self._should_stop:
             node.step()
             if host.failure is not None:
                 raise host.failure
-            elders.ask()
-            elder = elders.oldest()
-            if elder is not None:
-                return self._give_way(elder)
+            older.ask()
+            oldest = older.oldest()
+            if oldest is not None:
+                return self._give_way(oldest)
             period_s = self._supervision.period_s
             if period_s is not None and time.monotonic() >= next_alive_s:
                 self._supervision.alive()
@@ -218,14 +217,13 @@ class ServiceProcess:
             code = EXIT_CRASHED
         return code
 
-    def _give_way(self, elder: Run | None) -> int:
-        if elder is not None:
-            self._log.error(
-                "An older process of this service is running, so this one ends",
-                robot=self._robot,
-                host=elder.host,
-                pid=elder.pid,
-            )
+    def _give_way(self, oldest: Run) -> int:
+        self._log.error(
+            "An older process of this service is running, so this one ends",
+            robot=self._robot,
+            host=oldest.host,
+            pid=oldest.pid,
+        )
         return EXIT_CLASH
 
     def _wake(self) -> None:

@@ -37,7 +37,7 @@ class ChangeProposals:
     def open(self, loaded: LoadedMap) -> None:
         """Change to another map, and go on with what was seen on it before."""
         self._published = None
-        changes, grid = loaded.localizer.changes, loaded.localizer.field.grid
+        changes, grid = loaded.localizer.map_watch.changes, loaded.localizer.field.grid
         watched, self._watched = self._watched, None if changes is None else loaded
         kept = self._seen_before(watched, grid, loaded.name)
         if changes is not None and kept is not None:
@@ -55,10 +55,10 @@ class ChangeProposals:
     ) -> ChangeFile | None:
         """Return what was seen on a map up to now, which may not be on disk yet."""
         service = self._service
-        if watched is None or watched.localizer.changes is None:
+        if watched is None or watched.localizer.map_watch.changes is None:
             return service.state.read(state_file(name), ChangeFile)
         grid_before = watched.localizer.field.grid
-        before = to_file(watched.localizer.changes, grid_before)
+        before = to_file(watched.localizer.map_watch.changes, grid_before)
         if watched.name == name:
             return before
         service.save(state_file(watched.name), before)
@@ -81,14 +81,14 @@ class ChangeProposals:
     def save(self) -> None:
         """Keep what was seen."""
         self._saved_ns = self._service.monotonic_ns
-        if self._watched is not None and self._watched.localizer.changes is not None:
+        if self._watched is not None and self._watched.localizer.map_watch.changes is not None:
             localizer = self._watched.localizer
-            kept = to_file(self._watched.localizer.changes, localizer.field.grid)
+            kept = to_file(self._watched.localizer.map_watch.changes, localizer.field.grid)
             self._service.save(state_file(self._watched.name), kept)
 
     def _publish(self, loaded: LoadedMap) -> None:
         localizer, service = loaded.localizer, self._service
-        found = [change_message(one, localizer.field) for one in localizer.find_changes()]
+        found = [change_message(one, localizer.field) for one in localizer.map_watch.find_changes()]
         before = self._published
         if before is not None and _essence(found) == _essence(before):
             return
@@ -102,7 +102,7 @@ class ChangeProposals:
     def dismiss(self, params: WhichChange) -> Later[MapChange]:
         """Do not propose a change again."""
         loaded = self._maps.ready()
-        changes, field = loaded.localizer.changes, loaded.localizer.field
+        changes, field = loaded.localizer.map_watch.changes, loaded.localizer.field
         proposed = [] if changes is None else changes.proposed
         change = next((one for one in proposed if one.id == params.id), None)
         if changes is None or change is None:

@@ -153,7 +153,7 @@ def suspect_lines(localizer: Localizer) -> list[SuspectLine]:
     """Return the suspected mirrors as the lines of `suspects`."""
     return [
         SuspectLine(points=[(float(x), float(y)) for x, y in points], score=_share(score))
-        for points, score in localizer.suspects()
+        for points, score in localizer.map_watch.suspects()
     ]
 
 

@@ -200,7 +200,7 @@ def validate(
         in_grid = costmap.to_grid(pose)
         if not costmap.contains(in_grid.x, in_grid.y):
             raise Refused(codes.OUTSIDE_MAP)
-        zones = costmap.keepouts_at(pose.x, pose.y)
+        zones = costmap.static.keepouts_at(pose.x, pose.y)
         if zones:
             raise Refused(codes.KEEPOUT, f"That place lies in the keep-out zone {zones[0].name}.")
     check_clearance(goal.pose, goal.tolerances, context, config)
@@ -236,7 +236,7 @@ def check_clearance(
         enough,
     )
     if found is None:
-        if context.costmap.is_unknown(in_grid.x, in_grid.y):
+        if context.costmap.static.is_unknown(in_grid.x, in_grid.y):
             raise Refused(codes.IN_OBSTACLE, "The map does not show what is there.")
         raise Refused(codes.IN_OBSTACLE)
 
@@ -249,7 +249,7 @@ def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
     """
     costmap, footprint = context.costmap, context.footprint
     rows, cols = cells_around(costmap.shape, costmap.resolution_m, pose_grid, PASSAGE.window_m)
-    walkable = costmap.static_distance_m[rows, cols] >= PASSAGE.person_m
+    walkable = costmap.static.distance_m[rows, cols] >= PASSAGE.person_m
     y, x = np.mgrid[rows, cols]
     points = (np.stack([x.ravel(), y.ravel()], axis=1) + 0.5) * costmap.resolution_m
     local = pose_grid.inverse().transform_points(points)
@@ -274,7 +274,7 @@ def _first_path(
     if path is not None:
         return path
     weights = planner.optimistic_weights()
-    return planner.plan(start, points, weights, costmap.static_distance_m, yaws)
+    return planner.plan(start, points, weights, costmap.static.distance_m, yaws)
 
 
 def _no_path(context: PlanningContext, here: Pose2D, targets: list[Pose2D]) -> Refused:
@@ -282,7 +282,7 @@ def _no_path(context: PlanningContext, here: Pose2D, targets: list[Pose2D]) -> R
     planner, costmap = context.planner, context.costmap
     points = [(target.x, target.y) for target in targets]
     narrow = planner.too_narrow(
-        (here.x, here.y), points, planner.optimistic_weights(), costmap.static_distance_m
+        (here.x, here.y), points, planner.optimistic_weights(), costmap.static.distance_m
     )
     if not narrow:
         return Refused(codes.NO_PATH)

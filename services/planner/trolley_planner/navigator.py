@@ -41,7 +41,7 @@ from trolley_planner.goals import (
     goal_pose,
     validate,
 )
-from trolley_planner.people import Track
+from trolley_planner.people.tracker import Track
 from trolley_planner.sensing.inputs import Inputs
 
 SETTLED_S = 1.5
@@ -75,7 +75,7 @@ class Navigator:
         """Whom the current goal is behind, None if it stays where it is."""
         self._motion_state = MotionState(config, self.inputs, self.costmap_manager)
         self._giving_way = GivingWay(config)
-        self._stepping_aside = SteppingAside(config)
+        self._stepping_aside = SteppingAside()
         self._spin_to_localize = SpinToLocalize(config)
         self._set_off_ns = 0
         self._over_ns: int | None = None
@@ -154,7 +154,7 @@ class Navigator:
             return
         if self._num_jumps != self.inputs.num_jumps:
             self._num_jumps = self.inputs.num_jumps
-            self.execution.replan()
+            self.execution.route.must_replan = True
         self.costmap_manager.update_position(self.inputs.base_pose())
         if self._giving_way.wait is not None:
             self._giving_way.maintain(self.execution.context, now)
@@ -266,7 +266,7 @@ class Navigator:
             blocker = wire.blocked_by(self._blocking_robot(execution))
             why = wire.GOAL_OCCUPIED if execution.is_waiting else blind or blocker
             self._end("failed", trouble, now.now_ns, why)
-        elif execution.recovery.current is not None or execution.is_waiting:
+        elif execution.is_recovering or execution.is_waiting:
             why = wire.recovery_sentence(execution, self._blocking_robot(execution))
             self._report("recovering", trouble, now.now_ns, blind or why)
         elif self._is_held_blind:

@@ -29,12 +29,14 @@ from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
 from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
-from trolley_planner.fleet.stepping_aside import Coming
+from trolley_planner.fleet.stepping_aside import Surroundings
 from trolley_planner.navigator import Navigator
-from trolley_planner.paths.cost_to_go import CostToGo, Terrain
+from trolley_planner.paths.corridor import Terrain
+from trolley_planner.paths.cost_to_go import CostToGo
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.pose_search import Task
-from trolley_planner.people import PeopleTracker, TrackedPerson, person_discs, were_passed
+from trolley_planner.paths.hybrid_astar.pose_search import Task
+from trolley_planner.people.free_space import were_passed
+from trolley_planner.people.tracker import PeopleTracker, TrackedPerson, person_discs
 
 CELLS = 60
 EDGE_M = 0.05
@@ -73,7 +75,7 @@ def warm_up() -> None:
     )
     were_passed(np.zeros((1, 2)), np.zeros(2), np.array([0.0, 1.0]), np.ones(2))
     context.planner.optimistic_weights()
-    Passages(context.costmap.static_distance_m, EDGE_M, 0.4)
+    Passages(context.costmap.static.distance_m, EDGE_M, 0.4)
     _squeeze()
     _detour()
     _pursue(context)
@@ -109,8 +111,8 @@ def _detour() -> None:
 
 def _maneuver(context: PlanningContext) -> None:
     """Search a way onto a place beside a wall, and look for room along a path."""
-    ends = 0.8, 0.8, 0.0, 0.3, 0.8, 0.0
-    context.find_way(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
+    ends = Pose2D(0.8, 0.8, 0.0), Pose2D(0.3, 0.8, 0.0)
+    context.find_maneuver(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
     context.tight_places(np.array([[0.8, 0.8], [0.9, 0.8]]), 0.08, 0.08)
     context.can_turn_by(Pose2D(0.8, 0.8, 0.0), 1.0, 0.02)
 
@@ -118,7 +120,8 @@ def _maneuver(context: PlanningContext) -> None:
 def _make_room(context: PlanningContext) -> None:
     """Look where nobody comes."""
     pose = Pose2D(0.8, 0.8, 0.0)
-    Coming(context, pose, 0.2).arrivals(pose, 0.5)
+    around = Surroundings(context, pose)
+    around.arrivals(around.closes_s(0.2), pose, 0.5)
 
 
 def _pursue(context: PlanningContext) -> None:

@@ -62,23 +62,19 @@ def recovery_sentence(execution: GoalExecution, robot: str | None = None) -> str
     """Return the sentence for what the robot does to get free; `robot` stands in its way."""
     if execution.is_waiting:
         return f"{GOAL_OCCUPIED} The robot waits for it to go."
-    if robot is not None and execution.recovery.current in (
-        RecoveryAction.WAIT,
-        RecoveryAction.WAIT_LONGER,
-    ):
+    action = execution.recovery.sequence.current
+    if robot is not None and action in (RecoveryAction.WAIT, RecoveryAction.WAIT_LONGER):
         return f"{blocked_by(robot)} The robot waits for it to go."
-    return (
-        "" if execution.recovery.current is None else RECOVERY_SENTENCES[execution.recovery.current]
-    )
+    return "" if action is None else RECOVERY_SENTENCES[action]
 
 
 def status_details(execution: GoalExecution, motion: Motion, limits: Limits) -> GoalStatus:
     """Return a status of which only distance, ETA, recoveries and obstacles count."""
     remaining = execution.remaining_m(motion.pose)
     blocked: list[tuple[float, float]] = []
-    if execution.recovery.current is not None or execution.route.is_blocked:
+    if execution.is_recovering or execution.route.is_blocked:
         points = [*execution.route.blocked_points(), *execution.route.narrow] or [
-            execution.point_ahead()
+            execution.recovery.point_ahead()
         ]
         in_frame = execution.context.costmap.frame_T_grid.transform_points(np.array(points))
         blocked = [(float(x), float(y)) for x, y in in_frame]
@@ -88,7 +84,7 @@ def status_details(execution: GoalExecution, motion: Motion, limits: Limits) -> 
         state="driving",
         distance_remaining=remaining,
         eta=execution.eta_s(motion.pose, limits),
-        recoveries=execution.recovery.count,
+        recoveries=execution.recovery.sequence.count,
         blocked=blocked,
     )
 

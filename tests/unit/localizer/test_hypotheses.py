@@ -8,7 +8,7 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley_localizer.matching.global_search import Place, places_around
-from trolley_localizer.matching.hypotheses import Hypotheses, Proof, Rivals
+from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Proof, Rivals, evidence_of
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
 
@@ -146,15 +146,15 @@ def drive_on(proof: Proof, support: float, views: int, pinned: float = 0.3) -> N
     for _ in range(views):
         proof.predict(STEP)
         assert proof.is_due
-        proof.add(support, pinned)
+        proof.add(support - PROOF.between, pinned)
 
 
 def test_a_well_supported_place_is_proven_at_once_a_middling_one_by_driving_on() -> None:
     proof = Proof()
-    proof.add(0.85, 0.3)
+    proof.add(0.85 - PROOF.between, 0.3)
     assert proof.is_right
     proof = Proof()
-    proof.add(0.72, 0.3)
+    proof.add(0.72 - PROOF.between, 0.3)
     assert not proof.is_right
     assert not proof.is_due, "the same view again says nothing more"
     drive_on(proof, 0.72, 3)
@@ -180,10 +180,10 @@ def test_views_that_do_not_pin_the_pose_prove_nothing_and_do_not_hurry() -> None
 
 def test_turning_on_the_spot_and_standing_prove_next_to_nothing() -> None:
     proof = Proof()
-    proof.add(0.75, 0.3)
+    proof.add(0.75 - PROOF.between, 0.3)
     for turn in 3 * [0.25, -0.25]:
         proof.predict(Pose2D(0.0, 0.0, turn))
-        proof.add(0.75, 0.3)
+        proof.add(0.75 - PROOF.between, 0.3)
     assert not proof.is_right
     drive_on(proof, 0.75, 2)
     assert proof.is_right
@@ -202,9 +202,10 @@ def test_the_longer_no_place_was_proven_the_more_it_takes() -> None:
 def test_the_unknown_counts_neither_for_nor_against_a_place() -> None:
     proof = Proof(has_prior=True)
     for support in (0.0, 1.0):
+        unknown = MatchScore(0.0, 0.0, 0.0, 0.0, 0.0, 180, support, support)
         for _ in range(50):
             proof.predict(STEP)
-            proof.add(support, 0.3, weight=0.0)
+            proof.add(evidence_of(unknown, is_led=True), 0.3)
     assert not proof.is_right
     assert not proof.is_against
 

@@ -246,7 +246,7 @@ def test_the_localizer_leaves_the_beams_out_and_tells_the_line_in_the_map_frame(
         estimate = localizer.step(scan)
         assert isinstance(estimate, Estimate)
         estimates.append(estimate)
-    ((points, score),) = localizer.suspects()
+    ((points, score),) = localizer.map_watch.suspects()
     assert_is_the_mirror(origin.inverse().transform_points(points))
     assert 0.5 <= score <= 1.0
     assert not np.any(estimates[3].beam_classes == SUSPECTED)
@@ -255,4 +255,4 @@ def test_the_localizer_leaves_the_beams_out_and_tells_the_line_in_the_map_frame(
     assert found is not None
     assert found.distance_to(origin @ WAY[-1]) < 0.05
     localizer.set_mirrors([points])
-    assert localizer.suspects() == []
+    assert localizer.map_watch.suspects() == []

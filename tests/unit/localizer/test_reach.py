@@ -8,7 +8,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley_localizer.filter.pose_estimator import AlignedPose
 from trolley_localizer.matching.likelihood_field import build_field
-from trolley_localizer.reach import PARAMS, Reach
+from trolley_localizer.tracking.reach import PARAMS, Reach
 
 DEVIATION_M = 0.4
 RESOLUTION = 0.05

@@ -3,7 +3,7 @@
 import pytest
 
 from trolley.config.localizer import LocalizerConfig
-from trolley_localizer.tracking_state import Evidence, TrackingMonitor
+from trolley_localizer.tracking.tracking_state import Evidence, TrackingMonitor
 
 CONFIG = LocalizerConfig()
 

@@ -8,9 +8,9 @@ from support.flatland import Flatland, empty_room, with_block
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.driving.contact_hold import ContactHold
 from trolley_planner.driving.goal_execution import GoalExecution
-from trolley_planner.driving.recovery import ContactHold
-from trolley_planner.people import (
+from trolley_planner.people.tracker import (
     TrackedPerson,
 )
 

@@ -76,13 +76,13 @@ def test_keep_out_zones_open_for_who_is_inside_only() -> None:
     corners = [(2.0, 2.0), (4.0, 2.0), (4.0, 4.0), (2.0, 4.0)]
     grid.set_zones([Zone(name="z", kind="keepout", points=corners)])
     assert grid.weights[60, 60] == LETHAL
-    assert [zone.name for zone in grid.keepouts_at(3.0, 3.0)] == ["z"]
+    assert [zone.name for zone in grid.static.keepouts_at(3.0, 3.0)] == ["z"]
     grid.set_position(3.0, 3.0)
     assert grid.weights[60, 60] != LETHAL
-    assert grid.leaving is not None
+    assert grid.static.leaving is not None
     grid.set_position(1.0, 1.0)
     assert grid.weights[60, 60] == LETHAL
-    assert grid.leaving is None
+    assert grid.static.leaving is None
 
 
 def test_the_lowest_speed_of_overlapping_zones_counts() -> None:
@@ -93,16 +93,16 @@ def test_the_lowest_speed_of_overlapping_zones_counts() -> None:
             Zone(name="b", kind="speed", points=[(2, 2), (4, 2), (4, 4), (2, 4)], speed=0.1),
         ]
     )
-    assert grid.speed_limits[30, 30] == np.float32(0.3)
-    assert grid.speed_limits[50, 50] == np.float32(0.1)
-    assert math.isinf(grid.speed_limits[100, 100])
+    assert grid.static.speed_limits[30, 30] == np.float32(0.3)
+    assert grid.static.speed_limits[50, 50] == np.float32(0.1)
+    assert math.isinf(grid.static.speed_limits[100, 100])
 
 
 def test_the_limit_falls_before_a_speed_zone() -> None:
     grid = make(empty_room())
     corners = [(2.0, 1.0), (3.0, 1.0), (3.0, 3.0), (2.0, 3.0)]
     grid.set_zones([Zone(name="a", kind="speed", points=corners, speed=0.1)])
-    row = grid.speed_limits[40]
+    row = grid.static.speed_limits[40]
     assert row[40] == row[39] == np.float32(0.1)
     assert np.all(np.diff(row[20:40]) <= 0.0)
     speeds = row[20:40].astype(float)
@@ -137,7 +137,7 @@ def test_the_way_ahead_of_who_walks_is_dear_but_open() -> None:
         grid.add_scan(scan_at(1.0, 3.0, np.full(360, np.inf)), number * 10**8)
     grid.refresh()
     assert grid.moving.people == []
-    np.testing.assert_array_equal(grid.weights[20:100, 20:140], grid.static_weights[20:100, 20:140])
+    np.testing.assert_array_equal(grid.weights[20:100, 20:140], grid.static.weights[20:100, 20:140])
 
 
 def test_who_walks_is_no_obstacle_but_right_beside_the_robot() -> None:

@@ -116,7 +116,7 @@ def test_nothing_is_marked_behind_a_mirror_line(kind, echo: float) -> None:
 
 def test_a_mirror_line_is_a_wall_and_what_is_before_it_counts() -> None:
     grid = costmap(zones=[mirror()])
-    assert grid.walls[60, 80]
+    assert grid.static.walls[60, 80]
     for scan in range(3):
         grid.add_scan(sweep({0: 0.6}), scan)
     assert marked(grid) == {(60, 72)}
@@ -207,7 +207,7 @@ def test_nothing_is_marked_behind_a_suspected_mirror() -> None:
     for scan in range(5):
         grid.add_scan(sweep({degree % 360: 1.5 for degree in range(-20, 21)}), scan)
     assert marked(grid) == set()
-    assert not grid.walls[60, 80]
+    assert not grid.static.walls[60, 80]
     grid.set_suspects([])
     grid.add_scan(sweep({0: 1.5}), 9)
     assert marked(grid)

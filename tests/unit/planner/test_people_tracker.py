@@ -9,7 +9,7 @@ from support.flatland import BEAMS, Flatland, empty_room, with_block
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
-from trolley_planner.people import (
+from trolley_planner.people.tracker import (
     TRACKING,
     PeopleTracker,
     TrackedPerson,

@@ -13,16 +13,9 @@ from trolley.gridmap import GridMap
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.paths.pose_search import (
-    BACKWARDS,
-    FORWARDS,
-    IN_SIGHT,
-    NEVER_SEEN,
-    OUT_OF_SIGHT,
-    Maneuver,
-    PoseSearch,
-    Task,
-)
+from trolley_planner.paths.hybrid_astar.motions import BACKWARDS, FORWARDS, Maneuver
+from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch, Task
+from trolley_planner.paths.hybrid_astar.room import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
 
 HOBBY = box(0.35, 0.30, 0.175)
 REAR = box(0.60, 0.42, 0.10)
@@ -38,9 +31,7 @@ def search(
     fine = FineGrid(costmap, FINE.finest_m, 1.0)
     fine.update((0, 0), costmap.shape)
     shape = fine.mask.shape
-    start, goal = ends
-    places = start.x, start.y, start.yaw, goal.x, goal.y, goal.yaw
-    task = Task(*places, any_heading=False, xy_m=0.03, yaw_rad=0.05, wanted_m=0.05)
+    task = Task(*ends, any_heading=False, xy_m=0.03, yaw_rad=0.05, wanted_m=0.05)
     nowhere, behind = np.zeros(shape, np.uint8), np.full(shape, known, dtype=np.uint8)
     return PoseSearch(costmap.footprint).find(fine, behind, nowhere, task)
 

@@ -7,7 +7,7 @@ from support.flatland import Ice, empty_room
 from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley_planner.driving.recovery import ProgressChecker
+from trolley_planner.driving.progress_checker import ProgressChecker
 
 START = Pose2D(1.0, 3.0, 0.0)
 SECOND_NS = 1_000_000_000

@@ -15,8 +15,8 @@ from trolley.gridmap import GridMap
 from trolley.messages import Scan
 from trolley_planner.control.controller import Motion, limited_change, limits_of
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
-from trolley_planner.driving.maneuvering import WayFollower
-from trolley_planner.paths.pose_search import FORWARDS, Maneuver
+from trolley_planner.driving.maneuver_follower import ManeuverFollower
+from trolley_planner.paths.hybrid_astar.motions import FORWARDS, Maneuver
 
 HOBBY = box(0.35, 0.30, 0.175)
 ARM = box(0.65, 0.30, 0.175)
@@ -166,7 +166,7 @@ def test_a_way_that_bends_to_and_fro_is_kept_to_although_turning_takes_time(dela
     middle = 0.5 * (yaw[1:] + yaw[:-1])
     x, y = (np.append(0.0, np.cumsum(step_m * part(middle))) for part in (np.cos, np.sin))
     motions = np.full(len(yaw), FORWARDS, dtype=np.int8)
-    follower = WayFollower(Maneuver(np.stack([x, y, yaw], axis=1), motions))
+    follower = ManeuverFollower(Maneuver(np.stack([x, y, yaw], axis=1), motions))
     limits = limits_of(PlannerConfig(), speed=0.5, turn=1.5, deceleration=1.0)
     pose, worst = Pose2D(0.0, 0.0, 0.0), 0.0
     commands = [Twist2D(0.5, 0.0, 0.0)] * (delay + 1)
@@ -194,7 +194,7 @@ def test_who_is_sent_into_a_doorway_is_warned(ride, x: float, y: float, warning:
 def test_a_way_is_given_up_where_the_robot_does_not_get_on_whatever_it_is_told() -> None:
     x = np.linspace(0.0, 1.0, 41)
     poses = np.stack([x, np.zeros(41), np.zeros(41)], axis=1)
-    follower = WayFollower(Maneuver(poses, np.full(41, FORWARDS, dtype=np.int8)))
+    follower = ManeuverFollower(Maneuver(poses, np.full(41, FORWARDS, dtype=np.int8)))
     drives = [follower.is_stalled(Pose2D(0.005 * step, 0.0, 0.0), 0.05) for step in range(60)]
     stands = [follower.is_stalled(Pose2D(0.3, 0.0, 0.0), 0.05) for _ in range(60)]
     assert not any(drives)

@@ -84,6 +84,21 @@ RIVALS = RivalParams()
 PROOF = ProofParams()
 
 
+def _is_new_view(since: Pose2D) -> bool:
+    """Say whether the robot has moved so far since the last view that a scan is a new one."""
+    return math.hypot(since.x, since.y) > PARAMS.view_m or abs(since.yaw) > PARAMS.view_rad
+
+
+def evidence_of(score: MatchScore, *, is_led: bool) -> float:
+    """Return what a view says for a place; negative against it.
+
+    Where the odometry has led (`is_led`) the unknown speaks neither for nor against it.
+    """
+    if is_led:
+        return score.known * (score.tracked - PROOF.between)
+    return score.value - PROOF.between
+
+
 class Proof:
     """Whether driving on shows that a place is the right one.
 
@@ -111,23 +126,20 @@ class Proof:
     @property
     def is_due(self) -> bool:
         """Whether the next scan is a new view."""
-        since = self._since_view
-        way_m = math.hypot(since.x, since.y)
-        return self._views == 0 or way_m > PARAMS.view_m or abs(since.yaw) > PARAMS.view_rad
+        return self._views == 0 or _is_new_view(self._since_view)
 
-    def add(self, support: float, pinned: float, weight: float = 1.0) -> None:
+    def add(self, evidence: float, pinned: float) -> None:
         """Take what a new view says for the place into account.
 
         Args:
-            support: of the place, 0 ... 1.
+            evidence: see `evidence_of`.
             pinned: how firmly the view pins the pose, 0 ... 1.
-            weight: share of the view that says something, 0 ... 1.
         """
         since, firmness = self._since_view, min(1.0, pinned / PROOF.pinned)
-        way_m = math.hypot(since.x, since.y)
-        newness = min(1.0, way_m / PROOF.new_m + abs(since.yaw) / PROOF.new_rad)
-        evidence = weight * (support - PROOF.between) * (1.0 if self._views == 0 else newness)
-        self._driven_m += firmness * way_m
+        distance_m = math.hypot(since.x, since.y)
+        newness = min(1.0, distance_m / PROOF.new_m + abs(since.yaw) / PROOF.new_rad)
+        evidence *= 1.0 if self._views == 0 else newness
+        self._driven_m += firmness * distance_m
         self._sum += evidence * (firmness if evidence > 0.0 else 1.0)
         # What spoke against a place that is kept nevertheless counts no more than once.
         self._sum = max(self._sum, -PROOF.bound)
@@ -241,8 +253,7 @@ class Hypotheses:
             Whether it was a new view.
         """
         self._scans_seen += 1
-        since = self._since_view
-        is_new = math.hypot(since.x, since.y) > PARAMS.view_m or abs(since.yaw) > PARAMS.view_rad
+        is_new = _is_new_view(self._since_view)
         for item in self.items:
             item.pose, support = self._aligned(item.pose, beams)
             item.votes.add(support.value, is_new_view=is_new)
@@ -286,6 +297,21 @@ class Hypotheses:
     def views(self) -> int:
         """How many views have voted."""
         return self._views
+
+    @property
+    def spread_m(self) -> float:
+        """Root mean square distance of the places from their mean [m]."""
+        if len(self.items) < 2:
+            return 0.0
+        points = np.stack([item.pose[:2] for item in self.items]) * self._field.resolution
+        return math.sqrt(float(points.var(axis=0).sum()))
+
+    def particles(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the places (n, 3) x, y [m], yaw [rad] in the map frame, and weights (n,)."""
+        poses = [self._field.to_map(item.pose).as_array() for item in self.items]
+        total, count = sum(item.latest for item in self.items), len(self.items)
+        weights = [item.latest / total if total > 0.0 else 1.0 / count for item in self.items]
+        return np.array(poses, np.float32).reshape(-1, 3), np.array(weights, np.float32)
 
     @property
     def is_plausible(self) -> bool:

@@ -1,6 +1,5 @@
 """What one robot plans with on one map: costmaps, global planner, controller, kept up to date."""
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,18 +24,11 @@ from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.costmap.inflation import LETHAL
-from trolley_planner.costmap.obstacle_layer import OBSTACLES
 from trolley_planner.costmap.parts import cells_around, parts_of
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.pose_search import (
-    IN_SIGHT,
-    NEVER_SEEN,
-    OUT_OF_SIGHT,
-    SEARCH,
-    Maneuver,
-    Task,
-)
+from trolley_planner.paths.hybrid_astar.motions import Maneuver
+from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, Task
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -80,7 +72,7 @@ class PlanningContext:
         """Return how far the footprint at a pose is from map and zones [m], at most `enough_m`."""
         costmap = self.costmap
         edge = costmap.resolution_m
-        field = Field(costmap.static_distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
+        field = Field(costmap.static.distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
         return clearance_at(
             field, self.local_costmap.body, pose_grid.x, pose_grid.y, pose_grid.yaw, enough_m
         )
@@ -157,8 +149,8 @@ class PlanningContext:
         """Return the limit of the speed zones at a place [m/s]."""
         return zone_speed(self.local_costmap.field, pose_grid.x, pose_grid.y)
 
-    def find_way(self, task: Task, half_m: float) -> Maneuver | None:
-        """Return a way from pose to pose by what is seen now; it backs only over what is known.
+    def find_maneuver(self, task: Task, half_m: float) -> Maneuver | None:
+        """Return a maneuver by what is seen now; it backs only over what is known.
 
         Args:
             task: from where to where, in `grid`.
@@ -166,20 +158,14 @@ class PlanningContext:
         """
         costmap, grid = self.costmap, self._fine_grid
         half = math.ceil(half_m / costmap.resolution_m)
-        row, col = (math.floor(value / costmap.resolution_m) for value in (task.y, task.x))
+        row, col = (
+            math.floor(value / costmap.resolution_m) for value in (task.start.y, task.start.x)
+        )
         first, size = (row - half, col - half), (2 * half, 2 * half)
         grid.update(first, size)
-        rows, cols = (at + np.arange(2 * half) for at in first)
-        cells = np.meshgrid(rows, cols, indexing="ij")
-        known = self.local_costmap.is_known(cells[0], cells[1], OBSTACLES.recent_s)
-        is_in_sight = known & self.local_costmap.is_fresh(*cells)
-        unseen = grid.divided(np.where(is_in_sight, IN_SIGHT, OUT_OF_SIGHT))
-        # As in `base`, a cell is met where its middle is.
-        middle = {(grid.parts - 1) // 2, grid.parts // 2}
-        for row, col in itertools.product(middle, repeat=2):
-            unseen[row :: grid.parts, col :: grid.parts][~known] = NEVER_SEEN
+        unseen = self.local_costmap.known_floor.in_fine_cells(grid, first)
         closed = np.zeros_like(unseen)
-        return self.pose_search.find(grid, unseen, closed, task, SEARCH.driving)
+        return self.pose_search.find(grid, unseen, closed, task, POSE_SEARCH.driving_states)
 
 
 def half_window_m(footprint: Footprint, config: PlannerConfig, max_speed: float) -> float:
@@ -431,7 +417,7 @@ def position_trouble(context: PlanningContext, here: Pose2D) -> Refused | None:
     in_grid = costmap.to_grid(here)
     if not costmap.contains(in_grid.x, in_grid.y):
         return Refused(codes.OUTSIDE_MAP, "According to its pose, the robot is outside the map.")
-    if costmap.is_wall(in_grid.x, in_grid.y):
+    if costmap.static.is_wall(in_grid.x, in_grid.y):
         return Refused(
             codes.LOST, "According to its pose, the robot is inside a wall; set its pose again."
         )

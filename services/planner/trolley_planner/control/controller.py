@@ -78,7 +78,9 @@ class Controller(Protocol):
 
 def limits_here(limits: Limits, local_costmap: LocalCostmap, pose: Pose2D) -> Limits:
     """Return the limits at a place: nobody backs into what was never seen."""
-    return limits if local_costmap.sees_behind(pose) else limits._replace(max_reverse=0.0)
+    return (
+        limits if local_costmap.known_floor.sees_behind(pose) else limits._replace(max_reverse=0.0)
+    )
 
 
 def safe_command(
@@ -103,7 +105,7 @@ def safe_command(
     """
     start, field = state_of(motion), local_costmap.field
     if may_back is None:
-        may_back = wanted.vx >= 0.0 or local_costmap.sees_behind(motion.pose)
+        may_back = wanted.vx >= 0.0 or local_costmap.known_floor.sees_behind(motion.pose)
     if wanted.vx < 0.0 and not may_back:
         wanted = Twist2D(0.0, 0.0, wanted.wz)
     for share in (1.0, 0.75, 0.5, 0.25, 0.1):

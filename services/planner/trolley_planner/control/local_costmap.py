@@ -2,30 +2,28 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley.geometry.polygon import polygon_contains
 from trolley.jit import kernel
-from trolley.sight import SIGHT
-from trolley_planner.costmap.costmap import TABLE_STEP_M, Costmap
+from trolley_planner.control.known_floor import KnownFloor
+from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint
 from trolley_planner.costmap.inflation import (
     LETHAL,
-    UNKNOWN,
-    WALL,
+    TABLE_STEP_M,
     WEIGHT_UNIT,
     inflation_table,
     soften_disc,
     weigh_into,
 )
-from trolley_planner.costmap.obstacle_layer import OBSTACLES
-from trolley_planner.paths.search import STEP, UNREACHED, cost_to_go_into, make_queue
-from trolley_planner.people import NO_ROBOTS, NOBODY
+from trolley_planner.paths.search import STEP, UNREACHED, Queue, cost_to_go_into, make_queue
+from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +40,6 @@ class LocalCostmapParams:
     """Beside reached places the cost-to-go rises by this much from cell to cell,"""
     edge_cells: int = 3
     """over this many cells."""
-    middle_cells: float = 0.25
-    """Nearer to the middle of a cell than this along both axes is in its middle."""
     border_cells: float = 0.02
     """Points of the path this near to the border of two cells belong to both."""
     escape_m: float = 0.3
@@ -62,8 +58,28 @@ class LocalCostmapParams:
 LOCAL = LocalCostmapParams()
 TIGHT_CLEARANCE_M = 0.005
 """Clearance in places that are passed only because there is no other path [m]."""
-BACK_STEPS_M = (0.05, 0.1, 0.15)
-"""To back up, the robot must know what is this far behind it [m]."""
+
+
+class InflationTables(NamedTuple):
+    """Weights by the distance to the nearest obstacle, in steps of `TABLE_STEP_M`."""
+
+    usual: NDArray[np.uint8]
+    tight: NDArray[np.uint8]
+    """Where places with less than the usual clearance may be passed."""
+
+
+class CoarseCells(NamedTuple):
+    """What the cost-to-go is computed in."""
+
+    distance_m: NDArray[np.float32]
+    """(rows, cols) the largest distance to an obstacle in each cell."""
+    weights: NDArray[np.uint8]
+    """(rows, cols)."""
+    costs: NDArray[np.int32]
+    """(cells,) cost-to-go in units of the search."""
+    cost_m: NDArray[np.float32]
+    """(rows, cols) the same as metres of free floor, with slopes at its edges."""
+    queue: Queue
 
 
 class LocalCostmap:
@@ -80,61 +96,46 @@ class LocalCostmap:
         self, costmap: Costmap, footprint: Footprint, config: PlannerConfig, half_m: float
     ) -> None:
         self._costmap = costmap
+        self.body = footprint.body
+        self.known_floor = KnownFloor(costmap, footprint)
+        """What the robot may back into."""
+        self._tables = _inflation_tables(footprint, config)
         is_small = 2.0 * half_m / FINE.finest_m < LOCAL.most_fine_cells
         edge_m = FINE.finest_m if is_small else LOCAL.fine_m
         needed = footprint.circumscribed_m + config.caution_distance_m + 0.1
-        self._table = inflation_table(
-            footprint.inscribed_m + config.clearance_m,
-            config.inflation_falloff_m,
-            config.inflation_height,
-            TABLE_STEP_M,
-            WEIGHT_UNIT,
-        )
-        self.fine_grid = FineGrid(costmap, edge_m, max(self._table.shape[0] * TABLE_STEP_M, needed))
+        reach_m = max(self._tables.usual.shape[0] * TABLE_STEP_M, needed)
+        self.fine_grid = FineGrid(costmap, edge_m, reach_m)
         """What stands around the robot."""
-        parts, self.fine_m = self.fine_grid.parts, self.fine_grid.fine_m
-        self._group = max(1, round(0.05 / self.fine_m))
-        self.coarse_m = self._group * self.fine_m
+        parts, fine_m = self.fine_grid.parts, self.fine_grid.fine_m
+        group = max(1, round(0.05 / fine_m))
+        self.coarse_m = group * fine_m
         # A multiple of both kinds of cells.
-        unit = math.lcm(parts, self._group)
-        cells = unit * math.ceil(2.0 * half_m / self.fine_m / unit)
+        unit = math.lcm(parts, group)
+        cells = unit * math.ceil(2.0 * half_m / fine_m / unit)
         self._map_cells = cells // parts
-        self._coarse_cells = cells // self._group
-        coarse = (self._coarse_cells,) * 2
-        self._coarse_m = np.zeros(coarse, dtype=np.float32)
-        self._weights = np.zeros(coarse, dtype=np.uint8)
-        self._costs = np.zeros(self._coarse_cells**2, dtype=np.int32)
-        self._cost_m = np.zeros(coarse, dtype=np.float32)
-        self._queue = make_queue(self._coarse_cells**2)
-        near = footprint.inscribed_m + np.array([TIGHT_CLEARANCE_M, config.clearance_m])
-        self._tight_table = self._table.copy()
-        first, last = np.ceil(near / TABLE_STEP_M).astype(np.int64)
-        self._tight_table[first:last] = LOCAL.tight_weight
-        self._edge, self._behind = footprint.edge_points, _points_behind(footprint)
-        self._x = self._y = 0.0
+        self._coarse = _make_coarse_cells(cells // group)
         self._robot_cell = 0
         self._narrow_m = footprint.inscribed_m + LOCAL.narrow_m
         self._price_of_path = 1.0
-        self._walkers, self._robots = NOBODY, NO_ROBOTS
-        self.body = footprint.body
+        self._moving = NOBODY, NO_ROBOTS
 
     def update_moving(self, now_ns: int) -> None:
         """Move those who walk, and other robots, on to where they are now."""
-        self._walkers = self._costmap.moving.walkers_at(now_ns)
-        self._robots = self._costmap.moving.robots_at(now_ns)
+        moving = self._costmap.moving
+        self._moving = moving.walkers_at(now_ns), moving.robots_at(now_ns)
 
     def leave_people_out(self) -> None:
         """Take nobody to walk, until `update_moving`."""
-        self._walkers = NOBODY
+        self._moving = NOBODY, self._moving[1]
 
     def walkers_now(self) -> NDArray[np.float64]:
         """Return the discs (n, 6) of those who walk, see `Field.walkers`; a copy."""
-        return self._walkers.copy()
+        return self._moving[0].copy()
 
     def is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
         """Say whether somebody walks, or another robot drives, this near to a place [m]."""
-        now = self._robots[:, 0]
-        moving = np.concatenate([self._walkers[:, [0, 1, 4]], now])
+        walkers, robots = self._moving
+        moving = np.concatenate([walkers[:, [0, 1, 4]], robots[:, 0]])
         away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, 2]
         return bool((away < within_m).any())
 
@@ -146,29 +147,24 @@ class LocalCostmap:
             y: of the robot.
             is_tight: whether the path may lead where there is less than the usual clearance.
         """
-        resolution = self._costmap.resolution_m
+        resolution, grid, coarse = self._costmap.resolution_m, self.fine_grid, self._coarse
         half = self._map_cells // 2
         first = math.floor(y / resolution) - half, math.floor(x / resolution) - half
-        self.fine_grid.update(first, (self._map_cells, self._map_cells))
-        self._x, self._y = self.fine_grid.x, self.fine_grid.y
-        coarsen_into(self._coarse_m, self.fine_grid.distance_m, self._group)
-        table = self._tight_table if is_tight else self._table
-        weigh_into(self._weights, self._coarse_m, table, TABLE_STEP_M)
-        self._weights[0] = self._weights[-1] = LETHAL
-        self._weights[:, 0] = self._weights[:, -1] = LETHAL
-        centre = (x - self._x) / self.coarse_m, (y - self._y) / self.coarse_m
-        self._robot_cell = math.floor(centre[1]) * self._coarse_cells + math.floor(centre[0])
-        room_m = self._coarse_m.reshape(-1)[self._robot_cell]
+        grid.update(first, (self._map_cells, self._map_cells))
+        coarsen_into(coarse.distance_m, grid.distance_m, round(self.coarse_m / grid.fine_m))
+        table = self._tables.tight if is_tight else self._tables.usual
+        weights = coarse.weights
+        weigh_into(weights, coarse.distance_m, table, TABLE_STEP_M)
+        weights[0] = weights[-1] = LETHAL
+        weights[:, 0] = weights[:, -1] = LETHAL
+        centre = (x - grid.x) / self.coarse_m, (y - grid.y) / self.coarse_m
+        self._robot_cell = math.floor(centre[1]) * len(weights) + math.floor(centre[0])
+        room_m = coarse.distance_m.reshape(-1)[self._robot_cell]
         # A robot that stepped aside for somebody is near a wall, too, and in no hurry.
         is_narrow = is_tight or (room_m < self._narrow_m and not self._costmap.moving.people)
         self._price_of_path = LOCAL.narrow_factor if is_narrow else 1.0
-        soften_disc(
-            self._weights,
-            self._coarse_m,
-            centre,
-            LOCAL.escape_m / self.coarse_m,
-            LOCAL.escape_weight,
-        )
+        radius = LOCAL.escape_m / self.coarse_m
+        soften_disc(weights, coarse.distance_m, centre, radius, LOCAL.escape_weight)
 
     def compute_cost_to_go(
         self, points: NDArray[np.float64], remaining_m: NDArray[np.float64]
@@ -186,14 +182,15 @@ class LocalCostmap:
         # A path along the border of two rows of cells counts for both.
         points, remaining_m = np.repeat(points, 2, axis=0), np.repeat(remaining_m, 2)
         beside = np.resize((-LOCAL.border_cells, LOCAL.border_cells), len(points))[:, None]
-        on_window = (points - (self._x, self._y)) / self.coarse_m + beside
+        on_window = (points - (self.fine_grid.x, self.fine_grid.y)) / self.coarse_m + beside
         cells = np.floor(on_window).astype(np.int32)
-        inside = ((cells > 0) & (cells < self._coarse_cells - 1)).all(axis=1)
+        weights, size = self._coarse.weights, len(self._coarse.weights)
+        inside = ((cells > 0) & (cells < size - 1)).all(axis=1)
         cells = cells[inside]
         price = self._price_of_path * self.cost_of_metre
         prices = np.rint(remaining_m[inside] * price).astype(np.int32)
-        blocked = np.flatnonzero(self._weights[cells[:, 1], cells[:, 0]] == LETHAL)
-        flat = np.stack([cells[:, 1] * self._coarse_cells + cells[:, 0], prices], axis=1)
+        blocked = np.flatnonzero(weights[cells[:, 1], cells[:, 0]] == LETHAL)
+        flat = np.stack([cells[:, 1] * size + cells[:, 0], prices], axis=1)
         if blocked.size == 0:
             return self._spread(flat)
         if self._spread(flat[blocked[-1] + 1 :]):
@@ -204,70 +201,12 @@ class LocalCostmap:
     def _spread(self, seeds: NDArray[np.int32]) -> bool:
         """Compute the cost-to-go to seeds (cell, cost); say whether the robot can reach one."""
         ordered = np.ascontiguousarray(seeds[np.argsort(seeds[:, 1], kind="stable")])
-        size = self._coarse_cells
-        flat = self._weights.reshape(-1)
-        cost_to_go_into(self._costs, flat, self._queue, ordered, size, (-1, 0), 8)
-        costs_to_metres(self._cost_m, self._costs, 1.0 / self.cost_of_metre, LOCAL.unreached_m)
-        slope_edges(self._cost_m, LOCAL.unreached_m, LOCAL.edge_rise_m, LOCAL.edge_cells)
-        return bool(self._costs[self._robot_cell] != UNREACHED)
-
-    def sees_behind(self, pose: Pose2D) -> bool:
-        """Say whether what the robot would back into is known.
-
-        A lidar that looks all round goes on looking there, so the map will do, too. Any other must
-        have seen lately that it is free, or the map must have a wall there, which costs enough.
-
-        Args:
-            pose: of the robot in `grid`.
-        """
-        return self._knows(pose.transform_points(self._behind))
-
-    def sees_along(self, poses: NDArray[np.float64]) -> bool:
-        """Say whether what the robot would back into is known, on its way along poses (n, 3)."""
-        moved = [Pose2D(*pose.tolist()).transform_points(self._edge) for pose in poses]
-        points = np.concatenate(moved)
-        # As in `base`, a cell is met where its middle is.
-        off = np.abs(points / self._costmap.resolution_m % 1.0 - 0.5)
-        return self._knows(points[(off <= LOCAL.middle_cells).all(axis=1)])
-
-    def _knows(self, points: NDArray[np.float64]) -> bool:
-        """Say whether the robot may back into all of some points (n, 2) in `grid`."""
-        cells = np.floor(points / self._costmap.resolution_m)
-        cols, rows = cells.astype(np.int64).T
-        return bool(self.is_known(rows, cols, OBSTACLES.kept_s).all())
-
-    def is_known(
-        self, rows: NDArray[np.int64], cols: NDArray[np.int64], within_s: float
-    ) -> NDArray[np.bool_]:
-        """Say of cells of the costmap, also outside it, whether the robot may back into them.
-
-        Args:
-            rows: of the cells.
-            cols: of the cells.
-            within_s: what was seen so lately counts where the lidar does not look now.
-        """
-        costmap = self._costmap
-        shape, flat = rows.shape, (rows.reshape(-1), cols.reshape(-1))
-        rows, cols = (
-            np.clip(at, 0, size - 1) for at, size in zip(flat, costmap.shape, strict=True)
-        )
-        layer, kinds = costmap.obstacle_layer, costmap.kinds[rows, cols]
-        known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
-        return (known | layer.is_known_free(rows, cols, within_s)).reshape(shape)
-
-    def is_fresh(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Say of known cells, also outside the costmap, whether `base` lets the robot hurry there.
-
-        Args:
-            rows: of the cells.
-            cols: of the cells.
-        """
-        layer = self._costmap.obstacle_layer
-        if layer.looks_all_round:
-            return np.ones(rows.shape, dtype=np.bool_)
-        last_row, last_col = (size - 1 for size in self._costmap.shape)
-        flat = np.clip(rows.reshape(-1), 0, last_row), np.clip(cols.reshape(-1), 0, last_col)
-        return layer.is_known_free(*flat, SIGHT.fresh_s, SIGHT.fresh_s).reshape(rows.shape)
+        coarse = self._coarse
+        flat, size = coarse.weights.reshape(-1), len(coarse.weights)
+        cost_to_go_into(coarse.costs, flat, coarse.queue, ordered, size, (-1, 0), 8)
+        costs_to_metres(coarse.cost_m, coarse.costs, 1.0 / self.cost_of_metre, LOCAL.unreached_m)
+        slope_edges(coarse.cost_m, LOCAL.unreached_m, LOCAL.edge_rise_m, LOCAL.edge_cells)
+        return bool(coarse.costs[self._robot_cell] != UNREACHED)
 
     @property
     def cost_of_metre(self) -> float:
@@ -277,27 +216,46 @@ class LocalCostmap:
     @property
     def field(self) -> Field:
         """What the kernels look up."""
-        costmap = self._costmap
-        limits = costmap.speed_limits if costmap.has_speed_limits else NO_LIMITS
+        costmap, grid = self._costmap, self.fine_grid
+        limits = costmap.static.speed_limits if costmap.static.has_speed_limits else NO_LIMITS
         return Field(
-            self.fine_grid.distance_m,
-            self._cost_m,
+            grid.distance_m,
+            self._coarse.cost_m,
             limits,
-            self._x,
-            self._y,
-            self.fine_m,
+            grid.x,
+            grid.y,
+            grid.fine_m,
             self.coarse_m,
             costmap.resolution_m,
-            self._walkers,
-            self._robots,
+            *self._moving,
         )
 
 
-def _points_behind(footprint: Footprint) -> NDArray[np.float64]:
-    """Return points (n, 2) in `base_link` that the outline sweeps next when it backs up."""
-    shifts = [footprint.edge_points - (distance_m, 0.0) for distance_m in BACK_STEPS_M]
-    points = np.concatenate(shifts)
-    return points[~polygon_contains(footprint.polygon, points)]
+def _inflation_tables(footprint: Footprint, config: PlannerConfig) -> InflationTables:
+    """Return the inflation by the footprint's inscribed circle."""
+    usual = inflation_table(
+        footprint.inscribed_m + config.clearance_m,
+        config.inflation_falloff_m,
+        config.inflation_height,
+        TABLE_STEP_M,
+        WEIGHT_UNIT,
+    )
+    near = footprint.inscribed_m + np.array([TIGHT_CLEARANCE_M, config.clearance_m])
+    tight = usual.copy()
+    first, last = np.ceil(near / TABLE_STEP_M).astype(np.int64)
+    tight[first:last] = LOCAL.tight_weight
+    return InflationTables(usual, tight)
+
+
+def _make_coarse_cells(size: int) -> CoarseCells:
+    """Return a square of so many cells along its edge."""
+    return CoarseCells(
+        distance_m=np.zeros((size, size), dtype=np.float32),
+        weights=np.zeros((size, size), dtype=np.uint8),
+        costs=np.zeros(size**2, dtype=np.int32),
+        cost_m=np.zeros((size, size), dtype=np.float32),
+        queue=make_queue(size**2),
+    )
 
 
 @kernel

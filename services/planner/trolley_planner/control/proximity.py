@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley_planner.costmap.footprint import Body
-from trolley_planner.people import ROBOT_DT_S
+from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 
 
 class ProximityParams(NamedTuple):

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley.geometry.polygon import distance_to_outline, polygon_contains
+from trolley.geometry.polygon import distance_to_outline
 from trolley.gridmap import GridMap
 from trolley.gridmap.distance import distance_transform
 from trolley.messages import Zone
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import (
     LETHAL,
+    TABLE_STEP_M,
     UNKNOWN,
-    WALL,
     WEIGHT_UNIT,
     CostmapLayers,
     compose_into,
@@ -26,21 +26,12 @@ from trolley_planner.costmap.inflation import (
     replace_mask,
     update_distances,
     weigh_box,
-    weigh_into,
 )
 from trolley_planner.costmap.obstacle_layer import ObstacleLayer
 from trolley_planner.costmap.social_layer import SocialLayer
-from trolley_planner.costmap.static_layer import (
-    disc_mask,
-    draw_segments,
-    line_segments,
-    map_kinds,
-    mirror_polylines,
-    polygon_mask,
-    speed_limits,
-    zone_points,
-)
-from trolley_planner.people import MovingObstacles, TrackedPerson, person_discs
+from trolley_planner.costmap.static_layer import StaticLayer, close_border, disc_mask, line_segments
+from trolley_planner.people.moving_obstacles import MovingObstacles
+from trolley_planner.people.tracker import TrackedPerson, person_discs
 from trolley_planner.sensing.beams import Sweep
 
 
@@ -64,8 +55,6 @@ class CostmapParams:
 
 
 COSTMAP = CostmapParams()
-TABLE_STEP_M = 0.005
-"""Distance between two entries of an inflation table."""
 
 
 class Costmap:
@@ -90,10 +79,17 @@ class Costmap:
         self.frame_T_grid = grid.origin
         self.footprint = footprint
         self.unknown_is_free = unknown_is_free
-        self._map_kinds = map_kinds(grid.cells)
-        self._zones: list[Zone] = []
-        self._leaving: tuple[str, ...] = ()
         self.shape = grid.rows, grid.cols
+        self._table = inflation_table(
+            footprint.inscribed_m + COSTMAP.padding_m + 0.5 * grid.resolution,
+            config.inflation_falloff_m,
+            config.inflation_height,
+            TABLE_STEP_M,
+            WEIGHT_UNIT,
+        )
+        self._reach_m = self._table.shape[0] * TABLE_STEP_M
+        self.static = StaticLayer(grid, self._table, unknown_is_free)
+        """Map and zones."""
         self.obstacle_layer = ObstacleLayer(self.shape, grid.resolution, config)
         self._social_layer = SocialLayer(self.shape, grid.resolution, footprint.inscribed_m)
         self.moving = MovingObstacles()
@@ -103,33 +99,14 @@ class Costmap:
         self._suspects = np.empty((0, 4))
         self._stands = np.zeros(self.shape, dtype=np.uint8)
         """(rows, cols) 1 where something stands, as of the last refresh."""
-        self._table = inflation_table(
-            footprint.inscribed_m + COSTMAP.padding_m + 0.5 * grid.resolution,
-            config.inflation_falloff_m,
-            config.inflation_height,
-            TABLE_STEP_M,
-            WEIGHT_UNIT,
-        )
-        self._reach_m = self._table.shape[0] * TABLE_STEP_M
         self.tight_m = footprint.inscribed_m - COSTMAP.tight_cells * grid.resolution
         """Cells nearer than this to an obstacle cannot hold the footprint's centre."""
-        self.set_zones([])
+        self.recompute()
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
         """Replace the zones (points in the frame of the goals)."""
-        grid_T_frame = self.frame_T_grid.inverse()
-        self._zones = list(zones)
-        self._mirrors = line_segments(mirror_polylines(zones), grid_T_frame)
-        self.kinds = self._map_kinds.copy()
-        draw_segments(self.kinds, self._mirrors, self.resolution_m, WALL)
-        self.walls = (self.kinds == WALL).astype(np.uint8)
-        """Set where a beam ends for certain."""
-        self.wall_distance_m = distance_transform(self.walls, self.resolution_m, self._reach_m)
-        self.speed_limits = speed_limits(self.shape, zones, grid_T_frame, self.resolution_m)
-        """Lowest speed of the zones over each cell [m/s], +inf where there is none."""
-        self.has_speed_limits = bool(np.isfinite(self.speed_limits).any())
-        self._leaving = ()
-        self._build()
+        self.static.set_zones(zones)
+        self.recompute()
 
     def set_suspects(self, lines: Sequence[Sequence[tuple[float, float]]]) -> None:
         """Replace the lines on which mirrors are suspected: nothing seen behind them counts.
@@ -148,19 +125,8 @@ class Costmap:
             x: in the frame of the goals [m].
             y: in the frame of the goals [m].
         """
-        leaving = tuple(zone.name for zone in self.keepouts_at(x, y))
-        if leaving != self._leaving:
-            self._leaving = leaving
-            self._build()
-
-    def keepouts_at(self, x: float, y: float) -> list[Zone]:
-        """Return the keep-out zones that hold a point of the frame of the goals [m]."""
-        point = np.array([[x, y]])
-        return [
-            zone
-            for zone in self._zones
-            if zone.kind == "keepout" and polygon_contains(np.array(zone.points), point)[0]
-        ]
+        if self.static.set_position(x, y):
+            self.recompute()
 
     def add_scan(self, sweep: Sweep, now_ns: int) -> None:
         """Clear and mark by one scan, whose poses are in the frame of the goals."""
@@ -172,11 +138,10 @@ class Costmap:
             grid_T_frame @ sweep.end,
             sweep.body_laser,
         )
-        lines = np.concatenate([self._mirrors, self._suspects])
-        self.obstacle_layer.update(in_grid, self.walls, self.wall_distance_m, lines, now_ns)
-        self.moving.update(
-            now_ns, self.obstacle_layer.beams, self.wall_distance_m, self.resolution_m
-        )
+        lines = np.concatenate([self.static.mirrors, self._suspects])
+        walls, walls_m = self.static.walls, self.static.wall_distance_m
+        self.obstacle_layer.update(in_grid, walls, walls_m, lines, now_ns)
+        self.moving.update(now_ns, self.obstacle_layer.beams, walls_m, self.resolution_m)
         people = self.moving.people
         outline = in_grid.end.transform_points(sweep.body_laser)
         self.obstacle_layer.remove_people(
@@ -235,7 +200,7 @@ class Costmap:
             boxes.append(self._measure(flipped))
         for box in boxes:
             self._weigh(box)
-        self._close_border(self.weights)
+        close_border(self.weights)
         return len(boxes) > 0
 
     def recompute(self) -> None:
@@ -248,7 +213,7 @@ class Costmap:
         self.weights = np.empty(self.shape, dtype=np.uint8)
         """Weights by that distance, and where people walk."""
         self._weigh((0, self.shape[0], 0, self.shape[1]))
-        self._close_border(self.weights)
+        close_border(self.weights)
 
     def _measure(self, flipped: NDArray[np.int64]) -> tuple[int, int, int, int]:
         """Compute the distances anew around all of many cells (n, 2); return the box of them."""
@@ -280,7 +245,7 @@ class Costmap:
         """
         may_fit = (weights == LETHAL) & (distance_m >= self.tight_m)
         squeeze_weights = np.where(may_fit, np.uint8(COSTMAP.squeeze_weight), weights)
-        self._close_border(squeeze_weights)
+        close_border(squeeze_weights)
         return squeeze_weights
 
     def costs(self) -> NDArray[np.int8]:
@@ -293,7 +258,7 @@ class Costmap:
         highest = max(float(self._table.max()) / WEIGHT_UNIT - 1.0, 1e-6)
         costs_by_weight = np.rint(98.0 * np.minimum(extra / highest, 1.0)).astype(np.int8)
         costs = costs_by_weight[self.weights]
-        costs[(self.kinds == UNKNOWN) & (self.obstacle_layer.grid.observed == 0)] = -1
+        costs[(self.static.kinds == UNKNOWN) & (self.obstacle_layer.grid.observed == 0)] = -1
         costs[self.weights == LETHAL] = 99
         costs[self.distance_m == 0.0] = 100
         return costs
@@ -308,51 +273,12 @@ class Costmap:
         edge = self.resolution_m
         return edge <= x_grid < edge * (cols - 1) and edge <= y_grid < edge * (rows - 1)
 
-    def is_unknown(self, x_grid: float, y_grid: float) -> bool:
-        """Say whether the map knows nothing of a point of `grid` [m] on the costmap."""
-        return bool(self.kinds[self._cell(x_grid, y_grid)] == UNKNOWN)
-
-    def is_wall(self, x_grid: float, y_grid: float) -> bool:
-        """Say whether a point of `grid` [m] on the costmap lies in a wall, mirror or pane."""
-        return bool(self.walls[self._cell(x_grid, y_grid)])
-
-    def _cell(self, x_grid: float, y_grid: float) -> tuple[int, int]:
-        return int(y_grid / self.resolution_m), int(x_grid / self.resolution_m)
-
     def _layers(self) -> CostmapLayers:
         grid = self.obstacle_layer.grid
-        return CostmapLayers(self.kinds, self.keepout, self._closed, grid.evidence, grid.observed)
-
-    def _build(self) -> None:
-        """Compute everything anew after the map or the zones changed."""
-        grid_T_frame = self.frame_T_grid.inverse()
-        self.keepout = np.zeros(self.shape, dtype=np.uint8)
-        leaving = np.zeros(self.shape, dtype=np.bool_)
-        for zone in self._zones:
-            if zone.kind == "keepout":
-                points = zone_points(zone, grid_T_frame)
-                mask = polygon_mask(self.shape, points, self.resolution_m)
-                if zone.name in self._leaving:
-                    leaving |= mask
-                else:
-                    self.keepout[mask] = 1
-        self.leaving = leaving if self._leaving else None
-        """Cells of keep-out zones that the robot is in and must leave, None if there are none."""
-        blocked = self.walls | self.keepout
-        if not self.unknown_is_free:
-            blocked |= (self.kinds == UNKNOWN).astype(np.uint8)
-        self.static_distance_m = distance_transform(blocked, self.resolution_m, self._reach_m)
-        """Distance to the nearest obstacle of map and zones, up to the inflation's reach [m]."""
-        self.static_weights = np.empty(self.shape, dtype=np.uint8)
-        """Weights by map and zones alone (units: `WEIGHT_UNIT`)."""
-        weigh_into(self.static_weights, self.static_distance_m, self._table, TABLE_STEP_M)
-        self._close_border(self.static_weights)
-        self.recompute()
-
-    def _close_border(self, weights: NDArray[np.uint8]) -> None:
-        """Make the outermost cells lethal: the search then needs no test for the grid's edge."""
-        weights[0, :] = weights[-1, :] = LETHAL
-        weights[:, 0] = weights[:, -1] = LETHAL
+        static = self.static
+        return CostmapLayers(
+            static.kinds, static.keepout, self._closed, grid.evidence, grid.observed
+        )
 
 
 def _may_lift(person: TrackedPerson, outline: NDArray[np.float64]) -> bool:

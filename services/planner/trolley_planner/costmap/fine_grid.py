@@ -10,7 +10,7 @@ from trolley.gridmap.kernels import column_distances_into, distance_transform_in
 from trolley.jit import kernel
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import FREE, UNKNOWN, WALL
-from trolley_planner.costmap.obstacle_layer import ObstacleGrid
+from trolley_planner.costmap.obstacle_grid import ObstacleGrid
 from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
 
 
@@ -73,8 +73,8 @@ class FineGrid:
         self.x, self.y = first[1] * costmap.resolution_m, first[0] * costmap.resolution_m
         fill_window(
             self.mask,
-            costmap.kinds,
-            costmap.keepout,
+            costmap.static.kinds,
+            costmap.static.keepout,
             layer.grid,
             first,
             self.parts,

@@ -15,7 +15,7 @@ from trolley.geometry.footprint import (
 )
 from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
-from trolley_planner.people import NO_ROBOTS, NOBODY
+from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
 
 EDGE_SPACING_M = 0.03
 """Distance of the points on the edge: an obstacle between two of them is seen 2 mm too far."""

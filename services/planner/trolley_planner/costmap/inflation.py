@@ -21,6 +21,8 @@ FREE, UNKNOWN, WALL = 0, 1, 2
 """Kinds of cells of the map."""
 WEIGHT_UNIT = 4
 """A weight of 1 (a free cell, far from everything) in the units of the grids of weights."""
+TABLE_STEP_M = 0.005
+"""Distance between two entries of an inflation table."""
 LETHAL = 0
 """The weight of cells where the footprint's centre must not be."""
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley_planner.costmap.inflation import WEIGHT_UNIT
-from trolley_planner.costmap.obstacle_layer import ObstacleGrid, mark_dirty
-from trolley_planner.people import TrackedPerson
+from trolley_planner.costmap.obstacle_grid import ObstacleGrid, mark_dirty
+from trolley_planner.people.tracker import TrackedPerson
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley.gridmap import OCCUPIED_FROM, UNKNOWN, distance_transform
+from trolley.geometry.polygon import polygon_contains
+from trolley.gridmap import OCCUPIED_FROM, UNKNOWN, GridMap, distance_transform
 from trolley.messages import Zone
 from trolley.zones import LINE_KINDS
-from trolley_planner.costmap.inflation import FREE, WALL
+from trolley_planner.costmap.inflation import FREE, LETHAL, TABLE_STEP_M, WALL, weigh_into
 from trolley_planner.costmap.inflation import UNKNOWN as UNKNOWN_KIND
 
 
@@ -28,6 +29,113 @@ class SpeedZoneParams:
 
 
 SPEED_ZONES = SpeedZoneParams()
+
+
+class StaticLayer:
+    """Map and zones; all arrays have the shape (rows, cols) and lie in frame `grid`.
+
+    Args:
+        grid: the map.
+        table: weights by the distance to the nearest obstacle, in steps of `TABLE_STEP_M`.
+        unknown_is_free: whether cells that nobody has seen may be passed.
+    """
+
+    def __init__(self, grid: GridMap, table: NDArray[np.uint8], unknown_is_free: bool) -> None:
+        self._map_kinds = map_kinds(grid.cells)
+        self._resolution_m = grid.resolution
+        self._grid_T_frame = grid.origin.inverse()
+        self._table = table
+        self._unknown_is_free = unknown_is_free
+        self._zones: list[Zone] = []
+        self._leaving: tuple[str, ...] = ()
+        self.set_zones([])
+
+    def set_zones(self, zones: Sequence[Zone]) -> None:
+        """Replace the zones (points in the frame of the goals)."""
+        self._zones = list(zones)
+        self.mirrors = line_segments(mirror_polylines(zones), self._grid_T_frame)
+        """(m, 4) x1, y1, x2, y2 [m] of mirrors and glass."""
+        self.kinds = self._map_kinds.copy()
+        """FREE, UNKNOWN or WALL."""
+        draw_segments(self.kinds, self.mirrors, self._resolution_m, WALL)
+        self.walls = (self.kinds == WALL).astype(np.uint8)
+        """Set where a beam ends for certain."""
+        reach_m = self._table.shape[0] * TABLE_STEP_M
+        self.wall_distance_m = distance_transform(self.walls, self._resolution_m, reach_m)
+        """Distance to the nearest of these, up to the inflation's reach [m]."""
+        shape = self.kinds.shape[0], self.kinds.shape[1]
+        self.speed_limits = speed_limits(shape, zones, self._grid_T_frame, self._resolution_m)
+        """Lowest speed of the zones over each cell [m/s], +inf where there is none."""
+        self.has_speed_limits = bool(np.isfinite(self.speed_limits).any())
+        self._leaving = ()
+        self._inflate()
+
+    def set_position(self, x: float, y: float) -> bool:
+        """Open the keep-out zones that hold the robot; True if that changes anything.
+
+        Args:
+            x: in the frame of the goals [m].
+            y: in the frame of the goals [m].
+        """
+        leaving = tuple(zone.name for zone in self.keepouts_at(x, y))
+        if leaving == self._leaving:
+            return False
+        self._leaving = leaving
+        self._inflate()
+        return True
+
+    def keepouts_at(self, x: float, y: float) -> list[Zone]:
+        """Return the keep-out zones that hold a point of the frame of the goals [m]."""
+        point = np.array([[x, y]])
+        return [
+            zone
+            for zone in self._zones
+            if zone.kind == "keepout" and polygon_contains(np.array(zone.points), point)[0]
+        ]
+
+    def is_unknown(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether the map knows nothing of a point of `grid` [m] on the costmap."""
+        return bool(self.kinds[self._cell(x_grid, y_grid)] == UNKNOWN_KIND)
+
+    def is_wall(self, x_grid: float, y_grid: float) -> bool:
+        """Say whether a point of `grid` [m] on the costmap lies in a wall, mirror or pane."""
+        return bool(self.walls[self._cell(x_grid, y_grid)])
+
+    def _cell(self, x_grid: float, y_grid: float) -> tuple[int, int]:
+        return int(y_grid / self._resolution_m), int(x_grid / self._resolution_m)
+
+    def _inflate(self) -> None:
+        """Compute distances and weights anew after the map or the zones changed."""
+        shape = self.kinds.shape[0], self.kinds.shape[1]
+        self.keepout = np.zeros(shape, dtype=np.uint8)
+        """Set in keep-out zones, those apart that the robot is in and must leave:"""
+        leaving = np.zeros(shape, dtype=np.bool_)
+        for zone in self._zones:
+            if zone.kind == "keepout":
+                points = zone_points(zone, self._grid_T_frame)
+                mask = polygon_mask(shape, points, self._resolution_m)
+                if zone.name in self._leaving:
+                    leaving |= mask
+                else:
+                    self.keepout[mask] = 1
+        self.leaving = leaving if self._leaving else None
+        """their cells, None if there are none."""
+        blocked = self.walls | self.keepout
+        if not self._unknown_is_free:
+            blocked |= (self.kinds == UNKNOWN_KIND).astype(np.uint8)
+        reach_m = self._table.shape[0] * TABLE_STEP_M
+        self.distance_m = distance_transform(blocked, self._resolution_m, reach_m)
+        """Distance to the nearest obstacle of map and zones, up to the inflation's reach [m]."""
+        self.weights = np.empty(shape, dtype=np.uint8)
+        """Weights by map and zones alone (units: `WEIGHT_UNIT`)."""
+        weigh_into(self.weights, self.distance_m, self._table, TABLE_STEP_M)
+        close_border(self.weights)
+
+
+def close_border(weights: NDArray[np.uint8]) -> None:
+    """Make the outermost cells lethal: a search then needs no test for the grid's edge."""
+    weights[0, :] = weights[-1, :] = LETHAL
+    weights[:, 0] = weights[:, -1] = LETHAL
 
 
 def map_kinds(cells: NDArray[np.int8]) -> NDArray[np.uint8]:

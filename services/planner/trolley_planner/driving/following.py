@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.control.rollout import Limits
 from trolley_planner.goals import Goal, Tolerances
-from trolley_planner.people import Track
+from trolley_planner.people.tracker import Track
 
 
 @dataclass(frozen=True, slots=True)

@@ -273,7 +273,8 @@ class GoalApproach:
         speed = allowed_speed(context.local_costmap.field, now.limits, place.x, place.y, here)
         # A goal that was taught beside a wall must be reachable, too.
         tight = min(now.limits.clearance_m, max(APPROACH.goal_clearance_m, room - 0.01))
-        backwards = now.limits.max_reverse if context.local_costmap.sees_behind(place) else 0.0
+        sees_behind = context.local_costmap.known_floor.sees_behind(place)
+        backwards = now.limits.max_reverse if sees_behind else 0.0
         limits = now.limits._replace(
             max_speed=speed, max_reverse=min(backwards, speed), clearance_m=tight
         )

@@ -1,8 +1,9 @@
-"""Driving where the footprint matters: the way of the search over poses, heading by heading.
+"""Driving where the footprint matters: the maneuver of the search over poses, heading by heading.
 
 In open floor the controller does without. Where there is little room along the path, where the
-robot has no room to turn, and at a goal that it must come to exactly, a way is searched on what is
-seen just now and followed: forwards, backwards and on the spot, with as much clearance as there is.
+robot has no room to turn, and at a goal that it must come to exactly, a maneuver is searched on
+what is seen just now and followed: forwards, backwards and on the spot, with as much clearance as
+there is.
 """
 
 import math
@@ -16,17 +17,20 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
-from trolley_planner.control.local_costmap import BACK_STEPS_M, TIGHT_CLEARANCE_M
-from trolley_planner.control.rollout import Limits, caution_speed
-from trolley_planner.driving.goal_approach import GoalApproach, turn_rate
+from trolley_planner.control.known_floor import BACK_STEPS_M
+from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
+from trolley_planner.control.rollout import caution_speed
+from trolley_planner.driving.goal_approach import GoalApproach
+from trolley_planner.driving.maneuver_follower import FOLLOWER, ManeuverFollower
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
-from trolley_planner.paths.pose_search import FORWARDS, TURNING, Maneuver, Task
+from trolley_planner.paths.hybrid_astar.motions import FORWARDS, Maneuver
+from trolley_planner.paths.hybrid_astar.pose_search import Task
 
 
 @dataclass(frozen=True, slots=True)
 class ManeuverParams:
-    """Where ways with headings are searched, and how they are followed; all by hand."""
+    """Where maneuvers are searched; all by hand."""
 
     room_m: float = 0.08
     """A place is tight with less room than this on both sides,"""
@@ -35,7 +39,7 @@ class ManeuverParams:
     turn_room_m: float = 0.02
     """A turn on the spot is tight with less room than this."""
     begin_m: float = 0.5
-    """A way is searched once a tight place is this near,"""
+    """A maneuver is searched once a tight place is this near,"""
     begin_goal_m: float = 2.2
     """or a goal with little room,"""
     beyond_m: float = 0.25
@@ -49,71 +53,47 @@ class ManeuverParams:
     farther_m: float = 0.25
     """if that leads this much farther along the path,"""
     longer_m: float = 0.3
-    """and is taken if it is not longer than this one by more than this, turns counted as below."""
+    """and is taken if it is not longer than this one by more than this, turns counted."""
     near_goal_m: float = 0.4
     """One that ends this near to the goal leads to it."""
     half_m: float = 2.4
     """It keeps within this distance of the robot, along both axes."""
     loose_m: float = 0.1
-    """The place at which a way ends on the path may be missed by this much,"""
+    """The place at which a maneuver ends on the path may be missed by this much,"""
     loose_rad: float = 0.2
     """and the heading there by this,"""
     free_rad: float = 0.9
     """or by this where it can turn."""
     standing_mps: float = 0.1
-    """A way begins where a robot faster than this can stand,"""
+    """A maneuver begins where a robot faster than this can stand,"""
     delay_s: float = 0.15
     """which it begins to do after this time;"""
     lead_step_m: float = 0.025
     """and leads there in steps no longer than this."""
     brisk: float = 1.3
-    """A way with the clearance that is wanted is driven so much faster beside obstacles than one
-    without headings: it is known how near they come;"""
+    """A maneuver with the clearance that is wanted is driven so much faster beside obstacles than a
+    path: it is known how near they come;"""
     wary: float = 0.5
     """and so much slower where by what is measured nothing is left beside it."""
     begin_people_m: float = 0.8
-    """No way is begun while somebody moves this near to the robot,"""
+    """No maneuver is begun while somebody moves this near to the robot,"""
     stand_people_m: float = 0.3
     """and while they do this near it stands."""
     retry_s: float = 1.0
     """Time between two searches that find nothing."""
     blocked_scans: int = 3
-    """A way is given up when so many scans in a row showed something on it,"""
+    """A maneuver is given up when so many scans in a row showed something on it,"""
     blocked_m: float = 0.01
     """by more than this: nearly a fine cell, and what is out of view errs."""
-    stalled_s: float = 1.5
-    """So it is when the robot was held up for this long,"""
-    stalled_m: float = 0.015
-    """as it is if it moved less than this, turns counted as below."""
-    settle_rad: float = 0.03
-    """A turn is over this near to its end."""
-    track_m: float = 0.16
-    """An error beside the way decays over this distance."""
-    ahead_m: float = 0.05
-    """The bend of the way is taken this far ahead: commands take their time."""
-    strayed_m: float = 0.05
-    """A robot this far beside its way needs another."""
-    strayed_rad: float = 0.25
-    """The same of its heading."""
     aside_rad: float = 0.5
     """A robot that looks so far past its path must turn before it drives along."""
-    bend_ahead_m: float = 0.3
-    """Before a bend it slows down from this far on: it cannot begin to turn at once."""
-    creep_mps: float = 0.04
-    """Speed at the end of a line."""
-    arrived_m: float = 0.008
-    """A line is over this near to its end."""
-    nearest_of: int = 8
-    """The robot is looked for among so many poses of the way from where it was."""
-    turn_as_m: float = 0.3
-    """A turn by one radian that is left counts as this distance."""
 
 
 MANEUVER = ManeuverParams()
 
 
 class Maneuvering:
-    """Drives along ways with headings, where the path ahead asks for one.
+    """Drives along maneuvers, where the path ahead asks for one.
 
     Args:
         context: costmaps and planner.
@@ -127,13 +107,13 @@ class Maneuvering:
         self._context = context
         self._config = config
         self._tolerances = tolerances
-        self._follower: WayFollower | None = None
+        self._follower: ManeuverFollower | None = None
         self._to_goal = False
         self._rest_m = 0.0
         self._num_blocked = 0
         self._searched_ns: int | None = None
         self.has_arrived = False
-        """Whether a way has led to the goal."""
+        """Whether a maneuver has led to the goal."""
         self.is_tight_ahead = False
         """Whether there is little room somewhere along the path ahead."""
 
@@ -144,7 +124,7 @@ class Maneuvering:
 
     @property
     def left_m(self) -> float:
-        """What is left of the way and of the path behind its end [m]; turns count, too."""
+        """What is left of the maneuver and of the path behind its end [m]; turns count, too."""
         return 0.0 if self._follower is None else self._follower.left_m + self._rest_m
 
     def stop(self) -> None:
@@ -152,7 +132,7 @@ class Maneuvering:
         self._follower = None
 
     def update(self, motion: Motion, route: Route, approach: GoalApproach, now_ns: int) -> None:
-        """Search a way where one is needed; give up one that is blocked or leads elsewhere.
+        """Search a maneuver where one is needed; give up one that is blocked or leads elsewhere.
 
         Args:
             motion: of the robot; the local costmap must be centred on it.
@@ -165,7 +145,7 @@ class Maneuvering:
         needed = self._needed_until(pose, route, aim)
         self.is_tight_ahead = needed is not None
         if self._follower is not None:
-            self._check_way(pose, route, aim)
+            self._check_maneuver(pose, route, aim)
         if needed is None and self._is_through(pose):
             self.stop()
         if needed is None or self._goes_on(route, needed) or self._must_rest(now_ns):
@@ -177,16 +157,16 @@ class Maneuvering:
         found = self._search(lead[-1], route, aim, needed)
         if found is None:
             return
-        way, to_goal, rest_m = found
-        follower = WayFollower(_led(way, lead), 0.0 if to_goal else rest_m)
+        maneuver, to_goal, rest_m = found
+        follower = ManeuverFollower(_led(maneuver, lead), 0.0 if to_goal else rest_m)
         left_m = follower.left_m + rest_m
         if self._follower is not None and left_m > self.left_m + MANEUVER.longer_m:
-            return  # From the end of this way it is nearer than from here.
+            return  # From the end of this maneuver it is nearer than from here.
         self._follower, self._to_goal, self._rest_m = follower, to_goal, rest_m
         self._num_blocked, self._searched_ns = 0, None
 
     def command(self, now: ControlInput, approach: GoalApproach) -> Twist2D:
-        """Return the velocity along the way; it may be over then."""
+        """Return the velocity along the maneuver; it may be over then."""
         follower, context = self._follower, self._context
         if follower is None:
             return Twist2D.zero()
@@ -211,13 +191,13 @@ class Maneuvering:
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
         turn = follower.pop_turn(pose)
         if turn != 0.0 and not context.can_turn_by(pose, turn, TIGHT_CLEARANCE_M):
-            self.stop()  # It has come a little beside its way; from here another may do.
+            self.stop()  # It has come a little beside its maneuver; from here another may do.
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
-        is_known = wanted.vx >= 0.0 or local_costmap.sees_along(
+        is_known = wanted.vx >= 0.0 or local_costmap.known_floor.sees_along(
             follower.run_ahead(BACK_STEPS_M[-1])
         )
         if not is_known or self._is_anyone_near(pose, MANEUVER.stand_people_m):
-            wanted = Twist2D.zero()  # All of it: turning alone leads off the way.
+            wanted = Twist2D.zero()  # All of it: turning alone leads off the maneuver.
         wanted = limited_change(now.motion.twist, wanted, limits, now.elapsed_s)
         # Noise may take that much of the floor, but not more each time that it is asked.
         left_m = here_m - (floor_m - TIGHT_CLEARANCE_M)
@@ -228,7 +208,7 @@ class Maneuvering:
         return safe
 
     def _end(self, now: ControlInput, approach: GoalApproach) -> None:
-        """Note that the way is over: the robot has arrived if it led to the goal, and stands."""
+        """Note that it is over: the robot has arrived if it led to the goal, and stands."""
         twist = now.motion.twist
         if not self._to_goal:
             self.stop()
@@ -245,7 +225,7 @@ class Maneuvering:
         return self._context.seen_clearance(pose, room_m) >= room_m
 
     def _goes_on(self, route: Route, needed: int) -> bool:
-        """Say whether the way that is followed is long, or leads as far as is needed."""
+        """Say whether the maneuver that is followed is long, or leads as far as is needed."""
         follower = self._follower
         if follower is None:
             return False
@@ -257,7 +237,7 @@ class Maneuvering:
         return float(left_m[end] - left_m[needed]) < MANEUVER.farther_m
 
     def _lead(self, motion: Motion) -> list[Pose2D]:
-        """Return the poses from the robot's to where it can stand: ways may begin with a turn."""
+        """Return the poses to where the robot can stand: maneuvers may begin with a turn."""
         speed, poses = motion.twist.vx, [motion.pose]
         if speed < MANEUVER.standing_mps:
             return poses
@@ -279,7 +259,7 @@ class Maneuvering:
         return last_ns is not None and now_ns - last_ns < MANEUVER.retry_s * 1e9
 
     def _needed_until(self, pose: Pose2D, route: Route, aim: Pose2D) -> int | None:
-        """Return the index of the path up to which a way is needed, None if none is.
+        """Return the index of the path up to which a maneuver is needed, None if none is.
 
         The last index stands for the goal itself.
         """
@@ -331,11 +311,11 @@ class Maneuvering:
     def _search(
         self, pose: Pose2D, route: Route, aim: Pose2D, until: int
     ) -> tuple[Maneuver, bool, float] | None:
-        """Return a way to a point of the path or beyond, or to the goal if that is near.
+        """Return a maneuver to a point of the path or beyond, or to the goal if that is near.
 
         Returns:
-            The way, whether it leads to the goal, and what is left of the path behind its end [m],
-            a turn to look along the path included.
+            It, whether it leads to the goal, and what is left of the path behind its end [m], a
+            turn to look along the path included.
         """
         path, tolerances = route.path, self._tolerances
         until = max(until, path.ahead(route.index, MANEUVER.least_m))
@@ -348,26 +328,25 @@ class Maneuvering:
         wanted_m = self._config.clearance_m + 0.02
         if to_goal:
             xy, yaw = min(0.5 * tolerances.xy, 0.03), min(0.5 * tolerances.yaw, 0.05)
-            ends = pose.x, pose.y, pose.yaw, aim.x, aim.y, aim.yaw
-            task = Task(*ends, tolerances.any_heading, xy, yaw, wanted_m)
-            way = self._context.find_way(task, MANEUVER.half_m)
-            return None if way is None else (way, to_goal, rest_m)
+            task = Task(pose, aim, tolerances.any_heading, xy, yaw, wanted_m)
+            maneuver = self._context.find_maneuver(task, MANEUVER.half_m)
+            return None if maneuver is None else (maneuver, to_goal, rest_m)
         x, y = (float(value) for value in path.points[until])
         before = path.points[max(until - 4, 0)]
         yaw = math.atan2(y - float(before[1]), x - float(before[0]))
-        ends = pose.x, pose.y, pose.yaw, x, y, yaw
-        is_free = self._context.can_turn_by(Pose2D(x, y, yaw), 2.0 * math.pi, wanted_m)
+        end = Pose2D(x, y, yaw)
+        is_free = self._context.can_turn_by(end, 2.0 * math.pi, wanted_m)
         missed = MANEUVER.loose_m, MANEUVER.free_rad if is_free else MANEUVER.loose_rad
         for any_heading in (False, True):
-            task = Task(*ends, any_heading, *missed, wanted_m)
-            way = self._context.find_way(task, MANEUVER.half_m)
-            if way is not None:
-                turn = max(abs(wrap_angle(float(way.poses[-1, 2]) - yaw)) - missed[1], 0.0)
-                return way, to_goal, rest_m + MANEUVER.turn_as_m * turn
+            task = Task(pose, end, any_heading, *missed, wanted_m)
+            maneuver = self._context.find_maneuver(task, MANEUVER.half_m)
+            if maneuver is not None:
+                turn = max(abs(wrap_angle(float(maneuver.poses[-1, 2]) - yaw)) - missed[1], 0.0)
+                return maneuver, to_goal, rest_m + FOLLOWER.turn_as_m * turn
         return None
 
-    def _check_way(self, pose: Pose2D, route: Route, aim: Pose2D) -> None:
-        """Give the way up where something stands on it, or it leads elsewhere."""
+    def _check_maneuver(self, pose: Pose2D, route: Route, aim: Pose2D) -> None:
+        """Give the maneuver up where something stands on it, or it leads elsewhere."""
         follower = self._follower
         if follower is None:
             return
@@ -384,179 +363,12 @@ class Maneuvering:
             self.stop()
 
 
-def _led(way: Maneuver, lead: list[Pose2D]) -> Maneuver:
-    """Return a way with the poses before it that lead to its begin, forwards."""
+def _led(maneuver: Maneuver, lead: list[Pose2D]) -> Maneuver:
+    """Return a maneuver with the poses before it that lead to its begin, forwards."""
     if len(lead) == 1:
-        return way
+        return maneuver
     before = np.array([(pose.x, pose.y, pose.yaw) for pose in lead[:-1]])
-    poses = np.concatenate([before, way.poses])
+    poses = np.concatenate([before, maneuver.poses])
     poses[:, 2] = np.unwrap(poses[:, 2])
-    motions = np.concatenate([np.full(len(lead), FORWARDS, np.int8), way.motions[1:]])
+    motions = np.concatenate([np.full(len(lead), FORWARDS, np.int8), maneuver.motions[1:]])
     return Maneuver(poses, motions)
-
-
-class WayFollower:
-    """Follows one way: line by line and turn by turn.
-
-    Args:
-        maneuver: the way, in the frame of the poses given later.
-        onward_m: how far the robot drives on behind its end; 0: it stops there, and looks along
-            the way.
-    """
-
-    def __init__(self, maneuver: Maneuver, onward_m: float = 0.0) -> None:
-        self._poses, self._motions = maneuver.poses, maneuver.motions
-        steps: NDArray[np.float64] = np.diff(self._poses, axis=0)
-        lengths = np.hypot(steps[:, 0], steps[:, 1])
-        turns = np.where(self._motions[1:] == TURNING, np.abs(steps[:, 2]), 0.0)
-        self._along: NDArray[np.float64] = np.append(0.0, np.cumsum(lengths))
-        left = lengths + MANEUVER.turn_as_m * turns
-        self._left: NDArray[np.float64] = np.append(np.cumsum(left[::-1])[::-1], 0.0)
-        self._onward_m = onward_m
-        self._index = 0
-        self._run_end = self._end_of_run(0)
-        self._yaw: float | None = None
-        self._begins_run = False
-        self._stalled_s = 0.0
-        self._stalled_at = Pose2D(*self._poses[0].tolist())
-
-    @property
-    def end(self) -> Pose2D:
-        """Where the way ends."""
-        last = self._poses[-1]
-        return Pose2D(float(last[0]), float(last[1]), wrap_angle(float(last[2])))
-
-    @property
-    def left_m(self) -> float:
-        """What is left of it [m]; turns count, too."""
-        return float(self._left[self._index])
-
-    @property
-    def is_forwards(self) -> bool:
-        """Whether it drives forwards now."""
-        return int(self._motions[self._run_end]) == FORWARDS
-
-    def poses_ahead(self, length_m: float) -> NDArray[np.float64]:
-        """Return the poses (n, 3) of this length of the way from the robot on."""
-        wanted_m = float(self._along[self._index]) + length_m
-        end = int(np.searchsorted(self._along, wanted_m, side="right"))
-        return self._poses[self._index : max(end, self._index + 1)]
-
-    def run_ahead(self, length_m: float) -> NDArray[np.float64]:
-        """Return the poses (n, 3) of this length of the way, no farther than its next change."""
-        ahead = self.poses_ahead(length_m)
-        return ahead[: max(self._run_end - self._index + 1, 1)]
-
-    def pop_turn(self, pose: Pose2D) -> float:
-        """Return the angle of a turn on the spot that follows a line and begins now, once [rad]."""
-        begins, self._begins_run = self._begins_run, False
-        if not begins or int(self._motions[self._run_end]) != TURNING:
-            return 0.0
-        first, last = float(self._poses[self._index, 2]), float(self._poses[self._run_end, 2])
-        return last - first - wrap_angle(pose.yaw - first)
-
-    def has_strayed(self, pose: Pose2D) -> bool:
-        """Say whether the robot is too far off its way."""
-        x, y, yaw = self._poses[self._index]
-        off = math.hypot(pose.x - float(x), pose.y - float(y))
-        turned = self._motions[min(self._index + 1, len(self._motions) - 1)] == TURNING
-        off_yaw = 0.0 if turned else abs(wrap_angle(pose.yaw - float(yaw)))
-        return off > MANEUVER.strayed_m or off_yaw > MANEUVER.strayed_rad
-
-    def is_stalled(self, pose: Pose2D, elapsed_s: float) -> bool:
-        """Note where the robot is; say whether it has been held up for long, by whomever."""
-        moved_m = pose.distance_to(self._stalled_at)
-        moved_m += MANEUVER.turn_as_m * abs(wrap_angle(pose.yaw - self._stalled_at.yaw))
-        if moved_m > MANEUVER.stalled_m:
-            self._stalled_at, self._stalled_s = pose, 0.0
-        self._stalled_s += elapsed_s
-        return self._stalled_s > MANEUVER.stalled_s
-
-    def command(self, motion: Motion, limits: Limits) -> Twist2D | None:
-        """Return the velocity to drive now, None at the way's end.
-
-        Args:
-            motion: of the robot.
-            limits: of the robot, those of the place included.
-        """
-        pose = motion.pose
-        while self._index < len(self._poses) - 1:
-            sense = int(self._motions[self._run_end])
-            twist = (
-                self._turn(pose, limits) if sense == TURNING else self._line(pose, sense, limits)
-            )
-            if twist is not None:
-                return twist
-            self._index = self._run_end
-            self._run_end = self._end_of_run(self._index)
-            self._yaw = None
-            self._begins_run = True
-        return self._turn(pose, limits) if self._onward_m == 0.0 else None
-
-    def _end_of_run(self, first: int) -> int:
-        """Return the last pose that is reached by the same motion as the one after `first`."""
-        if first >= len(self._poses) - 1:
-            return first
-        same = self._motions[first + 1 :] == self._motions[first + 1]
-        other = np.flatnonzero(~same)
-        return first + (int(other[0]) if len(other) else len(same))
-
-    def _turn(self, pose: Pose2D, limits: Limits) -> Twist2D | None:
-        """Return the velocity of a turn on the spot, None when it is over."""
-        goal = float(self._poses[self._run_end, 2])
-        # The way around that is free may be the longer one.
-        near = float(self._poses[self._index, 2]) if self._yaw is None else self._yaw
-        self._yaw = near + wrap_angle(pose.yaw - near)
-        left = goal - self._yaw
-        if abs(left) < MANEUVER.settle_rad:
-            return None
-        return Twist2D(0.0, 0.0, turn_rate(left, limits))
-
-    def _line(self, pose: Pose2D, sense: int, limits: Limits) -> Twist2D | None:
-        """Return the velocity along a line or curve, None at its end."""
-        run = self._poses[self._index : self._run_end + 1]
-        near = run[: MANEUVER.nearest_of]
-        self._index += int(np.argmin(np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)))
-        last = self._poses[self._run_end]
-        cos, sin = math.cos(float(last[2])), math.sin(float(last[2]))
-        left = sense * ((float(last[0]) - pose.x) * cos + (float(last[1]) - pose.y) * sin)
-        along = float(self._along[self._run_end] - self._along[self._index])
-        if along < MANEUVER.ahead_m and left < MANEUVER.arrived_m:
-            return None
-        x, y, yaw = (float(value) for value in self._poses[self._index])
-        aside = -(pose.x - x) * math.sin(yaw) + (pose.y - y) * math.cos(yaw)
-        off = wrap_angle(pose.yaw - yaw)
-        decay = MANEUVER.track_m
-        bend = self._bend() - sense * aside / decay**2 - 2.0 * off / decay
-        speed = limits.max_speed if sense > 0 else limits.max_reverse
-        speed = min(speed, limits.max_turn / max(abs(bend), 1e-3), self._bend_speed(limits))
-        rest = max(left, 0.0) if along < 2.0 * decay else along
-        if sense > 0 and self._run_end == len(self._poses) - 1:
-            rest += self._onward_m
-        braking = math.sqrt(limits.deceleration * rest)
-        speed = min(speed, max(braking, MANEUVER.creep_mps))
-        return Twist2D(sense * speed, 0.0, bend * speed)
-
-    def _bend_speed(self, limits: Limits) -> float:
-        """Return the speed from which the robot can slow down for the bends right ahead [m/s]."""
-        reach_m = float(self._along[self._index]) + MANEUVER.bend_ahead_m
-        end = min(int(np.searchsorted(self._along, reach_m)), self._run_end)
-        if end - self._index < 2:
-            return math.inf
-        part = slice(self._index, end + 1)
-        along = self._along[part]
-        turns = np.abs(np.diff(self._poses[part, 2])) / np.maximum(np.diff(along), 1e-3)
-        # Two neighbours are half a bend each: headings come in steps.
-        bends = 0.5 * (turns[1:] + turns[:-1])
-        there = 0.5 * limits.max_turn / np.maximum(bends, 1e-3)
-        before_m = along[1:-1] - along[0]
-        return float(np.sqrt(there**2 + 2.0 * limits.deceleration * before_m).min())
-
-    def _bend(self) -> float:
-        """Return how the heading changes along the way a little ahead [rad/m]."""
-        wanted = float(self._along[self._index]) + MANEUVER.ahead_m
-        middle = int(np.searchsorted(self._along, wanted))
-        first = max(middle - 2, self._index)
-        last = min(middle + 2, self._run_end)
-        length = float(self._along[last] - self._along[first])
-        return float(self._poses[last, 2] - self._poses[first, 2]) / length if length > 0.0 else 0.0

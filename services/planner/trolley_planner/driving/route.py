@@ -71,7 +71,6 @@ class Route:
         targets: via points and the goal's position in `grid` [m], in their order.
         path: the first plan.
         any_heading: whether the robot may look anywhere at the goal.
-        changes: how often the goal's path was replaced before.
     """
 
     def __init__(
@@ -81,11 +80,11 @@ class Route:
         targets: list[Pose2D],
         path: PlannedPath,
         any_heading: bool = False,
-        changes: int = 0,
     ) -> None:
         self._context = context
         self._replan_ns = round(config.replan_s * 1e9)
-        self._targets = targets
+        self.targets = targets
+        """Via points that are left, and the goal."""
         self._any_heading = any_heading
         self.path = path
         self.index = 0
@@ -96,20 +95,24 @@ class Route:
         """Where the only path was too narrow for the footprint, x, y in `grid` [m]."""
         self._patience_ns = round(config.patience_s * 1e9)
         self._blocked_since_ns: int | None = None
-        self.changes = changes
+        self.changes = 0
         """How often the goal's path was replaced."""
+        self.must_replan = False
+        """Whether to plan anew in any case, as after a jump of the pose."""
+        self._timed: tuple[tuple[int, float], NDArray[np.float64]] | None = None
+        """For which path and speed the times along it are known, and these."""
         self._planned_ns = 0
         self._weights_changed = False
 
     @property
     def goal(self) -> Pose2D:
         """The last target."""
-        return self._targets[-1]
+        return self.targets[-1]
 
     @property
     def vias_left(self) -> int:
         """Via points that were not passed yet."""
-        return len(self._targets) - 1
+        return len(self.targets) - 1
 
     def remaining_m(self, pose: Pose2D) -> float:
         """Return how far it is to the goal along the path [m]."""
@@ -119,19 +122,40 @@ class Route:
 
     def update_position(self, pose: Pose2D) -> None:
         """Advance along the path to where the robot is, past via points that it reached."""
-        while self.vias_left and pose.distance_to(self._targets[0]) < PASS_M:
+        while self.vias_left and pose.distance_to(self.targets[0]) < PASS_M:
             self.index = max(self.index, self.path.vias[0])
-            self._targets.pop(0)
+            self.targets.pop(0)
             self.path = self.path.without_first_via()
         nearest = self.path.nearest(pose.x, pose.y, self.index, ROUTE.reach_m)
         self.index = min(nearest, self.path.vias[0]) if self.vias_left else nearest
+
+    def eta_s(self, pose: Pose2D, goal_yaw: float | None, limits: Limits) -> float:
+        """Return how long the rest of the path will take, with the turn at its end [s].
+
+        The times along it are kept until the path or the speed changes.
+
+        Args:
+            pose: of the robot in `grid`.
+            goal_yaw: heading at the end, None if any will do.
+            limits: of the robot.
+        """
+        path, key = self.path, (self.changes, limits.max_speed)
+        if self._timed is None or self._timed[0] != key:
+            seconds = seconds_along(path.points, pose.yaw, self._context.costmap, limits)
+            self._timed = key, seconds
+        seconds, turn = self._timed[1], 0.0
+        if goal_yaw is not None:
+            end = path.points[-1] - path.points[path.ahead(0, max(path.length_m - 0.3, 0.0))]
+            bearing = math.atan2(float(end[1]), float(end[0]))
+            turn = abs(wrap_angle(goal_yaw - bearing)) / limits.max_turn
+        return float(seconds[-1] - seconds[self.index]) + turn
 
     def stretch(self, reach_m: float) -> Stretch:
         """Return the part ahead that is at most `reach_m` long and leads to the next target."""
         last = self.path.ahead(self.index, reach_m)
         if self.vias_left:
             last = min(last, self.path.vias[0])
-        return Stretch(self.index, last, self._targets[0], self.vias_left == 0)
+        return Stretch(self.index, last, self.targets[0], self.vias_left == 0)
 
     def has_strayed(self, pose: Pose2D) -> bool:
         """Say whether the robot is so far from the path that it needs another."""
@@ -140,16 +164,16 @@ class Route:
 
     def retarget(self, goal: Pose2D) -> None:
         """Drive to a slightly different goal from now on."""
-        self._targets[-1] = goal
+        self.targets[-1] = goal
 
-    def replan_if_due(self, pose: Pose2D, now_ns: int, force: bool = False) -> None:
+    def replan_if_due(self, pose: Pose2D, now_ns: int) -> None:
         """Bring the costmap up to date; replace the path where it is blocked or can be better.
 
         Args:
             pose: of the robot in `grid`.
             now_ns: robot time.
-            force: plan in any case.
         """
+        force, self.must_replan = self.must_replan, False
         self._weights_changed |= self._context.costmap.refresh()
         is_cut = bool(self.blocked_points(1))
         if is_cut and self._blocked_since_ns is None:
@@ -197,7 +221,7 @@ class Route:
             off_m: how far the robot has driven since the map ended [m].
         """
         cols, rows = self._cells(self.index, len(self.path.points))
-        is_off = self._context.costmap.kinds[rows, cols] == UNKNOWN
+        is_off = self._context.costmap.static.kinds[rows, cols] == UNKNOWN
         left_m = self.path.remaining_m[self.index :]
         lengths_m = -np.diff(left_m, append=0.0) * is_off
         back = int(np.argmin(is_off)) if not is_off.all() else len(is_off)
@@ -218,7 +242,7 @@ class Route:
         """Look for a better path, or any if the present one is cut."""
         costmap, planner = self._context.costmap, self._context.planner
         start = (pose.x, pose.y)
-        targets = [(target.x, target.y) for target in self._targets]
+        targets = [(target.x, target.y) for target in self.targets]
         yaws = pose.yaw, self._goal_yaw
         found = planner.plan(start, targets, costmap.weights, costmap.distance_m, yaws)
         self.narrow = planner.narrow if found is None else []
@@ -227,7 +251,7 @@ class Route:
             # It follows a blocked path as far as it can: from close by things may look different.
             if force or self.has_strayed(pose):
                 optimistic = planner.plan(
-                    start, targets, planner.optimistic_weights(), costmap.static_distance_m, yaws
+                    start, targets, planner.optimistic_weights(), costmap.static.distance_m, yaws
                 )
                 if optimistic is not None:
                     self._replace(optimistic)
@@ -251,7 +275,7 @@ class Route:
 
     @property
     def _goal_yaw(self) -> float | None:
-        return None if self._any_heading else self._targets[-1].yaw
+        return None if self._any_heading else self.targets[-1].yaw
 
     def _replace(self, path: PlannedPath) -> None:
         self.path = path
@@ -295,7 +319,7 @@ def seconds_along(
     cells = np.floor(points[1:] / costmap.resolution_m).astype(np.int64)
     near = costmap.distance_m[cells[:, 1], cells[:, 0]] - costmap.footprint.inscribed_m
     speeds = np.array([caution_speed(limits, clearance) for clearance in near.tolist()])
-    speeds = np.minimum(speeds, costmap.speed_limits[cells[:, 1], cells[:, 0]])
+    speeds = np.minimum(speeds, costmap.static.speed_limits[cells[:, 1], cells[:, 0]])
     bearings = np.arctan2(steps[:, 1], steps[:, 0])
     corners = np.abs(wrap_angles(np.diff(bearings)))
     turns = np.where(corners > TIMING.corner_rad, corners / limits.max_turn, 0.0)
@@ -306,46 +330,6 @@ def seconds_along(
         limits.max_speed / limits.acceleration
     )
     return begin + np.insert(np.cumsum(seconds), 0, 0.0)
-
-
-class PathTimer:
-    """Remembers how long a path takes until the path or the speed changes."""
-
-    def __init__(self) -> None:
-        self._key: tuple[str, float] | None = None
-        self._seconds = np.zeros(1)
-
-    def eta_s(
-        self,
-        path_key: str,
-        path: PlannedPath,
-        index: int,
-        pose: Pose2D,
-        goal_yaw: float | None,
-        costmap: Costmap,
-        limits: Limits,
-    ) -> float:
-        """Return how long the rest of a path will take, with the turn at its end [s].
-
-        Args:
-            path_key: changes whenever the path does.
-            path: in `grid`.
-            index: of the point where the robot is.
-            pose: of the robot in `grid`.
-            goal_yaw: heading at the end, None if any will do.
-            costmap: tells what is near, and the speed zones.
-            limits: of the robot.
-        """
-        key = (path_key, limits.max_speed)
-        if key != self._key:
-            self._key = key
-            self._seconds = seconds_along(path.points, pose.yaw, costmap, limits)
-        turn = 0.0
-        if goal_yaw is not None:
-            end = path.points[-1] - path.points[path.ahead(0, max(path.length_m - 0.3, 0.0))]
-            bearing = math.atan2(float(end[1]), float(end[0]))
-            turn = abs(wrap_angle(goal_yaw - bearing)) / limits.max_turn
-        return float(self._seconds[-1] - self._seconds[index]) + turn
 
 
 def timed_poses(

@@ -9,7 +9,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change
-from trolley_planner.driving.goal_execution import GoalExecution, execution_to
+from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.fleet.neighbours import Neighbour, moved_into
 from trolley_planner.fleet.right_of_way import (
     RIGHT_OF_WAY,
@@ -20,7 +20,6 @@ from trolley_planner.fleet.right_of_way import (
     robot_standing_on,
 )
 from trolley_planner.fleet.waiting_pose import find_waiting_pose, is_clear
-from trolley_planner.goals import Tolerances
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +50,6 @@ class GivingWayParams:
 
 GIVING_WAY = GivingWayParams()
 TO_PASS = "to pass"
-ASIDE = Tolerances(0.12, math.pi)
 
 
 @dataclass(slots=True)
@@ -266,14 +264,14 @@ class GivingWay:
             and self._waiting_execution.goal_grid.distance_to(target) < 0.3
         ):
             return
-        self._waiting_execution = execution_to(place, execution, self._config, pose, ASIDE, now_ns)
+        self._waiting_execution = execution.to_place_beside(place, pose, now_ns)
 
     def _passages_for(self, context: PlanningContext, going: Sequence[Neighbour]) -> Passages:
         """Return where this robot and the largest of the others do not fit side by side."""
         largest_m = max(one.radius_m for one in going)
         half_m = context.footprint.circumscribed_m + largest_m + RIGHT_OF_WAY.margin_m
         known = self._passages
-        walls_m = context.costmap.static_distance_m
+        walls_m = context.costmap.static.distance_m
         if known is None or known[0] is not walls_m or abs(known[1].half_m - half_m) > 1e-6:
             passages = Passages(walls_m, context.costmap.resolution_m, half_m)
             known = self._passages = walls_m, passages

@@ -18,7 +18,7 @@ from trolley.messages import GoalStatus, Path, PoseEstimate, Robot
 from trolley.messages.types import floats_from_bytes
 from trolley_planner.goals import ACTIVE
 from trolley_planner.paths.path import SPACING_M
-from trolley_planner.people import ROBOT_DT_S
+from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,16 +12,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.jit import kernel
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change
 from trolley_planner.costmap.inflation import LETHAL
-from trolley_planner.driving.goal_execution import GoalExecution, execution_to
+from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.fleet.right_of_way import Passages
-from trolley_planner.goals import Tolerances
 from trolley_planner.paths.heap import sift_up, take_first
 from trolley_planner.paths.path import SPACING_M
 from trolley_planner.sensing.beams import wrapped
@@ -76,20 +74,14 @@ class AsideParams(NamedTuple):
 
 
 ASIDE = AsideParams()
-TOLERANCES = Tolerances(0.12, math.pi)
 SENTENCE = "Somebody comes where two do not fit side by side; the robot makes room."
 Floats = NDArray[np.float64]
 
 
 class SteppingAside:
-    """Decides whether to make room for people, and drives to where there is some.
+    """Decides whether to make room for people, and drives to where there is some."""
 
-    Args:
-        config: of the planner.
-    """
-
-    def __init__(self, config: PlannerConfig) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self._passages: tuple[NDArray[np.float32], Passages] | None = None
         self._execution: GoalExecution | None = None
         self._place = (0.0, 0.0)
@@ -138,9 +130,7 @@ class SteppingAside:
             moves = self._execution is None or math.dist(place, self._place) > ASIDE.moves_m
             # Who is on the way to a place that still does goes there.
             if self._since_ns is None or (moves and not self._still_does(driven, motion, speed)):
-                aside = execution_to(
-                    place, driven, self._config, motion.pose, TOLERANCES, now_ns, True
-                )
+                aside = driven.to_place_beside(place, motion.pose, now_ns, hurries=True)
                 if aside is None:
                     return
                 self._execution, self._place = aside, place
@@ -151,7 +141,7 @@ class SteppingAside:
 
     def _passages_of(self, context: PlanningContext) -> Passages:
         """Return where on the map this robot does not fit beside a person in the middle."""
-        walls_m, known = context.costmap.static_distance_m, self._passages
+        walls_m, known = context.costmap.static.distance_m, self._passages
         if known is None or known[0] is not walls_m:
             half_m = ASIDE.person_m + 2.0 * context.footprint.inscribed_m
             passages = Passages(walls_m, context.costmap.resolution_m, half_m)
@@ -170,10 +160,11 @@ class SteppingAside:
 
     def _still_does(self, driven: GoalExecution, motion: Motion, speed: float) -> bool:
         """Say whether the place that it drives to is in nobody's way."""
-        coming = Coming(driven.context, motion.pose, driven.context.footprint.circumscribed_m)
-        arrival = coming.arrivals(motion.pose, speed)
-        cell = coming.cell_of(*self._place)
-        return cell is not None and math.isinf(coming.closes_s[cell]) and arrival[cell] < math.inf
+        around = Surroundings(driven.context, motion.pose)
+        closes_s = around.closes_s(driven.context.footprint.circumscribed_m)
+        arrival = around.arrivals(closes_s, motion.pose, speed)
+        cell = around.cell_of(*self._place)
+        return cell is not None and math.isinf(closes_s[cell]) and arrival[cell] < math.inf
 
     def update(self, motion: Motion, now_ns: int) -> bool:
         """Take a scan in on the way aside; False if it does not make room."""
@@ -196,16 +187,15 @@ class SteppingAside:
             self._execution.replan_if_due(now)
 
 
-class Coming:
-    """When people come to each cell around the robot.
+class Surroundings:
+    """The floor around the robot, and where people will walk on it.
 
     Args:
         context: costmap and people.
         pose: of the robot in `grid`.
-        keep_m: a robot with its centre in a cell is in the way of who comes this near to it.
     """
 
-    def __init__(self, context: PlanningContext, pose: Pose2D, keep_m: float) -> None:
+    def __init__(self, context: PlanningContext, pose: Pose2D) -> None:
         costmap = context.costmap
         edge = self._edge_m = costmap.resolution_m
         half = math.ceil(ASIDE.half_m / edge)
@@ -213,12 +203,22 @@ class Coming:
         self._first = max(row - half, 0), max(col - half, 0)
         part = np.s_[self._first[0] : row + half + 1, self._first[1] : col + half + 1]
         self._is_free = np.ascontiguousarray(costmap.weights[part] != LETHAL)
-        self._walls_m = np.ascontiguousarray(costmap.static_distance_m[part])
-        self.closes_s = np.full(self._is_free.shape, np.inf)
-        """(rows, cols) from when on somebody is there [s], infinite where nobody comes."""
+        walls_m = np.ascontiguousarray(costmap.static.distance_m[part])
         walkers = context.local_costmap.walkers_now()
         walkers[:, :2] -= edge * np.array([self._first[1], self._first[0]])
-        close_cells(self.closes_s, self._walls_m, walkers, edge, keep_m)
+        self._radii_m = walkers[:, 4]
+        self._tracks = np.empty((len(walkers), round(ASIDE.ahead_s / ASIDE.step_s), 2))
+        walk_into(self._tracks, walls_m, walkers, edge)
+
+    def closes_s(self, keep_m: float) -> Floats:
+        """Return from when on somebody is near each cell (rows, cols) [s], infinite if nobody is.
+
+        Args:
+            keep_m: near is this far from their outline.
+        """
+        closes_s = np.full(self._is_free.shape, np.inf)
+        close_cells(closes_s, self._tracks, self._radii_m + keep_m, self._edge_m)
+        return closes_s
 
     def cell_of(self, x: float, y: float) -> tuple[int, int] | None:
         """Return row and column of a point of `grid` [m], None outside."""
@@ -239,28 +239,27 @@ class Coming:
         corner = self._edge_m * np.array([self._first[1], self._first[0]])
         return corner + self._edge_m * (np.column_stack([cols, rows]) + 0.5)
 
-    def arrivals(self, pose: Pose2D, speed: float) -> Floats:
+    def arrivals(self, closes_s: Floats, pose: Pose2D, speed: float) -> Floats:
         """Return when the robot can be in each cell (rows, cols) [s] before somebody is there."""
         here = self.cell_of(pose.x, pose.y)
-        found = np.full(self.closes_s.shape, np.inf)
+        found = np.full(closes_s.shape, np.inf)
         if here is not None:
             pace = max(ASIDE.pace * speed, 0.05)
-            arrive(found, self._is_free, self.closes_s, here, (pose.yaw, self._edge_m / pace))
+            arrive(found, self._is_free, closes_s, here, (pose.yaw, self._edge_m / pace))
         return found
 
-    def has_room_beside(self, points: Floats) -> bool:
+    def is_refuge(self, closes_s: Floats) -> NDArray[np.bool_]:
+        """Say of cells (rows, cols) whether the robot fits there and nobody comes."""
+        return self._is_free & np.isinf(closes_s)
+
+    def has_room_beside(self, points: Floats, closes_s: Floats) -> bool:
         """Say whether there is a place where nobody comes beside each of some points (n, 2)."""
-        room = self.points_of(*np.nonzero(self.is_refuge))
+        room = self.points_of(*np.nonzero(self.is_refuge(closes_s)))
         reach_m = ASIDE.room_m
         return all(
             bool((np.hypot(room[:, 0] - x, room[:, 1] - y) < reach_m).any())
             for x, y in points.tolist()
         )
-
-    @property
-    def is_refuge(self) -> NDArray[np.bool_]:
-        """Where the robot fits and nobody comes."""
-        return self._is_free & np.isinf(self.closes_s)
 
 
 def find_refuge(
@@ -281,11 +280,12 @@ def find_refuge(
         return None
     last = route.path.ahead(route.index, ASIDE.ahead_m)
     points = route.path.points[route.index : last + 1]
-    slim = Coming(context, pose, context.footprint.inscribed_m + ASIDE.beside_m)
-    rows, cols = slim.cells_of(points)
+    around = Surroundings(context, pose)
+    slim_s = around.closes_s(context.footprint.inscribed_m + ASIDE.beside_m)
+    rows, cols = around.cells_of(points)
     pace = max(ASIDE.pace * speed, 0.05)
     times_s = SPACING_M * np.arange(len(rows)) / pace
-    meets = np.flatnonzero(slim.closes_s[rows, cols] <= times_s + ASIDE.early_s)
+    meets = np.flatnonzero(slim_s[rows, cols] <= times_s + ASIDE.early_s)
     if len(meets) == 0:
         return None
     meeting = int(meets[0])
@@ -293,15 +293,15 @@ def find_refuge(
     behind = meeting + round(ASIDE.behind_m / SPACING_M)
     near = round(ASIDE.narrow_m / SPACING_M)
     is_narrow = passages.hold(points[max(meeting - near, 0) : meeting + near + 1]).any()
-    if not is_narrow or slim.has_room_beside(points[before : behind + 1 : 4]):
+    if not is_narrow or around.has_room_beside(points[before : behind + 1 : 4], slim_s):
         return None  # the controller passes them there
     # A robot that waits may look anywhere.
-    wide = Coming(context, pose, context.footprint.circumscribed_m + ASIDE.keep_m)
-    arrival = wide.arrivals(pose, speed)
-    refuge_rows, refuge_cols = np.nonzero(wide.is_refuge & np.isfinite(arrival))
+    wide_s = around.closes_s(context.footprint.circumscribed_m + ASIDE.keep_m)
+    arrival = around.arrivals(wide_s, pose, speed)
+    refuge_rows, refuge_cols = np.nonzero(around.is_refuge(wide_s) & np.isfinite(arrival))
     if len(refuge_rows) == 0:
         return None
-    places = wide.points_of(refuge_rows, refuge_cols)
+    places = around.points_of(refuge_rows, refuge_cols)
     to_go_m = np.hypot(*(places - points[meeting]).T)
     best = int((arrival[refuge_rows, refuge_cols] + to_go_m / pace).argmin())
     walkers = context.local_costmap.walkers_now()
@@ -314,36 +314,49 @@ def find_refuge(
 
 
 @kernel
-def close_cells(
-    out_closes_s: Floats,
-    walls_m: NDArray[np.float32],
-    walkers: Floats,
-    edge_m: float,
-    keep_m: float,
+def walk_into(
+    out_tracks: Floats, walls_m: NDArray[np.float32], walkers: Floats, edge_m: float
 ) -> None:
-    """Write from when on somebody is near each cell, if all walk on along the walls.
+    """Write where people will be, if all walk on along the walls.
 
     Args:
-        out_closes_s: (rows, cols), lowered.
+        out_tracks: (n, steps, 2) x, y [m] every `ASIDE.step_s`, NaN outside the cells; overwritten.
         walls_m: (rows, cols) distance to the nearest wall.
         walkers: (n, 6) see `Field.walkers`, from the corner of the cells on.
         edge_m: of a cell.
-        keep_m: near is this far from their outline.
     """
-    rows, cols = out_closes_s.shape
+    rows, cols = walls_m.shape
     for index in range(walkers.shape[0]):
         x, y = walkers[index, 0], walkers[index, 1]
-        reach = (walkers[index, 4] + keep_m) / edge_m
-        for step in range(round(ASIDE.ahead_s / ASIDE.step_s)):
+        for step in range(out_tracks.shape[1]):
             row, col = math.floor(y / edge_m), math.floor(x / edge_m)
+            out_tracks[index, step, :] = np.nan
             # Whoever is beyond the edge may still come in.
             if 0 < row < rows - 1 and 0 < col < cols - 1:
                 if step > 0 and walls_m[row, col] < ASIDE.wall_m:
                     off_x, off_y = off_wall(walls_m, row, col, edge_m)
                     x, y = x + off_x, y + off_y
-                lower_disc(out_closes_s, (x / edge_m, y / edge_m), reach, step * ASIDE.step_s)
+                out_tracks[index, step, 0], out_tracks[index, step, 1] = x, y
             x += ASIDE.step_s * walkers[index, 2]
             y += ASIDE.step_s * walkers[index, 3]
+
+
+@kernel
+def close_cells(out_closes_s: Floats, tracks: Floats, reaches_m: Floats, edge_m: float) -> None:
+    """Write from when on somebody is near each cell.
+
+    Args:
+        out_closes_s: (rows, cols), lowered.
+        tracks: (n, steps, 2) see `walk_into`.
+        reaches_m: (n,) how near is near, from their middle.
+        edge_m: of a cell.
+    """
+    for index in range(tracks.shape[0]):
+        for step in range(tracks.shape[1]):
+            x, y = tracks[index, step, 0], tracks[index, step, 1]
+            if not math.isnan(x):
+                reach = reaches_m[index] / edge_m
+                lower_disc(out_closes_s, (x / edge_m, y / edge_m), reach, step * ASIDE.step_s)
 
 
 @kernel

@@ -69,7 +69,7 @@ def find_waiting_pose(
     points[0] = here.x, here.y
     price = lengths_m + WAITING.narrow_price * passages.hold(points)
     inner = np.minimum(cells * step + step // 2, np.array(costmap.shape[::-1]) - 1)
-    room_m = costmap.static_distance_m[inner[:, 1], inner[:, 0]]
+    room_m = costmap.static.distance_m[inner[:, 1], inner[:, 0]]
     price += WAITING.short_price * np.maximum(0.0, radius_m + WAITING.wall_m - room_m)
     for other in others:
         apart_m = radius_m + other.radius_m + WAITING.clear_m + WAITING.spare_m

@@ -8,6 +8,17 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, soften_disc
+from trolley_planner.paths.corridor import (
+    TILE,
+    Corridor,
+    Terrain,
+    close,
+    open_discs,
+    open_path,
+    reload,
+    rewind,
+    tile_of,
+)
 from trolley_planner.paths.search import (
     COSTLIEST_STEP,
     STEP,
@@ -18,7 +29,14 @@ from trolley_planner.paths.search import (
     descend_into,
     grow,
     make_queue,
-    push,
+)
+from trolley_planner.paths.tiles import (
+    Coarse,
+    block,
+    even_share,
+    has_opened,
+    retile,
+    retile_changes,
 )
 
 
@@ -54,50 +72,6 @@ class CorridorParams(NamedTuple):
 CORRIDOR = CorridorParams()
 COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
 """Cost of a straight step over free cells."""
-TILE = 4
-CUT = 4096
-"""Stands for a lethal weight in sums; more than those of all others in a line of a tile."""
-
-
-class Corridor(NamedTuple):
-    """Cells that a search may use; outside all weights are lethal."""
-
-    tiles: NDArray[np.int32]
-    """(tiles,) those inside, from index 0."""
-    is_inside: NDArray[np.uint8]
-    """(tile rows, tile cols) 1 inside."""
-    weights: NDArray[np.uint8]
-    """(rows, cols), 0 outside."""
-    cost: NDArray[np.int32]
-    """(rows, cols) cost-to-go; without meaning outside."""
-
-
-class Terrain(NamedTuple):
-    """What the weights in a corridor are made of."""
-
-    weights: NDArray[np.uint8]
-    """(rows, cols)."""
-    distance_m: NDArray[np.float32]
-    """(rows, cols) to the nearest obstacle."""
-    discs: NDArray[np.float64]
-    """(n, 3) x, y, radius [cells]: within them lethal cells where nothing stands are passable,"""
-    price: int
-    """at this weight."""
-
-
-class Coarse(NamedTuple):
-    """The grid of tiles."""
-
-    weights: NDArray[np.uint8]
-    """(tile rows, tile cols) what it takes to cross each."""
-    cost: NDArray[np.int32]
-    """(tiles,) cost-to-go."""
-    queue: Queue
-    """What waits of the search for it."""
-    seen: NDArray[np.uint8]
-    """(rows, cols) the cells' weights that the tiles were made of,"""
-    is_stale: NDArray[np.uint8]
-    """(tile rows,) but for these rows of tiles: 1."""
 
 
 class CostToGo:
@@ -340,12 +314,6 @@ def _ends(discs: NDArray[np.float64]) -> tuple[int, int]:
 
 
 @kernel
-def tile_of(cell: int, cols: int, tile_cols: int) -> int:
-    """Return the tile that a cell lies in."""
-    return (cell // cols // TILE + 1) * tile_cols + cell % cols // TILE + 1
-
-
-@kernel
 def search_anew(
     out_path: NDArray[np.int32],
     corridor: Corridor,
@@ -412,349 +380,3 @@ def search_anew(
             return count, num_inside, final_coarse, final, directions
         block(coarse, corridor, tiles)
     return 0, num_inside, final_coarse, final, directions
-
-
-@kernel
-def block(coarse: Coarse, corridor: Corridor, tiles: NDArray[np.int32]) -> None:
-    """Close the tile of a coarse path (n,) behind the last one that was reached from the target."""
-    rows, cols = corridor.weights.shape
-    tile_cols = coarse.weights.shape[1]
-    for index in range(tiles.shape[0] - 1, -1, -1):
-        tile_row, tile_col = tiles[index] // tile_cols, tiles[index] % tile_cols
-        is_reached = False
-        for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
-            for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
-                is_free = corridor.weights[row, col] != LETHAL
-                is_reached |= is_free and corridor.cost[row, col] != UNREACHED
-        if not is_reached:
-            coarse.weights[tile_row, tile_col] = LETHAL
-            coarse.is_stale[tile_row] = 1
-            return
-
-
-@kernel
-def even_share(weights: NDArray[np.uint8]) -> float:
-    """Return what share of the passable tiles (tile rows, tile cols) costs the least there is."""
-    flat = weights.reshape(-1)
-    even, passable = 0, 0
-    for tile in range(flat.shape[0]):
-        even += 1 if flat[tile] == WEIGHT_UNIT else 0
-        passable += 1 if flat[tile] != LETHAL else 0
-    return even / max(passable, 1)
-
-
-@kernel
-def retile_changes(coarse: Coarse, weights: NDArray[np.uint8]) -> None:
-    """Bring the tiles' weights up to date with those of the cells (rows, cols)."""
-    rows = weights.shape[0]
-    cols = weights.shape[1]
-    flat, flat_seen = weights.reshape(-1), coarse.seen.reshape(-1)
-    for tile_row in range(1, coarse.weights.shape[0] - 1):
-        first, last = (tile_row - 1) * TILE, min(tile_row * TILE, rows)
-        cells = slice(first * cols, last * cols)
-        if differs(flat_seen[cells], flat[cells]) or coarse.is_stale[tile_row] != 0:
-            flat_seen[cells] = flat[cells]
-            coarsen_row_into(coarse.weights[tile_row], weights[first:last])
-            coarse.is_stale[tile_row] = 0
-
-
-@kernel
-def differs(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
-    """Say whether two stretches (n,) differ; without branches, so many cells at a time."""
-    difference = np.uint8(0)
-    for col in range(one.shape[0]):
-        difference = np.uint8(difference | np.uint8(one[col] ^ other[col]))
-    return difference != 0
-
-
-@kernel
-def coarsen_row_into(out_weights: NDArray[np.uint8], weights: NDArray[np.uint8]) -> None:
-    """Write what it takes to cross each tile of a row: the mean weight of its best row or column.
-
-    Where all of them are cut, its lowest weight; 0 where all cells are lethal.
-
-    Args:
-        out_weights: (tile cols,), overwritten.
-        weights: (up to TILE, cols) of its cells; what lies beyond is lethal.
-    """
-    rows, cols = weights.shape
-    tile_cols = out_weights.shape[0] - 2
-    row_line = np.full(TILE * tile_cols, CUT, dtype=np.uint16)
-    columns = np.zeros(TILE * tile_cols, dtype=np.uint16)
-    lowest = np.full(TILE * tile_cols, CUT, dtype=np.uint16)
-    best = np.full(tile_cols, CUT, dtype=np.uint16)
-    # Loops without branches over whole rows.
-    for row in range(rows):
-        for col in range(cols):
-            weight = weights[row, col]
-            row_line[col] = np.uint16(weight) + np.uint16(weight == 0) * np.uint16(CUT)
-        for col in range(TILE * tile_cols):
-            columns[col] += row_line[col]
-            lowest[col] = min(lowest[col], row_line[col])
-        for tile in range(tile_cols):
-            first = TILE * tile
-            total = row_line[first] + row_line[first + 1]
-            total += row_line[first + 2] + row_line[first + 3]
-            best[tile] = min(best[tile], np.uint16(total))
-    if rows < TILE:
-        columns[:] = CUT
-    out_weights[0] = out_weights[-1] = LETHAL
-    for tile in range(tile_cols):
-        least, line = np.uint16(CUT), best[tile]
-        for col in range(TILE * tile, TILE * (tile + 1)):
-            least, line = min(least, lowest[col]), min(line, columns[col])
-        out_weights[tile + 1] = tile_weight(int(line), int(least))
-
-
-@kernel
-def tile_weight(line: int, least: int) -> int:
-    """Return the weight of a tile by the sum of its best line and its lowest weight."""
-    if line < CUT:
-        return (line + TILE // 2) // TILE
-    return least if least < CUT else LETHAL
-
-
-@kernel
-def weight_at(terrain: Terrain, row: int, col: int) -> int:
-    """Return what a cell of the corridor weighs."""
-    weight = terrain.weights[row, col]
-    if weight != LETHAL or terrain.distance_m[row, col] <= 0.0:
-        return weight
-    rows, cols = terrain.weights.shape
-    if row == 0 or col == 0 or row == rows - 1 or col == cols - 1:
-        return weight
-    for index in range(terrain.discs.shape[0]):
-        x, y, radius = terrain.discs[index, 0], terrain.discs[index, 1], terrain.discs[index, 2]
-        if math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius:
-            return terrain.price
-    return weight
-
-
-@kernel
-def load_tile(corridor: Corridor, terrain: Terrain, tile_row: int, tile_col: int) -> int:
-    """Bring the weights of a tile of the corridor up to date.
-
-    Returns:
-        All costs below this are still right: the least cost-to-go of a cell that has changed or
-        lies beside one that has.
-    """
-    weights, known, cost = terrain.weights, corridor.weights, corridor.cost
-    rows, cols = weights.shape
-    least = UNREACHED
-    for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
-        for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
-            weight = int(weights[row, col])
-            if weight == LETHAL:
-                weight = weight_at(terrain, row, col)
-            if weight == known[row, col]:
-                continue
-            known[row, col] = weight
-            for beside_row in range(row - 1, row + 2):
-                for beside_col in range(col - 1, col + 2):
-                    if known[beside_row, beside_col] != LETHAL:
-                        least = min(least, cost[beside_row, beside_col])
-    return least
-
-
-@kernel
-def open_box(
-    corridor: Corridor, num_tiles: int, terrain: Terrain, box: tuple[int, int, int, int]
-) -> tuple[int, int]:
-    """Add all tiles of a box to the corridor, and update those that are in it.
-
-    Args:
-        corridor: changed.
-        num_tiles: how many are inside so far.
-        terrain: what it is made of.
-        box: first and last row, first and last column [tiles]; may reach beyond the grid.
-
-    Returns:
-        How many are inside now, and up to which cost all costs are still right.
-    """
-    tile_rows, tile_cols = corridor.is_inside.shape
-    rows, cols = corridor.weights.shape
-    least = UNREACHED
-    for tile_row in range(max(box[0], 1), min(box[1], tile_rows - 2) + 1):
-        for tile_col in range(max(box[2], 1), min(box[3], tile_cols - 2) + 1):
-            if corridor.is_inside[tile_row, tile_col] == 0:
-                corridor.is_inside[tile_row, tile_col] = 1
-                corridor.tiles[num_tiles] = tile_row * tile_cols + tile_col
-                num_tiles += 1
-                for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
-                    for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
-                        corridor.cost[row, col] = UNREACHED
-            least = min(least, load_tile(corridor, terrain, tile_row, tile_col))
-    return num_tiles, least
-
-
-@kernel
-def open_discs(corridor: Corridor, num_tiles: int, terrain: Terrain) -> tuple[int, int]:
-    """Add all tiles under the discs to the corridor, and update those that are in it.
-
-    Returns:
-        How many are inside now, and up to which cost all costs are still right.
-    """
-    right = UNREACHED
-    for index in range(terrain.discs.shape[0]):
-        x, y, radius = terrain.discs[index, 0], terrain.discs[index, 1], terrain.discs[index, 2]
-        box = (
-            math.floor(y - radius) // TILE + 1,
-            math.floor(y + radius) // TILE + 1,
-            math.floor(x - radius) // TILE + 1,
-            math.floor(x + radius) // TILE + 1,
-        )
-        num_tiles, least = open_box(corridor, num_tiles, terrain, box)
-        right = min(right, least)
-    return num_tiles, right
-
-
-@kernel
-def open_path(
-    corridor: Corridor,
-    num_tiles: int,
-    weights: NDArray[np.uint8],
-    cheapest_path: NDArray[np.int32],
-    reach: int,
-) -> int:
-    """Add tiles and those at most `reach` from them to the corridor.
-
-    The tiles under the discs must be inside. With a reach of 1 only those with an edge in common
-    are added: with them a diagonal path is wide enough.
-
-    Returns:
-        How many are inside now.
-    """
-    tile_cols = corridor.is_inside.shape[1]
-    rows, cols = corridor.weights.shape
-    for tile in cheapest_path:
-        row, col = tile // tile_cols, tile % tile_cols
-        for near_row in range(row - reach, row + reach + 1):
-            for near_col in range(col - reach, col + reach + 1):
-                if reach == 1 and near_row != row and near_col != col:
-                    continue
-                # The rim of the grid of tiles is never part of a path, but may lie beside one.
-                if not (0 < near_row < corridor.is_inside.shape[0] - 1):
-                    continue
-                if not (0 < near_col < tile_cols - 1) or corridor.is_inside[near_row, near_col]:
-                    continue
-                corridor.is_inside[near_row, near_col] = 1
-                corridor.tiles[num_tiles] = near_row * tile_cols + near_col
-                num_tiles += 1
-                for cell_row in range((near_row - 1) * TILE, min(near_row * TILE, rows)):
-                    for cell_col in range((near_col - 1) * TILE, min(near_col * TILE, cols)):
-                        corridor.cost[cell_row, cell_col] = UNREACHED
-                        corridor.weights[cell_row, cell_col] = weights[cell_row, cell_col]
-    return num_tiles
-
-
-@kernel
-def reload(corridor: Corridor, num_tiles: int, terrain: Terrain) -> int:
-    """Bring all weights of the corridor up to date; return up to which cost all are still right."""
-    tile_cols = corridor.is_inside.shape[1]
-    least = UNREACHED
-    for index in range(num_tiles):
-        tile = corridor.tiles[index]
-        least = min(least, load_tile(corridor, terrain, tile // tile_cols, tile % tile_cols))
-    return least
-
-
-@kernel
-def rewind(corridor: Corridor, num_tiles: int, queue: Queue, until: int) -> None:
-    """Forget all costs above `until`, and queue the cells from which the search goes on."""
-    clear_queue(queue)
-    tile_cols = corridor.is_inside.shape[1]
-    rows, cols = corridor.weights.shape
-    flat = corridor.cost.reshape(-1)
-    for index in range(num_tiles):
-        tile_row = corridor.tiles[index] // tile_cols
-        tile_col = corridor.tiles[index] % tile_cols
-        for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
-            for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
-                cost = corridor.cost[row, col]
-                if cost > until - COSTLIEST_STEP:
-                    corridor.cost[row, col] = UNREACHED
-                    if cost <= until and corridor.weights[row, col] != LETHAL:
-                        push(queue, flat, row * cols + col, cost)
-
-
-@kernel
-def close(corridor: Corridor, num_tiles: int) -> None:
-    """Remove all tiles from the corridor."""
-    tile_cols = corridor.is_inside.shape[1]
-    rows, cols = corridor.weights.shape
-    for index in range(num_tiles):
-        tile_row = corridor.tiles[index] // tile_cols
-        tile_col = corridor.tiles[index] % tile_cols
-        corridor.is_inside[tile_row, tile_col] = 0
-        for row in range((tile_row - 1) * TILE, min(tile_row * TILE, rows)):
-            for col in range((tile_col - 1) * TILE, min(tile_col * TILE, cols)):
-                corridor.weights[row, col] = LETHAL
-
-
-@kernel
-def has_opened(
-    seen: NDArray[np.uint8], weights: NDArray[np.uint8], is_inside: NDArray[np.uint8]
-) -> bool:
-    """Say whether a cell outside the corridor has become cheaper.
-
-    Args:
-        seen: (rows, cols) as they were.
-        weights: (rows, cols) as they are.
-        is_inside: (tile rows, tile cols) of the corridor.
-    """
-    for row in range(weights.shape[0]):
-        if num_cheaper(seen[row], weights[row]) == 0:
-            continue
-        for col in range(weights.shape[1]):
-            weight, before = int(weights[row, col]), int(seen[row, col])
-            is_cheaper = weight != LETHAL and (before == LETHAL or weight < before)
-            if is_cheaper and is_inside[row // TILE + 1, col // TILE + 1] == 0:
-                return True
-    return False
-
-
-@kernel
-def num_cheaper(seen: NDArray[np.uint8], weights: NDArray[np.uint8]) -> int:
-    """Return how many cells (n,) have become cheaper; without branches, so many at a time."""
-    count = 0
-    for col in range(seen.shape[0]):
-        # Less one, lethal is the dearest of all.
-        weight, before = np.uint8(weights[col] - np.uint8(1)), np.uint8(seen[col] - np.uint8(1))
-        count += 1 if weight < before else 0
-    return count
-
-
-@kernel
-def retile(coarse: Coarse, corridor: Corridor, num_tiles: int) -> None:
-    """Write the weights of the tiles inside, which may differ from the grid's.
-
-    Args:
-        coarse: changed; the rows of these tiles will be made anew next time.
-        corridor: up to date.
-        num_tiles: inside.
-    """
-    tile_cols = corridor.is_inside.shape[1]
-    rows, cols = corridor.weights.shape
-    for index in range(num_tiles):
-        tile_row = corridor.tiles[index] // tile_cols
-        tile_col = corridor.tiles[index] % tile_cols
-        line, least = CUT, CUT
-        for step in range(TILE):
-            along_row, along_col = 0, 0
-            for part in range(TILE):
-                row, col = (tile_row - 1) * TILE + step, (tile_col - 1) * TILE + part
-                weight = cut_at(corridor.weights, row, col, rows, cols)
-                along_row, least = along_row + weight, min(least, weight)
-                row, col = (tile_row - 1) * TILE + part, (tile_col - 1) * TILE + step
-                along_col += cut_at(corridor.weights, row, col, rows, cols)
-            line = min(line, min(along_row, along_col))
-        coarse.weights[tile_row, tile_col] = tile_weight(line, least)
-        coarse.is_stale[tile_row] = 1
-
-
-@kernel
-def cut_at(weights: NDArray[np.uint8], row: int, col: int, rows: int, cols: int) -> int:
-    """Return the weight of a cell, `CUT` where it is lethal or outside."""
-    if row >= rows or col >= cols or weights[row, col] == LETHAL:
-        return CUT
-    return int(weights[row, col])

@@ -7,13 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry import Pose2D
 from trolley.jit import kernel
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Body, Field, clearance_at
 from trolley_planner.costmap.inflation import LETHAL
+from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch, Task
 from trolley_planner.paths.path import SPACING_M
-from trolley_planner.paths.pose_search import PoseSearch, Task
 
 
 class FootprintCheckParams(NamedTuple):
@@ -153,12 +154,10 @@ class FootprintCheck:
         cells = np.floor(points[start : end + 1, ::-1] / self._edge_m).astype(np.int64)
         low = cells.min(axis=0) - self._margin
         size = cells.max(axis=0) + self._margin + 1 - low
-        has_seen = field.distance_m is not self._costmap.static_distance_m
+        has_seen = field.distance_m is not self._costmap.static.distance_m
         grid.update((int(low[0]), int(low[1])), (int(size[0]), int(size[1])), has_seen)
         closed = grid.divided(_box_of(weights == LETHAL, low, size))
         unknown = np.zeros_like(closed)
-        x, y = (float(value) for value in points[start])
-        to_x, to_y = (float(value) for value in points[end])
         yaw, to_yaw = heading_along(points, start), heading_along(points, end)
         if start == 0 and yaws[0] is not None:
             yaw = yaws[0]
@@ -167,7 +166,8 @@ class FootprintCheck:
             to_yaw = yaws[1]
         any_heading = not is_end and can_turn(field, self._body, points[end])
         missed = (CHECK.exact_m, CHECK.exact_rad) if is_end else (CHECK.end_xy_m, CHECK.end_rad)
-        ends = x, y, yaw, to_x, to_y, to_yaw
+        (x, y), (to_x, to_y) = points[start].tolist(), points[end].tolist()
+        ends = Pose2D(x, y, yaw), Pose2D(to_x, to_y, to_yaw)
         task = Task(*ends, any_heading, *missed, CHECK.wanted_m)
         found = self._pose_search.find(grid, unknown, closed, task)
         if found is None and not any_heading and not is_end:

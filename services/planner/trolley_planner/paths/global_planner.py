@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, soften_disc
-from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo, Terrain
+from trolley_planner.paths.corridor import Terrain
+from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo
 from trolley_planner.paths.footprint_check import FootprintCheck, Yaws
+from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch
 from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten, through_cells
-from trolley_planner.paths.pose_search import PoseSearch
 
 Point = tuple[float, float]
 
@@ -86,7 +87,7 @@ class GlobalPlanner:
             distance_m: (rows, cols) that belongs to them.
             yaws: of the robot at the start and at the goal [rad], None where any will do.
         """
-        leaving = self._costmap.leaving
+        leaving = self._costmap.static.leaving
         if leaving is not None:
             # Expensive, so that the path leaves the zone as soon as it can, and does not cross it.
             weights = np.where(
@@ -179,7 +180,7 @@ class GlobalPlanner:
     def optimistic_weights(self) -> NDArray[np.uint8]:
         """Return weights in which what the lidar saw in the way is expensive, but passable."""
         costmap = self._costmap
-        passable = (costmap.weights == LETHAL) & (costmap.static_weights != LETHAL)
+        passable = (costmap.weights == LETHAL) & (costmap.static.weights != LETHAL)
         return np.where(passable, np.uint8(PLANNING.optimistic_weight), costmap.weights)
 
     def _plan_through(

@@ -1,0 +1,188 @@
+"""The two states of the localizer: it searches, or it follows one pose."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from trolley.config.localizer import LocalizerConfig
+from trolley.geometry import Pose2D
+from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Proof, Rivals, evidence_of
+from trolley_localizer.matching.map_matcher import MatchScore
+from trolley_localizer.tracking.tracking_state import TrackingMonitor
+
+
+@dataclass(frozen=True, slots=True)
+class FollowingParams:
+    """When the localizer changes its mind about a pose. All values were found by hand."""
+
+    loyalty: float = 0.15
+    """An estimate that has proven right, and that no beam contradicts, is preferred by this much:
+    odometry seldom loses it, while furniture that was moved may well make another place fit
+    better."""
+    loyalty_astray: float = 0.05
+    """This share of beams that end nowhere behind walls takes all of `loyalty` away."""
+    tried_m: float = 0.5
+    """A given pose that the map does not explain well is believed only after this distance [m]."""
+    least_known: float = 0.5
+    """Where less of the beams ends on what the map knows, the robot is off the map."""
+    search_known: float = 0.8
+    """A search asks too much of the true place where less of the beams does."""
+    known_smoothing_s: float = 0.4
+    """Time constant of that share [s]."""
+    trusted_m: float = 5.0
+    """A robot that comes back from further off the map must prove where it is [m]."""
+    searched_m: float = 0.5
+    """A place is believed only if a search no longer ago than this has found none beside it [m]."""
+    doubted_m: float = 3.0
+    """An estimate that has been in doubt over this distance may be wrong after all [m]."""
+
+
+PARAMS = FollowingParams()
+
+
+@dataclass(slots=True)
+class Searching:
+    """The robot may be anywhere; the places that a search has found are followed."""
+
+    places: Hypotheses
+    has_result: bool = False
+    """Whether a search has been completed since; without one there are no places."""
+
+
+class Following:
+    """One pose is followed; the monitor says whether it is believed.
+
+    Args:
+        config: of the localizer.
+        rivals: other places that may be the right one.
+    """
+
+    def __init__(self, config: LocalizerConfig, rivals: Rivals) -> None:
+        self._config = config
+        self.rivals = rivals
+        self.monitor = TrackingMonitor(config)
+        self.is_proven = False
+        """Whether no other place explained the scans as well."""
+        self.proof: Proof | None = None
+        """Must come out before the estimate is believed: it was found without a prior, or the robot
+        may have been carried off."""
+        self.is_found = False
+        """It was found by a search: the odometry has not led to it."""
+        self.is_searched = False
+        """Whether the whole map has been searched since the proof began."""
+        self.unsearched_m: float | None = 0.0
+        """Distance driven since the first scan after the last search delivered, with turns counted
+        in [m]; None until that scan."""
+        self.off_m = 0.0
+        """Distance driven off the map since it ended [m]."""
+        self._driven_m = 0.0
+        self._doubted_m = 0.0
+        self._known = 1.0
+
+    @property
+    def is_off_map(self) -> bool:
+        """Whether the map does not know what most beams end on."""
+        return self._known < PARAMS.least_known
+
+    def predict(self, step: Pose2D, driven_m: float) -> None:
+        """Note an odometry step [m, m, rad], and how far it is with its turn."""
+        self.rivals.predict(step)
+        if self.proof is not None:
+            self.proof.predict(step)
+        self.unsearched_m = 0.0 if self.unsearched_m is None else self.unsearched_m + driven_m
+        self._driven_m += driven_m
+        self._doubted_m = self._doubted_m + driven_m if self.monitor.doubts else 0.0
+        if self.is_off_map:
+            self.off_m += math.hypot(step.x, step.y)
+
+    def update_known(self, known: float, elapsed_s: float) -> None:
+        """Take in which share of a scan's beams ends on what the map knows, 0 ... 1."""
+        share = min(1.0, elapsed_s / PARAMS.known_smoothing_s)
+        self._known += share * (known - self._known)
+
+    def come_back(self) -> bool:
+        """Note that the robot is on the map; True if from so far off that it must prove where."""
+        must_prove = self.off_m > PARAMS.trusted_m and self.proof is None
+        if must_prove:
+            self.proof = Proof(has_prior=True)
+            self.is_proven = self.is_searched = False
+        self.off_m = 0.0
+        return must_prove
+
+    def forget_prior(self) -> None:
+        """Note that the robot may have been carried off: the odometry's word is worth nothing."""
+        self.is_proven = self.is_searched = False
+        self.proof = Proof()
+        self.rivals.clear()
+
+    # Whether it is the right place.
+
+    def preferred(self, score: MatchScore) -> float:
+        """Return the support of the estimate, with a bonus for having been right so far."""
+        if self.proof is not None and not self.is_found:
+            return PROOF.between + evidence_of(score, is_led=True)
+        if not self.is_proven:
+            return score.value
+        return score.value + PARAMS.loyalty * max(0.0, 1.0 - score.astray / PARAMS.loyalty_astray)
+
+    def confirm(self, support: float) -> None:
+        """Note that no place explains the scans as well as the estimate."""
+        if self.proof is not None:
+            return
+        if support < self._config.good_support and self._driven_m < PARAMS.tried_m:
+            return
+        self.is_proven = True
+        if support >= self._config.poor_support:
+            self.monitor.vouch(support)
+
+    def prove(self, score: MatchScore, pinned: Callable[[], float]) -> bool:
+        """Take what a scan says for a place without a prior into account; True once it is proven.
+
+        Args:
+            score: of the estimate.
+            pinned: asked how firmly the scan pins the pose, 0 ... 1.
+        """
+        proof = self.proof
+        if proof is None or self.is_off_map:
+            return False
+        if proof.is_due:
+            proof.add(evidence_of(score, is_led=not self.is_found), pinned())
+        if proof.is_right and (self.unsearched_m or 0.0) > PARAMS.searched_m:
+            self.is_searched = False  # Other places may fit better from here.
+        if not proof.is_right or not self.is_searched or self.rivals.exist:
+            return False
+        self.proof, self.is_found, self.is_proven = None, False, True
+        self.monitor.vouch(score.tracked)
+        return True
+
+    def is_disproven(self) -> bool:
+        """Say whether the place that was to be proven is given up.
+
+        One that a search has found is at the first sign. One from before the robot may have been
+        carried off may have somebody in front of it for a moment. One to which the odometry has led
+        is kept, and the whole map searched again, until another place stands out.
+        """
+        proof = self.proof
+        if proof is None or not self.is_searched:
+            return False
+        if proof.has_prior:
+            if proof.is_overdue:
+                self.proof, self.is_searched = Proof(has_prior=True), False
+            return False
+        return proof.is_overdue or (proof.is_against and self.is_found)
+
+    def needs_search(self, since_s: float) -> bool | None:
+        """Say whether to search the whole map for a better place; None: as before.
+
+        Args:
+            since_s: time since the last search began [s].
+        """
+        if self.proof is None and self._known < PARAMS.search_known:
+            return None
+        if self._doubted_m > PARAMS.doubted_m:
+            self.is_proven, self._doubted_m = False, 0.0
+        if self.proof is not None and not self.is_searched:
+            return True
+        if self.monitor.doubts and since_s > self._config.search_again_s:
+            return not self.rivals.exist or self.rivals.is_stale
+        return None

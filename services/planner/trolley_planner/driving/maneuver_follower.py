@@ -1,0 +1,213 @@
+"""Following a maneuver: line by line and turn by turn."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley_planner.control.controller import Motion
+from trolley_planner.control.rollout import Limits
+from trolley_planner.driving.goal_approach import turn_rate
+from trolley_planner.paths.hybrid_astar.motions import FORWARDS, TURNING, Maneuver
+
+
+@dataclass(frozen=True, slots=True)
+class FollowerParams:
+    """How a maneuver is followed; all by hand."""
+
+    stalled_s: float = 1.5
+    """A maneuver is given up when the robot was held up for this long,"""
+    stalled_m: float = 0.015
+    """as it is if it moved less than this, turns counted as below."""
+    settle_rad: float = 0.03
+    """A turn is over this near to its end."""
+    track_m: float = 0.16
+    """An error beside the maneuver decays over this distance."""
+    ahead_m: float = 0.05
+    """The bend of the maneuver is taken this far ahead: commands take their time."""
+    strayed_m: float = 0.05
+    """A robot this far beside its maneuver needs another."""
+    strayed_rad: float = 0.25
+    """The same of its heading."""
+    bend_ahead_m: float = 0.3
+    """Before a bend it slows down from this far on: it cannot begin to turn at once."""
+    creep_mps: float = 0.04
+    """Speed at the end of a line."""
+    arrived_m: float = 0.008
+    """A line is over this near to its end."""
+    nearest_of: int = 8
+    """The robot is looked for among so many poses of the maneuver from where it was."""
+    turn_as_m: float = 0.3
+    """A turn by one radian that is left counts as this distance."""
+
+
+FOLLOWER = FollowerParams()
+
+
+class ManeuverFollower:
+    """Follows one maneuver: line by line and turn by turn.
+
+    Args:
+        maneuver: the maneuver, in the frame of the poses given later.
+        onward_m: how far the robot drives on behind its end; 0: it stops there, and looks along
+            the maneuver.
+    """
+
+    def __init__(self, maneuver: Maneuver, onward_m: float = 0.0) -> None:
+        self._poses, self._motions = maneuver.poses, maneuver.motions
+        steps: NDArray[np.float64] = np.diff(self._poses, axis=0)
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        turns = np.where(self._motions[1:] == TURNING, np.abs(steps[:, 2]), 0.0)
+        self._along: NDArray[np.float64] = np.append(0.0, np.cumsum(lengths))
+        left = lengths + FOLLOWER.turn_as_m * turns
+        self._left: NDArray[np.float64] = np.append(np.cumsum(left[::-1])[::-1], 0.0)
+        self._onward_m = onward_m
+        self._index = 0
+        self._run_end = self._end_of_run(0)
+        self._yaw: float | None = None
+        self._begins_run = False
+        self._stalled_s = 0.0
+        self._stalled_at = Pose2D(*self._poses[0].tolist())
+
+    @property
+    def end(self) -> Pose2D:
+        """Where the maneuver ends."""
+        last = self._poses[-1]
+        return Pose2D(float(last[0]), float(last[1]), wrap_angle(float(last[2])))
+
+    @property
+    def left_m(self) -> float:
+        """What is left of it [m]; turns count, too."""
+        return float(self._left[self._index])
+
+    @property
+    def is_forwards(self) -> bool:
+        """Whether it drives forwards now."""
+        return int(self._motions[self._run_end]) == FORWARDS
+
+    def poses_ahead(self, length_m: float) -> NDArray[np.float64]:
+        """Return the poses (n, 3) of this length of the maneuver from the robot on."""
+        wanted_m = float(self._along[self._index]) + length_m
+        end = int(np.searchsorted(self._along, wanted_m, side="right"))
+        return self._poses[self._index : max(end, self._index + 1)]
+
+    def run_ahead(self, length_m: float) -> NDArray[np.float64]:
+        """Return the poses (n, 3) of this length of it, no farther than its next change."""
+        ahead = self.poses_ahead(length_m)
+        return ahead[: max(self._run_end - self._index + 1, 1)]
+
+    def pop_turn(self, pose: Pose2D) -> float:
+        """Return the angle of a turn on the spot that follows a line and begins now, once [rad]."""
+        begins, self._begins_run = self._begins_run, False
+        if not begins or int(self._motions[self._run_end]) != TURNING:
+            return 0.0
+        first, last = float(self._poses[self._index, 2]), float(self._poses[self._run_end, 2])
+        return last - first - wrap_angle(pose.yaw - first)
+
+    def has_strayed(self, pose: Pose2D) -> bool:
+        """Say whether the robot is too far off its maneuver."""
+        x, y, yaw = self._poses[self._index]
+        off = math.hypot(pose.x - float(x), pose.y - float(y))
+        turned = self._motions[min(self._index + 1, len(self._motions) - 1)] == TURNING
+        off_yaw = 0.0 if turned else abs(wrap_angle(pose.yaw - float(yaw)))
+        return off > FOLLOWER.strayed_m or off_yaw > FOLLOWER.strayed_rad
+
+    def is_stalled(self, pose: Pose2D, elapsed_s: float) -> bool:
+        """Note where the robot is; say whether it has been held up for long, by whomever."""
+        moved_m = pose.distance_to(self._stalled_at)
+        moved_m += FOLLOWER.turn_as_m * abs(wrap_angle(pose.yaw - self._stalled_at.yaw))
+        if moved_m > FOLLOWER.stalled_m:
+            self._stalled_at, self._stalled_s = pose, 0.0
+        self._stalled_s += elapsed_s
+        return self._stalled_s > FOLLOWER.stalled_s
+
+    def command(self, motion: Motion, limits: Limits) -> Twist2D | None:
+        """Return the velocity to drive now, None at the maneuver's end.
+
+        Args:
+            motion: of the robot.
+            limits: of the robot, those of the place included.
+        """
+        pose = motion.pose
+        while self._index < len(self._poses) - 1:
+            sense = int(self._motions[self._run_end])
+            twist = (
+                self._turn(pose, limits) if sense == TURNING else self._line(pose, sense, limits)
+            )
+            if twist is not None:
+                return twist
+            self._index = self._run_end
+            self._run_end = self._end_of_run(self._index)
+            self._yaw = None
+            self._begins_run = True
+        return self._turn(pose, limits) if self._onward_m == 0.0 else None
+
+    def _end_of_run(self, first: int) -> int:
+        """Return the last pose that is reached by the same motion as the one after `first`."""
+        if first >= len(self._poses) - 1:
+            return first
+        same = self._motions[first + 1 :] == self._motions[first + 1]
+        other = np.flatnonzero(~same)
+        return first + (int(other[0]) if len(other) else len(same))
+
+    def _turn(self, pose: Pose2D, limits: Limits) -> Twist2D | None:
+        """Return the velocity of a turn on the spot, None when it is over."""
+        goal = float(self._poses[self._run_end, 2])
+        # The turn that is free may be the longer one.
+        near = float(self._poses[self._index, 2]) if self._yaw is None else self._yaw
+        self._yaw = near + wrap_angle(pose.yaw - near)
+        left = goal - self._yaw
+        if abs(left) < FOLLOWER.settle_rad:
+            return None
+        return Twist2D(0.0, 0.0, turn_rate(left, limits))
+
+    def _line(self, pose: Pose2D, sense: int, limits: Limits) -> Twist2D | None:
+        """Return the velocity along a line or curve, None at its end."""
+        run = self._poses[self._index : self._run_end + 1]
+        near = run[: FOLLOWER.nearest_of]
+        self._index += int(np.argmin(np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)))
+        last = self._poses[self._run_end]
+        cos, sin = math.cos(float(last[2])), math.sin(float(last[2]))
+        left = sense * ((float(last[0]) - pose.x) * cos + (float(last[1]) - pose.y) * sin)
+        along = float(self._along[self._run_end] - self._along[self._index])
+        if along < FOLLOWER.ahead_m and left < FOLLOWER.arrived_m:
+            return None
+        x, y, yaw = (float(value) for value in self._poses[self._index])
+        aside = -(pose.x - x) * math.sin(yaw) + (pose.y - y) * math.cos(yaw)
+        off = wrap_angle(pose.yaw - yaw)
+        decay = FOLLOWER.track_m
+        bend = self._bend() - sense * aside / decay**2 - 2.0 * off / decay
+        speed = limits.max_speed if sense > 0 else limits.max_reverse
+        speed = min(speed, limits.max_turn / max(abs(bend), 1e-3), self._bend_speed(limits))
+        rest = max(left, 0.0) if along < 2.0 * decay else along
+        if sense > 0 and self._run_end == len(self._poses) - 1:
+            rest += self._onward_m
+        braking = math.sqrt(limits.deceleration * rest)
+        speed = min(speed, max(braking, FOLLOWER.creep_mps))
+        return Twist2D(sense * speed, 0.0, bend * speed)
+
+    def _bend_speed(self, limits: Limits) -> float:
+        """Return the speed from which the robot can slow down for the bends right ahead [m/s]."""
+        reach_m = float(self._along[self._index]) + FOLLOWER.bend_ahead_m
+        end = min(int(np.searchsorted(self._along, reach_m)), self._run_end)
+        if end - self._index < 2:
+            return math.inf
+        part = slice(self._index, end + 1)
+        along = self._along[part]
+        turns = np.abs(np.diff(self._poses[part, 2])) / np.maximum(np.diff(along), 1e-3)
+        # Two neighbours are half a bend each: headings come in steps.
+        bends = 0.5 * (turns[1:] + turns[:-1])
+        there = 0.5 * limits.max_turn / np.maximum(bends, 1e-3)
+        before_m = along[1:-1] - along[0]
+        return float(np.sqrt(there**2 + 2.0 * limits.deceleration * before_m).min())
+
+    def _bend(self) -> float:
+        """Return how the heading changes along the maneuver a little ahead [rad/m]."""
+        wanted = float(self._along[self._index]) + FOLLOWER.ahead_m
+        middle = int(np.searchsorted(self._along, wanted))
+        first = max(middle - 2, self._index)
+        last = min(middle + 2, self._run_end)
+        length = float(self._along[last] - self._along[first])
+        return float(self._poses[last, 2] - self._poses[first, 2]) / length if length > 0.0 else 0.0

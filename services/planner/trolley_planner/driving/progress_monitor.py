@@ -1,0 +1,120 @@
+"""What may keep the robot from its goal, and for how long it is patient."""
+
+from dataclasses import dataclass
+
+from trolley import codes
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D, Twist2D
+from trolley_planner.context.motion_state import ControlInput
+from trolley_planner.context.planning_context import PlanningContext
+from trolley_planner.control.proximity import PROXIMITY
+from trolley_planner.driving.contact_hold import ContactHold
+from trolley_planner.driving.progress_checker import ProgressChecker
+
+
+@dataclass(frozen=True, slots=True)
+class PatienceParams:
+    """When the robot waits, and when it tries to get free; all by hand."""
+
+    no_path_s: float = 0.7
+    """Recovery begins when the local costmap has held no path for this long."""
+    standing_mps: float = 0.03
+    """A robot slower than this,"""
+    standing_radps: float = 0.1
+    """and turning slower than this, counts as standing."""
+    on_goal_m: float = 0.1
+    """Nearer to an occupied goal than this the robot does not wait: it has only to turn."""
+    wait_at_goal_m: float = 0.5
+    """The robot waits this far before an occupied goal, measured from its outline."""
+    goal_patience: float = 4.0
+    """It waits there for this many times the usual patience."""
+    yield_m: float = 0.8
+    """Somebody moving this near to the outline may be why the robot stands."""
+
+
+PATIENCE = PatienceParams()
+
+
+class ProgressMonitor:
+    """Notices that the robot does not get on, and tells why.
+
+    Args:
+        context: costmaps, and people.
+        config: of the planner.
+    """
+
+    def __init__(self, context: PlanningContext, config: PlannerConfig) -> None:
+        self._context = context
+        self._patience_s = config.patience_s
+        self._checker = ProgressChecker(config)
+        self._contact_hold = ContactHold(context.footprint, config.patience_s)
+        self._no_path_s = 0.0
+        self._held_s = 0.0
+        self._occupied_s = 0.0
+        self.is_waiting_at_goal = False
+        """Whether the robot stands before a goal that something stands on."""
+
+    def update(self, now_ns: int, pose: Pose2D) -> None:
+        """Take a scan in."""
+        costmap = self._context.costmap
+        beams, people = costmap.obstacle_layer.beams, costmap.moving.people
+        self._contact_hold.update(now_ns, beams, people, pose)
+
+    def reset_progress(self) -> None:
+        """Measure anew, as with a new goal."""
+        self._checker.reset()
+
+    def reset(self) -> None:
+        """Measure anew, and be patient again while there is no path."""
+        self._checker.reset()
+        self._no_path_s = 0.0
+
+    def must_stand(self, now_ns: int) -> bool:
+        """Say whether somebody touches the robot."""
+        return self._contact_hold.must_stand(now_ns)
+
+    def is_held(self, now: ControlInput) -> bool:
+        """Say whether somebody may be why the robot stands: they touch it, or move near it."""
+        near_m = self._context.footprint.circumscribed_m + PATIENCE.yield_m
+        moves_near = self._context.local_costmap.is_anyone_near(now.motion.pose, near_m)
+        return moves_near or self.must_stand(now.now_ns)
+
+    def is_excused(self, twist: Twist2D, now: ControlInput) -> bool:
+        """Say whether somebody holds the robot up, for as long as it is patient."""
+        is_held = abs(twist.vx) < PROXIMITY.standing_mps and self.is_held(now)
+        self._held_s = self._held_s + now.elapsed_s if is_held else 0.0
+        return is_held and self._held_s < self._patience_s
+
+    def check(self, now: ControlInput, left_m: float, *, is_led: bool) -> str | None:
+        """Return the code of what is wrong, None while all is well.
+
+        Args:
+            now: where the robot is.
+            left_m: what is left to do.
+            is_led: whether there is a path for it.
+        """
+        self._no_path_s = 0.0 if is_led else self._no_path_s + now.elapsed_s
+        pose, twist = now.motion.pose, now.motion.twist
+        trouble = self._checker.check(now.now_ns, left_m, pose, now.odom_T_base)
+        stands = abs(twist.vx) < PATIENCE.standing_mps and abs(twist.wz) < PATIENCE.standing_radps
+        if trouble is None and self._no_path_s > PATIENCE.no_path_s and stands:
+            return codes.BLOCKED
+        return trouble
+
+    def wait_at_goal(self, left_m: float, elapsed_s: float, *, is_occupied: bool) -> bool:
+        """Note whether the robot waits before a goal; False when it has waited long enough.
+
+        Args:
+            left_m: how far it is to the goal.
+            elapsed_s: since the last time.
+            is_occupied: whether something stands on the goal.
+        """
+        reach_m = self._context.footprint.circumscribed_m + PATIENCE.wait_at_goal_m
+        waits = is_occupied and PATIENCE.on_goal_m < left_m < reach_m
+        self._occupied_s += elapsed_s if waits else -0.2 * elapsed_s
+        self._occupied_s = max(0.0, self._occupied_s)
+        is_patient = self._occupied_s <= PATIENCE.goal_patience * self._patience_s
+        self.is_waiting_at_goal = waits or not is_patient
+        if is_patient and waits:
+            self._checker.reset()
+        return is_patient

@@ -1,0 +1,1 @@
+"""Hybrid A*: a search over poses with the true footprint, forwards, backwards and on the spot."""

@@ -1,0 +1,58 @@
+"""How the robot moves along a maneuver, and what a change of that costs."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+
+FORWARDS, BACKWARDS, TURNING, AT_START = 1, -1, 0, 2
+"""How the robot comes to a pose."""
+CELL_M = 0.025
+"""Edge of a state's cell; curves have a pose in each."""
+PoseXYYaw = tuple[float, float, float]
+"""x, y [m], yaw [rad], measured from the corner of the grid that is searched."""
+Motions = tuple[NDArray[np.float64], NDArray[np.int8]]
+"""(n, 3) poses, and (n,) how the robot comes to each."""
+
+
+class MotionCosts(NamedTuple):
+    """What motions cost beside their length; by hand."""
+
+    turn_m: float = 0.35
+    """A turn on the spot by one radian costs as much as this many metres."""
+    arc_m: float = 0.1
+    """The same for a turn while driving: straight lines are easier to follow."""
+    switch_m: float = 0.3
+    """So does a change between forwards and backwards,"""
+    halt_m: float = 0.2
+    """and one between driving and turning."""
+
+
+COSTS = MotionCosts()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Maneuver:
+    """A path with headings.
+
+    Attributes:
+        poses: (n, 3) x, y [m], yaw [rad, not wrapped] in `grid`, a little apart.
+        motions: (n,) FORWARDS, BACKWARDS or TURNING: how the robot comes to each pose from the
+            one before; the first has that of the second.
+    """
+
+    poses: NDArray[np.float64]
+    motions: NDArray[np.int8]
+
+
+@kernel
+def change_cost(before: int, motion: int) -> float:
+    """Return what the change from one motion to another costs [m]."""
+    if before == AT_START:
+        return 0.0
+    if before == motion:
+        return 0.0
+    return COSTS.halt_m if before == TURNING or motion == TURNING else COSTS.switch_m

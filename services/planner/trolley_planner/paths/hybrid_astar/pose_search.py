@@ -1,0 +1,226 @@
+"""A search over poses with the true footprint: forwards, backwards and on the spot.
+
+Where the footprint matters a path of points will not do: which way the robot looks, and when it
+backs, decide whether it gets through. States are a cell, one of 64 headings and, as in hybrid A*,
+the exact point at which the cell was reached first, so that straight lines stay straight. Moves are
+short lines and arcs, both ways, and turns on the spot. Where there is room for a full turn one
+state stands for all headings: in open floor that leaves a search of the place alone. From states
+near the goal a direct drive is tried as well.
+
+It is searched first with two fine cells of clearance, then with one, then with none: what is
+measured errs, and so do wheels.
+
+Source:
+    Dolgov, Thrun, Montemerlo, Diebel, Path Planning for Autonomous Vehicles in Unknown
+    Semi-structured Environments (2010): exact points in cells, the cost-to-go of the place alone as
+    a heuristic, and direct drives to the goal. Deviations: turns on the spot take the place of
+    Reeds and Shepp's curves; what headings cost at least is bounded, not looked up in a table.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+from trolley_planner.costmap.fine_grid import FineGrid
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.costmap.inflation import WEIGHT_UNIT
+from trolley_planner.paths.hybrid_astar.analytic_expansion import expand_to_goal, expansion_poses
+from trolley_planner.paths.hybrid_astar.footprint_spans import (
+    ANGLE_RAD,
+    PHASES,
+    FootprintSpans,
+    heading_of,
+    is_free,
+    nearest_angle,
+    rasterized,
+)
+from trolley_planner.paths.hybrid_astar.heuristic import (
+    HEURISTIC,
+    Heuristic,
+    Query,
+    cell_of,
+    least_weights,
+    make_heuristic,
+)
+from trolley_planner.paths.hybrid_astar.motions import (
+    BACKWARDS,
+    FORWARDS,
+    TURNING,
+    Maneuver,
+    Motions,
+    PoseXYYaw,
+)
+from trolley_planner.paths.hybrid_astar.open_list import (
+    GOAL_KEY,
+    NUM_STATES,
+    USABLE,
+    make_memory,
+    traced,
+)
+from trolley_planner.paths.hybrid_astar.room import PRICES, Room, can_turn, make_room
+from trolley_planner.paths.hybrid_astar.search import FOUND, search_poses
+from trolley_planner.paths.hybrid_astar.smoothing import smoothed
+
+
+class PoseSearchParams(NamedTuple):
+    """How long it is searched, and how exactly the robot's own place is met; by hand."""
+
+    roomy_states: int = 4000
+    """A path with more clearance is looked for among this many states,"""
+    driving_states: int = 10000
+    """and any path, where the robot waits for it, among this many."""
+    begin_share: float = 0.7
+    """A path that is searched from its end begins this share of what may be missed beside it."""
+    exact_m: float = 0.01
+    """A path that is searched from its end leads to the robot's own place this exactly,"""
+    exact_rad: float = 0.02
+    """and to its heading."""
+
+
+POSE_SEARCH = PoseSearchParams()
+
+
+class Task(NamedTuple):
+    """From where to where, in `grid`."""
+
+    start: Pose2D
+    goal: Pose2D
+    any_heading: bool
+    """Whether the goal's heading does not matter."""
+    xy_m: float
+    """How far the goal's place may be missed."""
+    yaw_rad: float
+    """How far its heading may be missed."""
+    wanted_m: float
+    """Clearance from which on nothing costs more."""
+
+
+class PoseSearch:
+    """Finds maneuvers for one footprint; its memory is made once.
+
+    Args:
+        footprint: of the robot.
+    """
+
+    def __init__(self, footprint: Footprint) -> None:
+        self._footprint = footprint
+        self._spans: dict[float, FootprintSpans] = {}
+        self._memory = make_memory()
+        self.num_states = 0
+        """States that the last search reached."""
+
+    def find(
+        self,
+        grid: FineGrid,
+        unseen: NDArray[np.uint8],
+        closed: NDArray[np.uint8],
+        task: Task,
+        most: int = USABLE,
+    ) -> Maneuver | None:
+        """Return the cheapest maneuver that was found from pose to pose, None if there is none.
+
+        Args:
+            grid: what stands around.
+            unseen: (rows, cols) of `grid`: IN_SIGHT, OUT_OF_SIGHT or NEVER_SEEN, which the robot
+                must not back into.
+            closed: (rows, cols) of `grid`, set where its origin must not be.
+            task: from where to where; none leads to or from outside `grid`.
+            most: states after which it gives up.
+        """
+        begin, end = task.start, task.goal
+        if not (grid.contains(begin.x, begin.y) and grid.contains(end.x, end.y)):
+            return None
+        own = Pose2D(begin.x - grid.x, begin.y - grid.y, begin.yaw)
+        start, goal = (own.x, own.y, own.yaw), (end.x - grid.x, end.y - grid.y, end.yaw)
+        spans = self._spans_for(grid.fine_m, end.yaw)
+        room = make_room(grid, unseen, own, self._footprint, spans, task.wanted_m)
+        weights = least_weights(room, closed, heading_of(spans, end.yaw) % 2)
+        tolerances = task.any_heading, task.xy_m, task.yaw_rad
+        query = Query(start, goal, *tolerances, FORWARDS, 0.0)
+        found = None
+        if not task.any_heading and _is_tighter_at_end(room, query):
+            found = self._search(room, weights, _from_end(query), most)
+        if found is None:
+            found = self._search(room, weights, query, most)
+        if found is None:
+            return None
+        poses, motions = found
+        poses[0] = start  # Which lies between two headings; the search begins at one.
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        poses, motions = smoothed(poses, motions, room)
+        motions[0] = motions[1] if len(motions) > 1 else TURNING
+        poses[:, :2] += (grid.x, grid.y)
+        return Maneuver(poses, motions)
+
+    def _spans_for(self, fine_m: float, yaw: float) -> FootprintSpans:
+        """Return the footprint for headings one of which is nearly this one."""
+        if fine_m not in self._spans:
+            self._spans[fine_m] = rasterized(self._footprint, fine_m)
+        phase = round(yaw / ANGLE_RAD) % PHASES
+        return self._spans[fine_m]._replace(phase=phase, first_yaw=phase * ANGLE_RAD)
+
+    def _search(
+        self, room: Room, weights: NDArray[np.uint8], query: Query, most: int
+    ) -> Motions | None:
+        """Search with as much clearance as a path is soon found with, in the end with none."""
+        self.num_states = 0
+        start, goal = cell_of(room, query.start), cell_of(room, query.goal)
+        weights = weights.copy()
+        weights[goal] = WEIGHT_UNIT
+        dearest = 1.0 + PRICES.near
+        for blocked in (room.beside, room.touching):
+            dearest_weight = round(dearest * WEIGHT_UNIT)
+            dearest += PRICES.beside
+            # The robot stands where it starts; at its goal it must fit.
+            angle = nearest_angle(query.goal[2])
+            fits = is_free(blocked, room.footprint, query.goal[:2], angle)
+            if not (query.any_heading or query.sense == BACKWARDS or fits):
+                continue
+            passable = np.where(weights <= dearest_weight, weights, np.uint8(0))
+            heuristic = make_heuristic(room, passable, goal, HEURISTIC.greed)
+            if not math.isfinite(heuristic.to_go_m[start]):
+                continue
+            roomy = room._replace(blocked=blocked)
+            found = self._search_once(roomy, query, heuristic, POSE_SEARCH.roomy_states)
+            if found is not None:
+                return found
+        heuristic = make_heuristic(room, weights, goal, HEURISTIC.last_greed)
+        return self._search_once(room, query, heuristic, min(most, USABLE))
+
+    def _search_once(
+        self, room: Room, query: Query, heuristic: Heuristic, most: int
+    ) -> Motions | None:
+        """Return a path in a room as poses (n, 3) from the corner, and how each is reached."""
+        outcome, last = search_poses(self._memory, room, query, heuristic, most)
+        self.num_states += int(self._memory.counts[NUM_STATES])
+        if outcome != FOUND:
+            return None
+        poses, motions = traced(self._memory, last, room.footprint)
+        if int(self._memory.keys[last]) == GOAL_KEY:
+            state: PoseXYYaw = float(poses[-1, 0]), float(poses[-1, 1]), float(poses[-1, 2])
+            expansion = expand_to_goal(room, query, state, int(motions[-1]), math.inf)
+            more, kinds = expansion_poses(expansion, query, state)
+            poses, motions = np.concatenate([poses, more]), np.concatenate([motions, kinds])
+        if query.sense == FORWARDS:
+            return poses, motions
+        return poses[::-1].copy(), np.roll(-motions[::-1], 1)
+
+
+def _is_tighter_at_end(room: Room, query: Query) -> bool:
+    """Say whether there is room to turn at the start, and none at the goal."""
+    return can_turn(room, query.start[:2], 0.0) and not can_turn(room, query.goal[:2], 0.0)
+
+
+def _from_end(query: Query) -> Query:
+    """Return the same query, searched from its end."""
+    return query._replace(
+        start=query.goal,
+        goal=query.start,
+        xy_m=POSE_SEARCH.exact_m,
+        yaw_rad=POSE_SEARCH.exact_rad,
+        sense=BACKWARDS,
+        begin_m=POSE_SEARCH.begin_share * query.xy_m,
+    )

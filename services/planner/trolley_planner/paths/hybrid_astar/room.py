@@ -1,0 +1,198 @@
+"""Where the footprint may be, and what a metre costs there."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D
+from trolley.jit import kernel
+from trolley_planner.costmap.fine_grid import FineGrid
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.paths.hybrid_astar.footprint_spans import (
+    FootprintSpans,
+    is_free,
+    is_near_edge,
+)
+from trolley_planner.paths.hybrid_astar.motions import BACKWARDS, CELL_M, FORWARDS
+from trolley_planner.sensing.beams import inside_polygon
+
+
+class PriceParams(NamedTuple):
+    """What a metre costs more than a metre in open floor; by hand."""
+
+    near: float = 2.0
+    """So much more where the footprint has less room than is wanted,"""
+    beside: float = 6.0
+    """this much more where it comes right beside something:"""
+    beside_m: float = 0.026
+    """nearer than this, two fine cells;"""
+    touching: float = 12.0
+    """and this much more where it all but touches:"""
+    touching_m: float = 0.016
+    """nearer than this, one fine cell. So the robot keeps to the middle of a door, and straight."""
+    reverse: float = 0.8
+    """A metre backwards costs this much more: it is driven at half the speed."""
+    creep: float = 4.0
+    """A metre backwards, or a turn, over what is out of sight costs this much more: `base` lets the
+    robot creep there only, at a fifth of its speed."""
+
+
+PRICES = PriceParams()
+IN_SIGHT, OUT_OF_SIGHT, NEVER_SEEN = range(3)
+"""How floor is known: what was seen free and is out of sight may be backed over, at a creep."""
+BLOCKED, NEAR, BESIDE, TOUCHING, UNSEEN, HIDDEN = range(6)
+"""Which cells are counted; see `Room`."""
+
+
+class Room(NamedTuple):
+    """Where the footprint may be. Places are measured from the corner [m]."""
+
+    blocked: NDArray[np.uint16]
+    """(rows, cols + 1) cells in each row, before each column, in which something stands."""
+    near: NDArray[np.uint16]
+    """(rows, cols + 1) the same of cells that are nearer to something than is wanted."""
+    beside: NDArray[np.uint16]
+    """(rows, cols + 1) the same of cells right beside something."""
+    touching: NDArray[np.uint16]
+    """(rows, cols + 1) the same of cells next to something."""
+    unknown: NDArray[np.uint16]
+    """(rows, cols + 1) the same of cells that the robot must not back into."""
+    hidden: NDArray[np.uint16]
+    """(rows, cols + 1) the same of cells that it backs and turns into at a creep only."""
+    distance_m: NDArray[np.float32]
+    """(rows, cols) to the nearest obstacle."""
+    footprint: FootprintSpans
+    """Of the robot, in these cells."""
+    wanted_m: float
+    """Clearance from which on nothing costs more."""
+    state_cols: int
+    """Cells of states in a row."""
+
+
+def make_room(
+    grid: FineGrid,
+    unseen: NDArray[np.uint8],
+    own: Pose2D,
+    footprint: Footprint,
+    spans: FootprintSpans,
+    wanted_m: float,
+) -> Room:
+    """Return what the footprint is looked up in.
+
+    Args:
+        grid: what stands around.
+        unseen: (rows, cols) of `grid`: IN_SIGHT, OUT_OF_SIGHT or NEVER_SEEN.
+        own: pose of the robot from the corner: nothing stands where it is.
+        footprint: of the robot.
+        spans: the same in cells of `grid`.
+        wanted_m: clearance from which on nothing costs more.
+    """
+    rows, cols = grid.mask.shape
+    counts = np.empty((6, rows, cols + 1), dtype=np.uint16)
+    outline = own.transform_points(footprint.polygon) / grid.fine_m
+    count_into(counts, (grid.mask, grid.distance_m, unseen), outline, wanted_m)
+    return Room(
+        blocked=counts[BLOCKED],
+        near=counts[NEAR],
+        beside=counts[BESIDE],
+        touching=counts[TOUCHING],
+        unknown=counts[UNSEEN],
+        hidden=counts[HIDDEN],
+        distance_m=grid.distance_m,
+        footprint=spans,
+        wanted_m=wanted_m,
+        state_cols=math.ceil(counts.shape[2] * grid.fine_m / CELL_M),
+    )
+
+
+@kernel
+def count_into(
+    out_counts: NDArray[np.uint16],
+    layers: tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]],
+    outline: NDArray[np.float64],
+    wanted_m: float,
+) -> None:
+    """Write how many cells of each row, before each column, are of each kind.
+
+    Args:
+        out_counts: (6, rows, cols + 1), overwritten; see `Room`.
+        layers: (rows, cols) each: set where something stands; distance to the nearest of that; how
+            it is known.
+        outline: (n, 2) of the robot [cells]: nothing stands where it is.
+        wanted_m: cells nearer than this are near.
+    """
+    mask, distance_m, known = layers
+    rows, cols = mask.shape
+    for row in range(rows):
+        blocked, near, beside = np.uint16(0), np.uint16(0), np.uint16(0)
+        touching, unseen, hidden = np.uint16(0), np.uint16(0), np.uint16(0)
+        for col in range(cols):
+            out_counts[BLOCKED, row, col], out_counts[NEAR, row, col] = blocked, near
+            out_counts[BESIDE, row, col], out_counts[TOUCHING, row, col] = beside, touching
+            out_counts[UNSEEN, row, col], out_counts[HIDDEN, row, col] = unseen, hidden
+            away = distance_m[row, col]
+            blocked += np.uint16(mask[row, col] != 0)
+            near += np.uint16(away < wanted_m)
+            beside += np.uint16(away < PRICES.beside_m)
+            touching += np.uint16(away < PRICES.touching_m)
+            unseen += np.uint16(known[row, col] == NEVER_SEEN)
+            hidden += np.uint16(known[row, col] != IN_SIGHT and mask[row, col] == 0)
+        out_counts[BLOCKED, row, cols], out_counts[NEAR, row, cols] = blocked, near
+        out_counts[BESIDE, row, cols], out_counts[TOUCHING, row, cols] = beside, touching
+        out_counts[UNSEEN, row, cols], out_counts[HIDDEN, row, cols] = unseen, hidden
+    first_row = max(math.floor(outline[:, 1].min()) - 1, 0)
+    first_col = max(math.floor(outline[:, 0].min()) - 1, 0)
+    last_col = min(math.ceil(outline[:, 0].max()) + 1, cols)
+    for row in range(first_row, min(math.ceil(outline[:, 1].max()) + 1, rows)):
+        taken = np.uint16(0)
+        for col in range(first_col, cols):
+            stands = mask[row, col] != 0 and col < last_col
+            x, y = col + 0.5, row + 0.5
+            if stands and (inside_polygon(outline, x, y) or is_near_edge(outline, x, y, 1.0)):
+                taken += np.uint16(1)
+            out_counts[BLOCKED, row, col + 1] -= taken
+
+
+@kernel
+def can_turn(room: Room, place: tuple[float, float], more_m: float) -> bool:
+    """Say whether there is room for a full turn at a place, with the wanted clearance and more."""
+    fine_m = room.footprint.fine_m
+    row, col = math.floor(place[1] / fine_m), math.floor(place[0] / fine_m)
+    rows, cols = room.distance_m.shape
+    if not (0 <= row < rows and 0 <= col < cols):
+        return False
+    least_m = room.footprint.circumscribed_m + room.wanted_m + fine_m + more_m
+    return room.distance_m[row, col] > least_m
+
+
+@kernel
+def price_of(room: Room, place: tuple[float, float], angle: int, motion: int) -> float:
+    """Return what a metre to a pose costs, +inf if the footprint must not come there.
+
+    Args:
+        room: where it is.
+        place: x, y from the corner [m].
+        angle: index.
+        motion: how the robot will drive there; TURNING: what a metre of its outline's way costs.
+    """
+    has_room = can_turn(room, place, 0.0)
+    if has_room and motion == FORWARDS:
+        return 1.0
+    if not has_room and not is_free(room.blocked, room.footprint, place, angle):
+        return math.inf
+    price = 1.0
+    if motion == BACKWARDS:
+        if not is_free(room.unknown, room.footprint, place, angle):
+            return math.inf
+        price += PRICES.reverse
+    if motion != FORWARDS and not is_free(room.hidden, room.footprint, place, angle):
+        price += PRICES.creep
+    if not has_room and not is_free(room.near, room.footprint, place, angle):
+        price += PRICES.near
+        if not is_free(room.beside, room.footprint, place, angle):
+            price += PRICES.beside
+            if not is_free(room.touching, room.footprint, place, angle):
+                price += PRICES.touching
+    return price

@@ -1,0 +1,123 @@
+"""Where the beams of a scan passed, and the echoes that are not of the map."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
+
+
+class FreeSpaceParams(NamedTuple):
+    """What counts as free, and as an echo; found by hand in simulated drives among people."""
+
+    sight_m: float = 6.0
+    """Only echoes this near to the lidar are tracked,"""
+    wall_m: float = 0.12
+    """and none this near to a wall of the map."""
+    past_m: float = 0.15
+    """A beam that went on this far behind a place saw that it was free,"""
+    beside_rad: float = 0.025
+    """if those this far to both sides did so, too: edges of things jump from scan to scan."""
+
+
+FREE_SPACE = FreeSpaceParams()
+Floats = NDArray[np.float64]
+
+
+class View(NamedTuple):
+    """What is kept of a scan."""
+
+    stamp_ns: int
+    origin: Floats
+    """(2,) middle place of the lidar [m]."""
+    angles: Floats
+    """(n,) of the beams, rising [rad]."""
+    clear_m: Floats
+    """(n,) how far all beams about each saw that it was free."""
+
+    def age_s(self, now_ns: int) -> float:
+        """Return how long ago the scan was made [s]."""
+        return (now_ns - self.stamp_ns) * 1e-9
+
+
+def was_free(view: View, points: Floats) -> NDArray[np.bool_]:
+    """Say of points (n, 2) whether beams of an earlier scan passed there."""
+    return were_passed(np.ascontiguousarray(points), view.origin, view.angles, view.clear_m)
+
+
+@kernel
+def take_apart(
+    beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return the angles of beams, how far all about each are free, and echoes not on the map.
+
+    Args:
+        beams: (n, 6) columns: sensing.beams.
+        wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
+        edge_m: edge of these cells.
+
+    Returns:
+        (n,) rising [rad], (n,) [m], and (k, 2) [m].
+    """
+    count, (rows, cols) = beams.shape[0], wall_distance_m.shape
+    angles, clear_m, loose = np.empty(count), np.empty(count), np.empty((count, 2))
+    turns, num_loose = 0.0, 0
+    for beam in range(count):
+        angle = math.atan2(beams[beam, DY], beams[beam, DX])
+        if beam > 0:
+            step = angle + turns - angles[beam - 1]
+            turns -= 2.0 * math.pi * math.floor((step + math.pi) / (2.0 * math.pi))
+        angles[beam] = angle + turns
+        echo = beams[beam, ECHO]
+        if not 0.0 < echo < FREE_SPACE.sight_m:
+            continue
+        x, y = beams[beam, X] + echo * beams[beam, DX], beams[beam, Y] + echo * beams[beam, DY]
+        row, col = math.floor(y / edge_m), math.floor(x / edge_m)
+        inside = 0 <= row < rows and 0 <= col < cols
+        if inside and wall_distance_m[row, col] > FREE_SPACE.wall_m:
+            loose[num_loose, 0], loose[num_loose, 1] = x, y
+            num_loose += 1
+    spread = max(angles[-1] - angles[0], 1e-3)
+    width = max(1, round(FREE_SPACE.beside_rad * (count - 1) / spread))
+    for beam in range(count):
+        least = beams[beam, CLEAR]
+        for near in range(max(beam - width, 0), min(beam + width + 1, count)):
+            least = min(least, beams[near, CLEAR])
+        clear_m[beam] = least
+    return angles, clear_m, loose[:num_loose].copy()
+
+
+@kernel
+def were_passed(
+    points: Floats, origin: Floats, angles: Floats, clear_m: Floats
+) -> NDArray[np.bool_]:
+    """Say of points (n, 2) whether beams from a place passed there.
+
+    Args:
+        points: [m].
+        origin: (2,) of the beams [m].
+        angles: (m,) of the beams, rising [rad].
+        clear_m: (m,) how far all beams about each are free.
+    """
+    passed, last = np.empty(points.shape[0], np.bool_), angles.shape[0] - 1
+    for index in range(points.shape[0]):
+        dx, dy = points[index, 0] - origin[0], points[index, 1] - origin[1]
+        turned = (math.atan2(dy, dx) - angles[0]) % (2.0 * math.pi)
+        # The first beam at this angle or beyond.
+        low, after = 0, last + 1
+        while low < after:
+            middle = (low + after) // 2
+            if angles[middle] - angles[0] < turned:
+                low = middle + 1
+            else:
+                after = middle
+        is_between = 0 < after <= last
+        if not is_between and turned <= 2.0 * math.pi - FREE_SPACE.beside_rad:
+            passed[index] = False
+            continue
+        free_m = min(clear_m[min(after, last)], clear_m[after - 1 if after > 0 else last])
+        passed[index] = free_m > math.hypot(dx, dy) + FREE_SPACE.past_m
+    return passed

@@ -1,0 +1,101 @@
+"""How something moves, by where it was in the scans of the last second."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+from trolley_planner.people.segments import centre_of
+
+
+class MotionParams(NamedTuple):
+    """How velocities are measured; found by hand in simulated drives among people."""
+
+    kept_s: float = 1.2
+    """Where something was this long ago is remembered."""
+    least_s: float = 0.08
+    """Scans nearer to each other in time than this tell nothing of motion."""
+    track_s: float = 0.6
+    """A velocity is measured over this time: legs swing."""
+    straight: float = 1.2
+    """It is measured over `kept_s` if the track scatters no more than this many times as much."""
+    track_noise_m: float = 0.03
+    """Places of a track err by this much at least, whatever its own scatter says."""
+
+
+TRACKS = MotionParams()
+Floats = NDArray[np.float64]
+
+
+@kernel
+def longer_track(track: Floats, elapsed_s: float, place: Floats, points: Floats) -> Floats:
+    """Return what matters still of a track (n, 5), and where it is now as its last row.
+
+    Args:
+        track: see `Trail.track`.
+        elapsed_s: since its last row.
+        place: (2,) the middle [m].
+        points: (k, 2) what is seen [m].
+    """
+    first, count = 0, track.shape[0]
+    while first < count and track[first, 0] - elapsed_s < -TRACKS.kept_s:
+        first += 1
+    longer = np.empty((count - first + 1, 5))
+    longer[:-1] = track[first:]
+    longer[:-1, 0] -= elapsed_s
+    last = longer[-1]
+    last[0], last[1], last[2] = 0.0, place[0], place[1]
+    last[3], last[4] = centre_of(points)
+    return longer
+
+
+def motion_along(track: Floats) -> tuple[Floats, float] | None:
+    """Return the velocity along a track and its standard deviation, None if it is too short.
+
+    A straight line is fitted, over a longer time where the track was straight for that long; what
+    the track strays from it says how sure its slope is.
+    """
+    if track[0, 0] > -TRACKS.least_s:
+        return None
+    vx, vy, std = fit_motion(track)
+    return None if math.isinf(std) else (np.array([vx, vy]), std)
+
+
+@kernel
+def fit_motion(track: Floats) -> tuple[float, float, float]:
+    """Return the velocity along a track (n, 5) and its deviation, infinite if it is too short."""
+    count, lately = track.shape[0], 0
+    while lately < count and track[lately, 0] < -TRACKS.track_s:
+        lately += 1
+    if count - lately < 2:
+        return 0.0, 0.0, math.inf  # only the newest scan is new enough
+    vx, vy, noise_m, squares = fit_line(track[lately:])
+    if lately > 0:
+        longer = fit_line(track)
+        if longer[2] < TRACKS.straight * max(noise_m, TRACKS.track_noise_m):
+            vx, vy, noise_m, squares = longer
+    return vx, vy, max(noise_m, TRACKS.track_noise_m) / math.sqrt(squares)
+
+
+@kernel
+def fit_line(track: Floats) -> tuple[float, float, float, float]:
+    """Return slope, scatter [m] and the sum of squared times [s^2] of a line through a track."""
+    count = track.shape[0]
+    t, x, y = 0.0, 0.0, 0.0
+    for index in range(count):
+        t, x, y = t + track[index, 0], x + track[index, 1], y + track[index, 2]
+    t, x, y = t / count, x / count, y / count
+    squares, vx, vy = 0.0, 0.0, 0.0
+    for index in range(count):
+        since = track[index, 0] - t
+        squares += since * since
+        vx, vy = vx + since * track[index, 1], vy + since * track[index, 2]
+    vx, vy = vx / squares, vy / squares
+    astray = 0.0
+    for index in range(count):
+        since = track[index, 0] - t
+        dx, dy = track[index, 1] - x - since * vx, track[index, 2] - y - since * vy
+        astray += dx * dx + dy * dy
+    return vx, vy, math.sqrt(astray / (2.0 * count)), squares

@@ -1,0 +1,83 @@
+"""Who moves about the robot: people by the lidar, and other robots by what they say."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley_planner.people.tracker import PeopleTracker, Track, TrackedPerson, person_discs
+
+Floats = NDArray[np.float64]
+SAME_M = 0.15
+"""A person tracked this near to where a robot says it is, is that robot."""
+GROWTH_MPS = 0.02, 0.15
+"""People are taken for discs that grow this fast at least and at most [m/s]."""
+MAX_AGE_S = 0.5
+"""Nobody is extrapolated for longer than this after the last scan."""
+ROBOT_DT_S = 0.1
+"""Time between two places of what robots say of where they will be."""
+NOBODY = np.empty((0, 6))
+"""Nobody walks."""
+NO_ROBOTS = np.empty((0, 1, 3))
+"""No other robot drives."""
+
+
+class MovingObstacles:
+    """People by the newest scan, and other robots by what they say; all in frame `grid`."""
+
+    def __init__(self) -> None:
+        self._tracker = PeopleTracker()
+        self._walkers, self._robots = NOBODY, NO_ROBOTS
+        self._scanned_ns = self._robots_ns = 0
+        self.people: list[TrackedPerson] = []
+        """Who moves by the newest scan."""
+
+    def update(
+        self, now_ns: int, beams: Floats, wall_distance_m: NDArray[np.float32], resolution_m: float
+    ) -> None:
+        """Track people through a new scan; see `PeopleTracker.update`."""
+        self.people = self._tracker.update(now_ns, beams, wall_distance_m, resolution_m)
+        self._walkers = NOBODY
+        if self.people:
+            growth = np.clip([one.velocity_std for one in self.people], *GROWTH_MPS)
+            self._walkers = np.column_stack([person_discs(self.people), growth])
+        self._scanned_ns = now_ns
+
+    @property
+    def tracks(self) -> list[Track]:
+        """What the newest scan shows of a person's size; see `PeopleTracker.tracks`."""
+        return self._tracker.tracks()
+
+    def set_robots(self, tracks: Sequence[Floats], now_ns: int) -> None:
+        """Replace what other robots that drive say of where they will be.
+
+        Args:
+            tracks: (discs, steps, 3) of each: x, y, radius [m] at each `ROBOT_DT_S`.
+            now_ns: robot time of the first step.
+        """
+        self._robots = np.concatenate(tracks) if tracks else NO_ROBOTS
+        self._robots_ns = now_ns
+
+    def forget_people(self) -> None:
+        """Forget everybody, as after a jump of the pose."""
+        self._tracker.reset()
+        self.people, self._walkers = [], NOBODY
+
+    def walkers_at(self, now_ns: int) -> Floats:
+        """Return the discs (n, 6) of people where they are now; see `Field.walkers`."""
+        walkers = self._walkers[~self._are_robots(self._walkers)]
+        age_s = min(max((now_ns - self._scanned_ns) * 1e-9, 0.0), MAX_AGE_S)
+        walkers[:, :2] += age_s * walkers[:, 2:4]
+        return walkers
+
+    def robots_at(self, now_ns: int) -> Floats:
+        """Return the discs (n, steps, 3) of other robots from now on; see `Field.robots`."""
+        age_s = min(max((now_ns - self._robots_ns) * 1e-9, 0.0), MAX_AGE_S)
+        passed = min(round(age_s / ROBOT_DT_S), self._robots.shape[1] - 1)
+        return np.ascontiguousarray(self._robots[:, passed:]) if len(self._robots) else NO_ROBOTS
+
+    def _are_robots(self, walkers: Floats) -> NDArray[np.bool_]:
+        """Say of discs (n, 6) whether each is a robot, which knows better where it will be."""
+        gaps = walkers[:, None, :2] - self._robots[None, :, 0, :2]
+        near = self._robots[None, :, 0, 2] + SAME_M
+        return np.asarray((np.hypot(gaps[..., 0], gaps[..., 1]) < near).any(axis=1))

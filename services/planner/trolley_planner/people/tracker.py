@@ -1,0 +1,302 @@
+"""People and other moving things: who moves, and where to.
+
+People are segments of a scan that stand where beams passed a moment ago. What merely comes into
+sight does not move: that place had not been seen to be free. Everything is in frame `grid` [m].
+"""
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.jit import kernel
+from trolley_planner.people.free_space import View, take_apart, was_free
+from trolley_planner.people.motion import TRACKS, longer_track, motion_along
+from trolley_planner.people.segments import Segment, segments_of, size_of
+from trolley_planner.sensing.beams import X, Y
+
+
+class PeopleTrackerParams(NamedTuple):
+    """Who counts as moving; found by hand in simulated drives among people."""
+
+    pause_s: float = 0.06
+    """Scans that follow sooner than this are skipped: little moves meanwhile."""
+    most_ago_s: float = 0.45
+    """The newest scan is compared with scans at most this old."""
+    hidden_s: float = 1.0
+    """A person out of sight is taken to walk on for this long."""
+    slowest_mps: float = 0.2
+    """Slower is noise,"""
+    lingering_mps: float = 0.12
+    """but who was seen to walk may become as slow as this,"""
+    fastest_mps: float = 2.5
+    """and faster two different things."""
+    astray_m: float = 0.3
+    """A person with a known velocity is looked for this near to where it leads."""
+    depth_m: float = 0.03
+    """A person is larger than what is seen by this much"""
+    body_m: float = 0.22
+    """and no smaller than this."""
+    least_points: int = 2
+    """At least this many points of a segment,"""
+    least_share: float = 0.2
+    """and this share of them, must stand where it was free."""
+
+
+TRACKING = PeopleTrackerParams()
+Floats = NDArray[np.float64]
+NO_TRACK = np.empty((0, 5))
+
+
+class TrackedPerson(NamedTuple):
+    """A person, or anything else of that size that moves."""
+
+    points: Floats
+    """(n, 2) where the lidar sees it [m]."""
+    place: Floats
+    """(2,) its middle [m]."""
+    velocity: Floats
+    """(2,) [m/s]."""
+    velocity_std: float = 0.1
+    """Standard deviation of each of them [m/s]."""
+    is_seen: bool = True
+    """Whether the newest scan shows it; else it is where it must have gone."""
+
+
+def person_discs(people: Sequence[TrackedPerson]) -> Floats:
+    """Return people as discs: (n, 5) x, y [m], velocity [m/s], radius [m]."""
+    discs = np.empty((len(people), 5))
+    for index, person in enumerate(people):
+        spread = float(np.hypot(*(person.points - person.place).T).max())
+        radius = max(spread + TRACKING.depth_m, TRACKING.body_m)
+        discs[index] = *person.place, *person.velocity, radius
+    return discs
+
+
+class Track(NamedTuple):
+    """Something of a person's size that is not on the map: it may stand, and be no person."""
+
+    number: int
+    """By which it is known for as long as it is tracked."""
+    place: Floats
+    """(2,) [m]."""
+    size_m: float
+    """Across the points that are seen."""
+    velocity: Floats
+    """(2,) [m/s]; zero where it stands, or is not known yet."""
+    is_moving: bool
+    """Whether it was seen to move."""
+
+
+class Trail(NamedTuple):
+    """A segment through some scans, up to the last one that shows it."""
+
+    number: int
+    """By which it is known for as long as it is tracked."""
+    seen_ns: int
+    """When it was seen last."""
+    segment: Segment
+    """As it was seen last."""
+    track: Floats
+    """(m, 5) where it was, oldest first: time since `seen_ns` [s], its middle, and the middle of
+    what was seen of it."""
+    motion: tuple[Floats, float] | None
+    """Velocity along the track and its standard deviation [m/s], None if it is too short."""
+    person: TrackedPerson | None
+    """Who it is; None if it stands, or may have been hidden before."""
+
+    def expected(self, stamp_ns: int) -> Floats:
+        """Return where its middle (2,) must be by now."""
+        here = self.track[-1, 1:3]
+        return here if self.motion is None else here + self.motion[0] * self.elapsed_s(stamp_ns)
+
+    def reach_m(self, stamp_ns: int) -> float:
+        """Return how far from there it is looked for."""
+        elapsed_s = self.elapsed_s(stamp_ns)
+        return TRACKING.fastest_mps * elapsed_s if self.motion is None else TRACKING.astray_m
+
+    def elapsed_s(self, stamp_ns: int) -> float:
+        """Return how long ago it was seen last [s]."""
+        return (stamp_ns - self.seen_ns) * 1e-9
+
+
+class PeopleTracker:
+    """Compares each scan with those of the last tenths of a second."""
+
+    def __init__(self) -> None:
+        self._views: deque[View] = deque(maxlen=8)
+        self._new_numbers = itertools.count()
+        self._trails: list[Trail] = []
+
+    def reset(self) -> None:
+        """Forget all scans, as after a jump of the pose."""
+        self._views.clear()
+        self._trails = []
+
+    def update(
+        self, stamp_ns: int, beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
+    ) -> list[TrackedPerson]:
+        """Return what moves.
+
+        Args:
+            stamp_ns: robot time.
+            beams: (n, 6) the newest scan, cut at mirrors and walls (columns: sensing.beams).
+            wall_distance_m: (rows, cols) distance of each cell to the nearest wall of the map.
+            edge_m: edge of these cells.
+        """
+        if len(beams) < 2:
+            return []
+        last = self._views[-1] if self._views else None
+        if last is not None and abs(stamp_ns - last.stamp_ns) < TRACKING.pause_s * 1e9:
+            return self._people(stamp_ns)
+        angles, clear_m, loose = take_apart(beams, wall_distance_m, edge_m)
+        view = View(stamp_ns, beams[:, [X, Y]].mean(axis=0), angles, clear_m)
+        earlier = [
+            one
+            for one in self._views
+            if TRACKS.least_s <= one.age_s(stamp_ns) <= TRACKING.most_ago_s
+        ]
+        self._views.append(view)
+        spread = max(float(angles[-1] - angles[0]), 1e-3)
+        segments = segments_of(loose, view.origin, spread / (len(angles) - 1))
+        before = _origins(segments, self._trails, stamp_ns)
+        hidden = self._now_hidden(segments, set(before), view)
+        self._trails = [
+            self._trail(segment, None if origin < 0 else self._trails[origin], view, earlier)
+            for segment, origin in zip(segments, before, strict=True)
+        ] + hidden
+        return self._people(stamp_ns)
+
+    def tracks(self) -> list[Track]:
+        """Return what the newest scan shows of a person's size, who stands as well."""
+        found: list[Track] = []
+        for trail in self._trails:
+            if trail.seen_ns == self._views[-1].stamp_ns:
+                person, (points, place) = trail.person, trail.segment
+                velocity = np.zeros(2) if person is None else person.velocity
+                size_m = size_of(points)
+                found.append(Track(trail.number, place, size_m, velocity, person is not None))
+        return found
+
+    def _people(self, stamp_ns: int) -> list[TrackedPerson]:
+        """Return everybody, where they are by now."""
+        newest_ns = self._views[-1].stamp_ns
+        return [
+            _extrapolated(one.person, stamp_ns - one.seen_ns, one.seen_ns == newest_ns)
+            for one in self._trails
+            if one.person is not None
+        ]
+
+    def _trail(
+        self, segment: Segment, before: Trail | None, view: View, earlier: list[View]
+    ) -> Trail:
+        """Return the trail of a segment, which goes on from one before."""
+        if before is None:
+            number, is_known = next(self._new_numbers), False
+            track, elapsed_s = NO_TRACK, 0.0
+        else:
+            number, is_known = before.number, before.person is not None
+            track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
+        track = longer_track(track, elapsed_s, segment.place, segment.points)
+        motion = motion_along(track)
+        person = _person(segment, track, motion, view, None if is_known else earlier)
+        return Trail(number, view.stamp_ns, segment, track, motion, person)
+
+    def _now_hidden(self, segments: list[Segment], taken: set[int], view: View) -> list[Trail]:
+        """Return the trails of people where the newest scan does not look."""
+        hidden: list[Trail] = []
+        for index, trail in enumerate(self._trails):
+            if trail.person is None or index in taken:
+                continue
+            middle = trail.expected(view.stamp_ns)
+            is_gone = view.stamp_ns - trail.seen_ns > TRACKING.hidden_s * 1e9
+            if not is_gone and not was_free(view, middle[None])[0]:
+                hidden.append(trail)
+        return hidden
+
+
+def _extrapolated(person: TrackedPerson, time_ns: int, is_seen: bool) -> TrackedPerson:
+    moved = time_ns * 1e-9 * person.velocity
+    points, place = person.points + moved, person.place + moved
+    return person._replace(points=points, place=place, is_seen=is_seen)
+
+
+def _origins(segments: list[Segment], trails: list[Trail], stamp_ns: int) -> list[int]:
+    """Return the index of the trail that each segment continues, -1 if it is new."""
+    origins = [-1] * len(segments)
+    if not segments or not trails:
+        return origins
+    places = np.array([segment.place for segment in segments])
+    expected = np.array([trail.expected(stamp_ns) for trail in trails])
+    reach_m = np.array([trail.reach_m(stamp_ns) for trail in trails])
+    return assigned(places, expected, reach_m).tolist()
+
+
+@kernel
+def assigned(places: Floats, expected: Floats, reach_m: Floats) -> NDArray[np.int64]:
+    """Return which of the expected places each place is, -1 for none: the nearest pairs first.
+
+    Args:
+        places: (n, 2) [m].
+        expected: (m, 2) [m].
+        reach_m: (m,) how far away from there it may be.
+    """
+    num_expected, num_places = expected.shape[0], places.shape[0]
+    lengths = np.full(num_expected * num_places, np.inf)
+    for row in range(num_expected):
+        for col in range(num_places):
+            dx, dy = places[col, 0] - expected[row, 0], places[col, 1] - expected[row, 1]
+            length = math.hypot(dx, dy)
+            if length <= reach_m[row]:
+                lengths[row * num_places + col] = length
+    origins = np.full(num_places, -1, np.int64)
+    is_taken = np.zeros(num_expected, np.bool_)
+    for flat in np.argsort(lengths, kind="mergesort"):
+        row, col = flat // num_places, flat % num_places
+        if lengths[flat] == np.inf:
+            break
+        if not is_taken[row] and origins[col] < 0:
+            origins[col] = row
+            is_taken[row] = True
+    return origins
+
+
+def _person(
+    segment: Segment,
+    track: Floats,
+    motion: tuple[Floats, float] | None,
+    view: View,
+    earlier: list[View] | None,
+) -> TrackedPerson | None:
+    """Return a segment as a person; None if it stands, or may have been hidden before.
+
+    Args:
+        segment: of the newest scan.
+        track: where it was.
+        motion: along it.
+        view: the newest scan.
+        earlier: scans to compare with; None for what is known to move.
+    """
+    slowest = TRACKING.lingering_mps if earlier is None else TRACKING.slowest_mps
+    if motion is None or math.hypot(*motion[0].tolist()) < slowest:
+        return None
+    if earlier is None or _came(segment.points, earlier) or _left(track, view):
+        return TrackedPerson(*segment, *motion)
+    return None
+
+
+def _came(points: Floats, earlier: list[View]) -> bool:
+    """Say whether points (n, 2) stand where earlier beams passed."""
+    least = max(TRACKING.least_points, TRACKING.least_share * len(points))
+    return any(np.count_nonzero(was_free(before, points)) >= least for before in earlier)
+
+
+def _left(track: Floats, view: View) -> bool:
+    """Say whether beams pass now where a track was: who walks away hides where they go."""
+    before = track[track[:, 0] <= -TRACKS.least_s, 3:]
+    # One alone may have lain on an edge that beams graze.
+    return int(np.count_nonzero(was_free(view, before))) >= TRACKING.least_points
