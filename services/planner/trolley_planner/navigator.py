@@ -90,7 +90,6 @@ class Navigator:
         self._config = config
         self._motion_state.set_config(config)
         self._giving_way.set_config(config)
-        self._stepping_aside.set_config(config)
         self._spin_to_localize.set_config(config)
         self.costmap_manager.set_config(config)
 

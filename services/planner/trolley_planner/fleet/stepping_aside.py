@@ -92,10 +92,6 @@ class SteppingAside:
         self._rests_ns = 0
         self._waited_ns = 0
 
-    def set_config(self, config: PlannerConfig) -> None:
-        """Wait and drive by other settings."""
-        self._config = config
-
     @property
     def is_active(self) -> bool:
         """Whether the robot makes room now."""
