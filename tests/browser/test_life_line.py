@@ -49,7 +49,7 @@ PRESS_STOP = """() => {
   const text = (id) => document.getElementById(id).checkVisibility()
     ? document.getElementById(id).textContent : "";
   async function press() {
-    const wasInert = ["panel", "map"].every((id) => document.getElementById(id).inert);
+    const wasInert = ["panel", "scene", "over"].every((id) => document.getElementById(id).inert);
     const { disabled } = document.getElementById("resume");
     document.getElementById("stop").click();
     while (!text("stop-line") && document.body.dataset.line === "lost")

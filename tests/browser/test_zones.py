@@ -180,7 +180,7 @@ def suspecting(shown: "Shown", lines: list[SuspectLine]) -> Iterator[None]:
 def test_fingers_draw_a_mirror_on_the_wall(shown: "Shown", browser: Browser) -> None:
     page = open_map(browser, shown.url, touch=True)
     page.get_by_role("button", name="Mirror").tap()
-    expect(page.get_by_text("Tap along it")).to_be_visible()
+    expect(page.get_by_text("Drag from one end to the other")).to_be_visible()
     wait_for_frames(page)
     # The wall at the right of the room has its face at x = 3.2.
     for corner in ((3.1, 0.5), (3.1, -0.3), (3.1, -0.3)):

@@ -30,6 +30,8 @@ SAME_PLACE_M = 0.1
 
 DRIVING = ("planning", "driving", "recovering", "paused")
 """Goal states in which there is still somewhere to go."""
+EXPLORES_WELL = ("exploring", "homing", "done")
+"""States of exploring that need nobody."""
 UNDER_WAY = ("driving", "dwelling", "waiting", "paused")
 """Trip states that can be paused, skipped or stopped."""
 
@@ -60,9 +62,13 @@ def refusal(reply: Refused) -> str:
         return f"{service} is not running. If the robot has just started, try again in a moment."
     if service is not None and reply.code == codes.TIMEOUT:
         return f"{service} did not answer in time. Check whether it was done before you try again."
+    if reply.code == codes.STOPPED and reply.message in ("", codes.SENTENCES[codes.STOPPED]):
+        return STOPPED
     return reply.message or codes.SENTENCES.get(reply.code, reply.code)
 
 
+STOPPED = "The robot is stopped. Press “Drive on” first."
+"""As the page calls it: “resume” is the word of programs."""
 AWAY = StatusLine("Away", "bad", "No contact with the robot. It is switched off or out of range.")
 
 
@@ -110,7 +116,7 @@ def mapping_line(mapping: MappingStatus | None) -> StatusLine | None:
             return StatusLine(f"“{name}” is paused", "warn", _join(detail, mapping.message))
         case _:
             what = f"Extending “{name}”" if mapping.extends else f"Mapping “{name}”"
-            goes_well = mapping.exploring in ("exploring", "homing", "done")
+            goes_well = mapping.exploring in EXPLORES_WELL
             tone: Tone = "warn" if mapping.message and not goes_well else "busy"
             return StatusLine(what, tone, _join(detail, mapping.message))
 

@@ -15,7 +15,15 @@ from trolley.messages import (
     TourStatus,
 )
 from trolley.teleop import SOURCE as BY_HAND
-from trolley_viz.sentences import DRIVING, STALE_S, UNDER_WAY, StatusLine, duration, goal_name
+from trolley_viz.sentences import (
+    DRIVING,
+    EXPLORES_WELL,
+    STALE_S,
+    UNDER_WAY,
+    StatusLine,
+    duration,
+    goal_name,
+)
 
 AWAY = StatusLine("No contact with the robot. It is switched off or out of range.", "bad")
 LOST = StatusLine(
@@ -23,6 +31,8 @@ LOST = StatusLine(
 )
 ASKING = StatusLine("Asking the robot what it is doing …", "busy")
 READY = StatusLine("Ready.", "good")
+LEFT_M = 1.0
+"""Farther than that from where it arrived it is somewhere else [m]."""
 STOPPED_REASONS = {
     codes.BUTTON: "Stopped",
     codes.BATTERY: "Stopped: the battery is too low",
@@ -137,7 +147,8 @@ def _mapping(known: RobotState) -> StatusLine | None:
             "It cannot find its place on the new map. Bring it back to where it has been.", "bad"
         )
     if mapping.message:
-        return StatusLine(f"Making a map: {_reason_of(mapping)}.", "warn")
+        goes_well = mapping.exploring in EXPLORES_WELL
+        return StatusLine(f"Making a map: {_reason_of(mapping)}.", "busy" if goes_well else "warn")
     if mapping.state == "paused":
         return StatusLine(f"The map “{mapping.name}” is paused. Press “Continue”.", "warn")
     if known.goal is not None and known.goal.state in DRIVING:
@@ -211,7 +222,7 @@ def _trip(known: RobotState) -> StatusLine | None:
 
 def _goal(known: RobotState) -> StatusLine | None:
     goal = known.goal
-    if goal is None or goal.state == "idle":
+    if goal is None or goal.state == "idle" or has_left(known):
         return None
     to = goal_name(goal, list(known.places))
     to = "the place on the map" if to.startswith("(") else to
@@ -270,6 +281,17 @@ RULES: Sequence[Callable[[RobotState], StatusLine | None]] = (
     _idle,
 )
 """The first that has something to say wins; the last one always has."""
+
+
+def has_left(known: RobotState) -> bool:
+    """Whether it is somewhere else than where it arrived, as when it was driven on by hand."""
+    goal, estimate = known.goal, known.estimate
+    if goal is None or goal.state != "arrived" or goal.pose is None or goal.person is not None:
+        return False
+    if goal.frame != MAP:
+        return False
+    here = None if estimate is None else estimate.pose
+    return here is not None and here.distance_to(goal.pose) > LEFT_M
 
 
 def _is_unsure(known: RobotState) -> bool:

@@ -71,21 +71,37 @@ def test_they_go_when_their_trip_is_over(later: TourStatus | None, is_kept: bool
 def test_the_last_step_is_taken_back_first() -> None:
     history, undone = History(), list[str]()
     for name in "abc":
-        history.add(Step(name, lambda name=name: undone.append(name)))
+        history.add(Step("drive", name, lambda name=name: undone.append(name)))
     history.undo()
     history.undo()
     assert undone == ["c", "b"]
-    assert history.last is not None
-    assert history.last.title == "a"
+    step = history.last()
+    assert step is not None
+    assert step.title == "a"
     history.clear()
     history.undo()
     assert undone == ["c", "b"]
 
 
+def test_the_last_step_of_a_kind_is_taken_back_where_it_was_done() -> None:
+    history, undone = History(), list[str]()
+    history.add(Step("place", "kitchen", lambda: undone.append("kitchen")))
+    history.add(Step("zone", "mirror", lambda: undone.append("mirror")))
+    assert history.last("drive") is None
+    step = history.last("place")
+    assert step is not None
+    assert step.title == "kitchen"
+    history.undo("place")
+    history.undo("place")
+    assert undone == ["kitchen"]
+    history.undo()
+    assert undone == ["kitchen", "mirror"]
+
+
 def test_what_is_overtaken_is_not_taken_back() -> None:
     history, undone, holds = History(), list[str](), [True]
-    history.add(Step("old", lambda: undone.append("old")))
-    history.add(Step("new", lambda: undone.append("new"), lambda: holds[0]))
+    history.add(Step("drive", "old", lambda: undone.append("old")))
+    history.add(Step("drive", "new", lambda: undone.append("new"), lambda: holds[0]))
     holds[0] = False
     history.undo()
     assert undone == ["old"]
@@ -94,8 +110,8 @@ def test_what_is_overtaken_is_not_taken_back() -> None:
 def test_only_so_many_steps_are_remembered() -> None:
     history, undone = History(), list[int]()
     for i in range(MAX_STEPS + 5):
-        history.add(Step(str(i), lambda i=i: undone.append(i)))
-    while history.last is not None:
+        history.add(Step("drive", str(i), lambda i=i: undone.append(i)))
+    while history.last() is not None:
         history.undo()
     assert len(undone) == MAX_STEPS
     assert undone[-1] == 5

@@ -161,10 +161,10 @@ def test_neither_tool_nor_undo_is_within_reach(watched: Watched) -> None:
     session = watched.stage.page(1).session
     assert session.pointing.tool is None
     assert watched.stage.page(1).controls.commands == []
-    assert session.actions.history.last is None
+    assert session.actions.history.last() is None
     watched.stage.page(0).session.aiming._go_to(Pointed(2.0, 1.0))
     watched.stage.runtime.run(0.5)
-    assert session.actions.history.last is None
+    assert session.actions.history.last() is None
 
 
 def test_stop_works(watched: Watched) -> None:

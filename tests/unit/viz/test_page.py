@@ -344,7 +344,7 @@ def test_a_slow_line_gets_beats_and_answers_and_later_the_newest_state(stage: "S
     for mode in ("stopped", "ok", "stopped"):
         stage.robot.mode = mode
         stage.runtime.run(1.0)
-    assert press(stage, browser, "Go to …").is_done
+    assert press(stage, browser, "Set pose …").is_done
     stage.runtime.run(1.0)
     assert all(map(is_only_beat_or_answer, line.told))
     assert sum(told.beat_ms is not None for told in line.told) >= 9

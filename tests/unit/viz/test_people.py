@@ -400,7 +400,7 @@ def test_all_see_who_stopped_the_robot_until_it_is_resumed(stage: "Stage") -> No
     stage.say(guest, Said(stop=Stop(id=1, robots=["trolley"])))
     stage.say(ann, Said(stop=Stop(id=1, robots=["trolley"])))
     stage.runtime.run(0.5)
-    assert [one.state.stopped_by for one in (guest, ann)] == ["Ben's tablet"] * 2
+    assert [one.state.stopped_by for one in (guest, ann)] == ["Stopped by Ben's tablet"] * 2
     stage.say(ann, Said(resume=Resume(id=2, at_ms=stage.now_ms, robot="trolley")))
     stage.runtime.run(0.5)
     assert ann.state.stopped_by == ""
@@ -414,7 +414,7 @@ def test_who_stopped_it_is_not_said_of_a_stop_that_nobody_here_saw(stage: "Stage
     browser = stage.browse(0, ANN)
     stage.session.press_stop()
     stage.runtime.run(0.5)
-    assert browser.state.stopped_by == "Chrome on Android"
+    assert browser.state.stopped_by == "Stopped by Chrome on Android"
     stage.leave(browser)
     stage.runtime.run(31.0)
     again = stage.browse(1, BEN)
@@ -426,7 +426,7 @@ def test_stop_for_all_robots_names_who_pressed_it(stage: "Stage") -> None:
     browser = stage.browse(0, ANN)
     stage.session.press_stop_all()
     stage.runtime.run(0.5)
-    assert browser.state.stopped_by == "Chrome on Android"
+    assert browser.state.stopped_by == "Stopped by Chrome on Android"
 
 
 def test_a_stop_without_an_answer_has_stopped_nothing(stage: "Stage") -> None:

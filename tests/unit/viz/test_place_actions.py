@@ -130,7 +130,7 @@ def test_tours_find_a_place_that_was_renamed(house: House) -> None:
     house.history.undo()
     assert house.poses == {"kitchen": KITCHEN}
     assert house.tours == before
-    assert house.history.last is None
+    assert house.history.last() is None
 
 
 def test_a_place_is_not_renamed_over_another(house: House) -> None:

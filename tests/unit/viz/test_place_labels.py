@@ -6,7 +6,14 @@ import viser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trolley_viz.scene.place_labels import HEIGHT_PX, Eye, PlaceLabels, PlaceName, clear_of_others
+from trolley_viz.scene.place_labels import (
+    HEIGHT_PX,
+    MAX_LETTERS,
+    Eye,
+    PlaceLabels,
+    PlaceName,
+    clear_of_others,
+)
 
 DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 """Looks straight down, with up +y."""
@@ -74,6 +81,12 @@ def test_where_it_is_going_is_named_first(server: viser.ViserServer) -> None:
     assert all(one.visible for one in before)
     names.show([], "", eye())
     assert names._labels == []
+
+
+def test_a_very_long_name_does_not_lie_across_the_map(server: viser.ViserServer) -> None:
+    names = PlaceLabels(server.scene)
+    names.show([PlaceName("W" * 64, 0.0, 0.0)], "W" * 64, eye())
+    assert shown_by(names) == {"W" * (MAX_LETTERS - 1) + "…": True}
 
 
 @pytest.mark.parametrize("size", [(1.0, 1.0), (100_000.0, 1.0)])

@@ -8,10 +8,10 @@ from support.pages import page_of
 
 from trolley import topics
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, SavedPose, SavedPoses, TourStatus
+from trolley.messages import GoalStatus, SavedPose, SavedPoses, Stop, Tour, Tours, TourStatus
 from trolley_viz.actions.aiming import GO_TO
 from trolley_viz.actions.robot_actions import what_is_under_way
-from trolley_viz.pages.known import robot_state
+from trolley_viz.pages.known import robot_state, state_lines
 from trolley_viz.panels.tiles import MAX_TILES
 from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.robots.silence import SILENT_NS, SilentServices
@@ -40,7 +40,7 @@ def go(stage: "Stage", session: Session, x: float) -> None:
 
 def test_a_goal_is_taken_back_by_canceling_it(stage: "Stage", session: Session) -> None:
     go(stage, session, 1.0)
-    assert session.actions.history.last is not None
+    assert session.actions.history.last() is not None
     undo(stage, session)
     goal = session.view.streams.latest(topics.GOAL)
     assert goal is not None
@@ -60,7 +60,7 @@ def test_a_goal_that_is_over_is_not_taken_back(stage: "Stage", session: Session)
     go(stage, session, 1.0)
     stage.robot._say_goal("another", "driving", Pose2D.identity())
     stage.runtime.run(0.3)
-    assert session.actions.history.last is None
+    assert session.actions.history.last() is None
 
 
 def test_a_pose_is_set_back_to_where_the_robot_has_come_to(
@@ -91,10 +91,10 @@ def test_how_a_pose_was_corrected_is_told_once(stage: "Stage") -> None:
 def test_after_a_restart_of_the_base_there_is_no_way_back(stage: "Stage", session: Session) -> None:
     session.aiming.set_pose(Pointed(-1.0, -1.0, 0.0))
     stage.runtime.run(0.3)
-    assert session.actions.history.last is not None
+    assert session.actions.history.last() is not None
     stage.robot.epoch = 10**18
     stage.runtime.run(1.0)
-    assert session.actions.history.last is None
+    assert session.actions.history.last() is None
 
 
 def test_several_places_are_driven_as_one_tour(stage: "Stage", session: Session) -> None:
@@ -126,7 +126,7 @@ def test_who_follows_another_robot_leaves_all_behind(stage: "Stage", session: Se
     session.actions.choose_place("kitchen")
     session.aiming.point_goal()
     session.follow("kart")
-    assert session.actions.history.last is None
+    assert session.actions.history.last() is None
     assert session.actions.goal_queue.items == ()
     assert session.aiming.armed == ""
 
@@ -221,7 +221,31 @@ def test_a_service_that_falls_silent_is_missed(stage: "Stage", session: Session)
     stage.robot.alive.remove("planner")
     stage.runtime.run(6.0)
     assert "the planner is not running" in said()
+    assert state_lines(robot_state(session.view))[-1].headline == "No planner"
     assert tile.button("kitchen").is_disabled
+
+
+def test_while_it_is_stopped_nothing_sets_it_off_but_drive_on(
+    stage: "Stage", session: Session
+) -> None:
+    page, here = page_of(stage), session.view.placement.world_T_base
+    assert here is not None
+    tour = Tour(name="round", stops=[Stop(name="kitchen")])
+    stage.robot.publish(topics.TOURS, Tours(stamp_ns=1, tours=[tour]))
+    stage.robot.alive.append("tour")
+    stage.robot._say_goal("a", "paused", here)
+    stage.robot.mode = "stopped"
+    stage.runtime.run(1.0)
+    assert page.within("Go").button("Continue").is_disabled
+    for label in ("kitchen", "round", "Go to …", "Follow somebody"):
+        assert page.within("Go").button(label).is_disabled, label
+    assert page.within("Tours").button("Start").off == ("Start",)
+    assert not page.within("Go").button("Cancel").is_disabled
+    stage.robot.mode = "ok"
+    stage.runtime.run(0.5)
+    assert not page.within("Go").button("Continue").is_disabled
+    assert not page.within("Go").button("kitchen").is_disabled
+    assert page.within("Tours").button("Start").off == ()
 
 
 def test_a_service_that_was_never_heard_is_missed_after_a_while() -> None:

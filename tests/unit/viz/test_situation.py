@@ -50,7 +50,7 @@ def known(**fields: object) -> RobotState:
     estimate = PoseEstimate(
         stamp_ns=1,
         map="room",
-        pose=Pose2D(1.0, 2.0, 0.0),
+        pose=Pose2D(2.1, 1.0, 0.0),
         covariance=None,
         state=at,  # type: ignore[arg-type]
         match=0.9,
@@ -190,6 +190,11 @@ CASES = [
         "It is paused on its way to kitchen. Press “Continue”.",
     ),
     (known(goal=goal("arrived")), "It has arrived at kitchen."),
+    (known(goal=goal("arrived", pose=Pose2D(2.1, 2.1, 0.0))), "Ready."),  # driven on by hand
+    (
+        known(goal=goal("arrived", pose=Pose2D(2.1, 1.9, 0.0))),
+        "It has arrived at the place on the map.",
+    ),
     (
         known(goal=goal("failed", reason="blocked")),
         "It did not reach kitchen: something is in the way and does not move.",

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from support.pages import PageOf, page_of
 
-from trolley import topics
+from trolley import codes, requests, topics
+from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import SavedPose, SavedPoses, Zone, Zones
+from trolley.messages import Path, SavedPose, SavedPoses, Zone, Zones
+from trolley.messages.request_params import SendGoal
+from trolley.runtime.service import Service, answers
 from trolley_viz.graphics import camera
 from trolley_viz.scene.place_labels import Eye
 from trolley_viz.scene.touch import touched
@@ -24,6 +27,16 @@ SIZE = (1200.0, 800.0)
 KITCHEN = (2.0, 1.0)
 """Where the pretended robot's only place is on this map [m]."""
 ROBOT = (1.5, 0.0)
+
+
+class Refusing(Service):
+    """Finds a way to nowhere."""
+
+    name = "planner"
+
+    @answers(requests.GOAL_PREVIEW)
+    def preview(self, _: SendGoal) -> Path:
+        raise Refused(codes.NO_PATH)
 
 
 def eye_over(x: float, y: float, height: float = 6.0) -> Eye:
@@ -112,6 +125,17 @@ def test_a_place_is_driven_to(stage: "Stage", page: PageOf) -> None:
     stage.runtime.run(0.5)
     assert stage.robot.goals[-1].name == "kitchen"
     assert not page.is_shown("Look closer")
+
+
+def test_what_the_robot_cannot_reach_is_not_offered_to_go_to(stage: "Stage", page: PageOf) -> None:
+    tap(stage, -1.0, 0.5)
+    assert not page.within("Here").button("Go").is_disabled
+    stage.runtime.add(Refusing())
+    tap(stage, -1.2, 0.5)
+    assert "There is no path there" in page.within("Here").text()
+    assert page.within("Here").button("Go").is_disabled
+    tap(stage, *ROBOT)
+    assert page.within("Trolley").text() == "This robot."
 
 
 def test_the_floor_is_driven_to_and_saved_and_is_where_the_robot_is(

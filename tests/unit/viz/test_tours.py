@@ -373,6 +373,9 @@ def test_what_is_missing_is_said_and_cannot_be_saved(
 ) -> None:
     page.press("New tour")
     settle(stage)
+    assert page.value("Name") == "Tour 1"
+    page.type("Name", "")
+    settle(stage)
     assert "Give the tour a name." in page.text()
     assert "Add at least one place." in page.text()
     with pytest.raises(NotThere):

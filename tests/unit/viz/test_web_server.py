@@ -1,6 +1,8 @@
 """Who may talk to the web server, and what it serves."""
 
+import base64
 import contextlib
+import hashlib
 import http.client
 import json
 import re
@@ -256,6 +258,17 @@ def test_who_is_refused_is_told_so_in_their_language(
     with contextlib.closing(connection):
         connection.request("GET", "/", headers={"Accept-Language": accepted})
         assert said in connection.getresponse().read().decode()
+
+
+def test_who_is_refused_sees_a_page_with_its_style(asking: Served) -> None:
+    """No other file is given to them."""
+    status, headers, body = fetch(asking.port)
+    assert status == 401
+    style = re.search("<style>(.*?)</style>", body.decode(), re.DOTALL)
+    assert style is not None
+    assert "min-height: 44px" in style[1]
+    digest = base64.b64encode(hashlib.sha256(style[1].encode()).digest()).decode()
+    assert f"style-src 'sha256-{digest}'" in headers["Content-Security-Policy"]
 
 
 @pytest.fixture

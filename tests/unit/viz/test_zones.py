@@ -11,6 +11,7 @@ from support.pages import PageOf, page_of
 from trolley import requests, topics
 from trolley.codes import Refused
 from trolley.messages import SuspectLine, Suspects, Zone, Zones
+from trolley.messages.mapping import ZoneKind
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Service, answers
 from trolley_localizer.zone_rules import check_zone, with_zone, without_zone
@@ -149,15 +150,28 @@ def test_corner_after_corner_makes_an_area(hand: Hand, keeper: ZoneKeeper) -> No
 
 def test_a_line_is_dragged_and_goes_to_the_wall(hand: Hand, keeper: ZoneKeeper) -> None:
     hand.editor.start("mirror")
-    hand.drag((-1.0, -1.8), (1.0, -1.85))  # the wall's face is at -1.9
     hand.editor.form.name = " wall  mirror "
-    hand.editor.done()
+    hand.drag((-1.0, -1.8), (1.0, -1.85))  # the wall's face is at -1.9; letting go saves it
     hand.wait()
+    assert hand.editor.mode == "idle"
     np.testing.assert_allclose(keeper["wall mirror"].points, [(-1.0, -1.9), (1.0, -1.9)], atol=1e-6)
     assert hand.browser.notices[-1] == (
         "Saved",
         "The robot will respect “wall mirror” from now on.",
     )
+
+
+@pytest.mark.parametrize("kind", ["glass", "keepout"])
+def test_a_drag_that_goes_on_from_a_corner_saves_nothing(
+    hand: Hand, keeper: ZoneKeeper, kind: ZoneKind
+) -> None:
+    hand.editor.start(kind)
+    if kind == "glass":
+        hand.tap(0.0, 0.0)
+    hand.drag((0.0, 0.0), (1.0, 0.0))
+    hand.wait()
+    assert hand.editor.mode == "draw"
+    assert keeper.names == ["hall mirror"]
 
 
 def test_a_corner_is_taken_back_and_all_of_it_is_left(hand: Hand, keeper: ZoneKeeper) -> None:
@@ -196,9 +210,8 @@ def test_a_slow_area_has_the_speed_of_the_form(hand: Hand, keeper: ZoneKeeper) -
 
 def test_a_name_that_is_taken_replaces_nothing(hand: Hand, keeper: ZoneKeeper) -> None:
     hand.editor.start("mirror")
-    hand.drag((0.0, 0.0), (1.0, 0.0))
     hand.editor.form.name = "hall mirror"
-    hand.editor.done()
+    hand.drag((0.0, 0.0), (1.0, 0.0))
     hand.wait()
     assert "already" in hand.browser.notices[-1][1]
     assert keeper["hall mirror"] == MIRROR
@@ -209,7 +222,6 @@ def test_what_the_localizer_refuses_is_said_in_its_words(hand: Hand, keeper: Zon
     keeper.refuse = "The disk is full."
     hand.editor.start("mirror")
     hand.drag((0.0, 0.0), (1.0, 0.0))
-    hand.editor.done()
     hand.wait()
     assert hand.browser.notices[-1] == ("Not saved", "The disk is full.")
     hand.editor.form.name = "<b>"
@@ -232,7 +244,7 @@ def test_a_zone_is_tapped_and_its_corner_dragged(hand: Hand, keeper: ZoneKeeper)
     hand.history.undo()
     hand.wait()
     assert keeper["hall mirror"] == MIRROR
-    assert hand.history.last is None
+    assert hand.history.last() is None
 
 
 def test_handles_keep_their_size_on_the_screen(hand: Hand) -> None:
@@ -250,7 +262,7 @@ def test_a_refused_move_goes_back(hand: Hand, keeper: ZoneKeeper) -> None:
     keeper.refuse = "The disk is full."
     hand.drag((1.5, 1.0), (1.0, 0.0), handle=2)
     assert hand.editor.sketch.points == ((1.0, 1.0), (2.0, 1.0))
-    assert hand.history.last is None
+    assert hand.history.last() is None
 
 
 def test_rename_delete_and_undo(hand: Hand, keeper: ZoneKeeper) -> None:

@@ -187,7 +187,7 @@ class Aiming:
                 self._actions.ask(requests.POSE_SET, params, "Pose not set")
 
         # After a restart of the base its odometry starts over.
-        return Step("Set pose", undo, lambda: self._service.time_of(robot).epoch == epoch)
+        return Step("drive", "Set pose", undo, lambda: self._service.time_of(robot).epoch == epoch)
 
     def _preview_moved(self, pointed: Pointed | None) -> None:
         """Note where the pointer is, and ask for the path there."""

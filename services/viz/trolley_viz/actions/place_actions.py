@@ -166,7 +166,7 @@ class PlaceActions:
         self._put(after, "Not renamed", put)
 
     def _remember(self, title: str, undo: Callable[[], None]) -> None:
-        self._actions.history.add(Step(title, undo))
+        self._actions.history.add(Step("place", title, undo))
 
     def _tours(self) -> list[Tour]:
         tours = self._view().streams.latest(topics.TOURS)

@@ -179,7 +179,7 @@ class RobotActions:
                     return True  # its first status has not come yet
                 return now.id == status.id and now.state in DRIVING
 
-            undo = Step(f"Go to {title}", lambda: self._go_back(before, status), holds)
+            undo = Step("drive", f"Go to {title}", lambda: self._go_back(before, status), holds)
             self.history.add(undo)
 
         self.ask(requests.GOAL_SEND, goal, "The robot cannot go there", sent)

@@ -20,6 +20,8 @@ from trolley_viz.scene.touch import Touched
 from trolley_viz.sentences import refusal
 
 FLOOR_TITLE = "a place on the map"
+OUT_OF_REACH = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP, codes.KEEPOUT, codes.NO_PATH)
+"""Refusals that are about the place; others may have passed while one reads them."""
 
 
 class Touching:
@@ -51,6 +53,8 @@ class Touching:
         """How the robot would drive there."""
         self.way = ""
         """How far that is and how long it takes, or why it cannot."""
+        self.is_refused = False
+        """Whether the robot cannot go there."""
 
     def touch(self, one: Touched | None) -> None:
         """Show a card about this, and find out whether the robot can go there."""
@@ -66,6 +70,7 @@ class Touching:
                 self.preview, self.way = reply, preview_text(reply)
             elif reply.code != codes.TIMEOUT:
                 self.way = refusal(reply)
+                self.is_refused = reply.code in OUT_OF_REACH
 
         self._service.request(requests.GOAL_PREVIEW, self._goal(one), answered, robot=self._robot())
 
@@ -73,6 +78,7 @@ class Touching:
         """Take the card away."""
         self.touched = self.preview = None
         self.way = ""
+        self.is_refused = False
 
     def go(self) -> None:
         """Drive there."""

@@ -1,5 +1,6 @@
 """What the tour editor does: tours saved and deleted, each of which can be undone."""
 
+import itertools
 from collections.abc import Callable, Sequence
 
 from msgspec import structs
@@ -46,7 +47,7 @@ class TourActions:
                 if before is not None and renamed:
                     old = Named(name=before.name)
                     self._actions.ask(requests.TOURS_DELETE, old, "The old name was not deleted")
-                self._actions.history.add(Step(f"Save the tour {tour.name}", undo))
+                self._actions.history.add(Step("tour", f"Save the tour {tour.name}", undo))
             self._actions.tell("Saved", f"The tour {tour.name} is saved.", "good")
             saved()
 
@@ -61,7 +62,7 @@ class TourActions:
                 self._actions.ask(requests.TOURS_PUT, was, "Not undone")
 
             if self._robot() == robot:
-                self._actions.history.add(Step(f"Delete the tour {was.name}", undo))
+                self._actions.history.add(Step("tour", f"Delete the tour {was.name}", undo))
 
         self._actions.ask(requests.TOURS_DELETE, Named(name=tour.name), "Not deleted", done)
 
@@ -70,6 +71,11 @@ class TourActions:
         name = copy_name(tour.name, {one.name for one in tours})
         copy = structs.replace(tour, name=name, schedule=[])
         self.save(copy, None, lambda: None)
+
+
+def free_name(taken: set[str]) -> str:
+    """Name a new tour, with the first free number: “Tour 1”."""
+    return next(name for i in itertools.count(1) if (name := f"Tour {i}") not in taken)
 
 
 def copy_name(name: str, taken: set[str]) -> str:

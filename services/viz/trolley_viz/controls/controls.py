@@ -185,10 +185,16 @@ class Choice(Control):
         """Call `act` with the option that is pressed."""
         self._act = act
 
+    def turn_off(self, *options: str) -> None:
+        """Let these be seen but not used, and all others be used."""
+        self._change(off=options)
+
     def handle(self, value: Value) -> None:
         """Press one of its buttons."""
         if value not in self._look.options:
             raise BadValue(f"{value!r} is none of {', '.join(self._look.options)}")
+        if value in self._look.off:
+            raise NotThere
         if self._act is not None:
             self._act(value)
 

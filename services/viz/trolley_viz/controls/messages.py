@@ -50,6 +50,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
         is_open: of a folder.
         value: of what holds one; the open one of `tabs`.
         options: of a `choice` or `list`.
+        off: the options of a `choice` that can be seen but not used.
         words: the options that are no names that people gave; None: all.
         shown: what stands for the options in the page's language; none: they themselves.
         min: least value of a number.
@@ -73,6 +74,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
     is_open: bool = False
     value: Value = None
     options: tuple[str, ...] = ()
+    off: tuple[str, ...] = ()
     words: tuple[str, ...] | None = None
     shown: tuple[str, ...] = ()
     min: float | None = None

@@ -171,5 +171,5 @@ class ChangeRequests:
         def undo() -> None:
             self._edit(EditMap(name=name, ops=[TakeBack()]), may_rename=False)
 
-        step = Step(f"Change the map {name}", undo, lambda: self._map_name() in ("", name))
+        step = Step("map", f"Change the map {name}", undo, lambda: self._map_name() in ("", name))
         self._actions.history.add(step)

@@ -30,7 +30,7 @@ Mode = Literal["idle", "draw", "pick", "edit"]
 
 SLOW_MPS = 0.15
 """The speed that a new slow area begins with [m/s]."""
-LINE_HINT = "Tap along it, corner by corner. Tap the last corner again when done."
+LINE_HINT = "Drag from one end to the other. Or tap its corners, and the last one again."
 AREA_HINT = "Tap the corners one by one. Tap the first one again when done."
 PICK_HINT = "Tap a zone on the map."
 EDIT_HINT = "Drag a yellow corner, or the blue handle to move all of it."
@@ -76,6 +76,8 @@ class ZoneEditor:
         self.filled = 0
         """Counts how often the form was filled in."""
         self.hint = ""
+        self._is_one_drag = False
+        """Whether all that is drawn is the drag under way, or the last one."""
         self._seen: Zones | None = None
         self._map = ""
 
@@ -245,12 +247,16 @@ class ZoneEditor:
     def _dragged(self, phase: Phase, start: Point, now: Point | None) -> None:
         if self.mode != "draw" or self.sketch is None:
             return
+        if phase == "start":
+            self._is_one_drag = not self.sketch.points
         if not self.sketch.points:
             self.sketch = self.sketch.add(self._snapped(start))
         rubber = None if now is None else self._snapped(now)
         if phase == "end" and rubber is not None:
             self.sketch, rubber = self.sketch.add(rubber), None
         self._canvas.show(self.sketch, rubber)
+        if phase == "end" and self._is_one_drag and self.kind in LINE_KINDS:
+            self.done()
 
     def _picked(self, point: Point, reach_m: float) -> None:
         zone = zone_at(self.zones, point, max(reach_m, 0.1))

@@ -91,7 +91,7 @@ class ZoneRequests:
         def undo() -> None:
             self._take_back(change, step)
 
-        step = Step(change.title, undo, lambda: self._map_name() in ("", map_name))
+        step = Step("zone", change.title, undo, lambda: self._map_name() in ("", map_name))
         self._history.add(step)
 
     def _take_back(self, change: Change, step: Step) -> None:

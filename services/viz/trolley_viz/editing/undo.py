@@ -2,20 +2,25 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 MAX_STEPS = 30
+Kind = Literal["drive", "map", "place", "tour", "zone"]
+"""What a step is about; each is offered where the like is done."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
     """Something that was done.
 
     Args:
+        kind: what it is about.
         title: what was done, in a few words.
         undo: takes it back.
         holds: whether it can be taken back still; what has been overtaken cannot.
     """
 
+    kind: Kind
     title: str
     undo: Callable[[], None]
     holds: Callable[[], bool] = lambda: True
@@ -35,15 +40,18 @@ class History:
         """Forget all, as when another robot is followed."""
         self._steps.clear()
 
-    @property
-    def last(self) -> Step | None:
-        """The step that `undo` takes back; those that have been overtaken are dropped."""
-        while self._steps and not self._steps[-1].holds():
-            self._steps.pop()
-        return self._steps[-1] if self._steps else None
+    def last(self, kind: Kind | None = None) -> Step | None:
+        """Return the step that `undo` takes back; those that have been overtaken are dropped."""
+        while (step := self._newest(kind)) is not None and not step.holds():
+            self._steps.remove(step)
+        return step
 
-    def undo(self) -> None:
-        """Take the last step back."""
-        if (step := self.last) is not None:
-            self._steps.pop()
+    def undo(self, kind: Kind | None = None) -> None:
+        """Take the last step back, or the last one of a kind."""
+        if (step := self.last(kind)) is not None:
+            self._steps.remove(step)
             step.undo()
+
+    def _newest(self, kind: Kind | None) -> Step | None:
+        fitting = (one for one in reversed(self._steps) if kind in (None, one.kind))
+        return next(fitting, None)

@@ -79,7 +79,8 @@ export class Controls {
     if (drawn !== undefined && "value" in drawn.look) drawn.look = { ...drawn.look, value };
     const answer = await this.line.ask("press", { control: Number(id), value });
     if (answer.is_done) return;
-    this.notices.show({ title: t("Not done"), text: t(answer.text), tone: "warn" });
+    const title = answer.is_unknown ? t("No answer") : t("Not done");
+    this.notices.show({ title, text: t(answer.text), tone: "warn" });
     if (this.all.has(String(id))) this.put(String(id), this.told.get(String(id)));
   }
 
@@ -193,7 +194,10 @@ const MAKERS = {
             return button;
           }));
         }
-        for (const button of row.children) button.disabled = Boolean(look.is_disabled);
+        const { options = [], off = [] } = look;
+        for (const [i, button] of [...row.children].entries()) {
+          button.disabled = Boolean(look.is_disabled) || off.includes(options[i]);
+        }
       },
     };
   },

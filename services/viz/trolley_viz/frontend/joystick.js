@@ -2,7 +2,8 @@
 // everything that might be a release is one.
 import { follow, t } from "./words.js";
 
-const BEAT_MS = 100;
+const BEAT_MS = 100, KEYS = "keys";
+const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
 const MARKUP = `
 <button class="hand-open" type="button" aria-label="Drive by hand" aria-expanded="false">
   <svg viewBox="0 0 24 24" aria-hidden="true"><path d="M12 3l3 4h-6zM12 21l-3-4h6zM3 12l4-3v6zM21 12l-4 3v-6z"/><circle cx="12" cy="12" r="3"/></svg>
@@ -10,7 +11,8 @@ const MARKUP = `
 </button>
 <div class="hand-card" hidden>
   <button class="hand-close" type="button" aria-label="Close the joystick">×</button>
-  <div class="hand-pad" role="application" aria-label="Joystick">
+  <div class="hand-pad" role="application" tabindex="0"
+    aria-label="Joystick: drag it, or hold the arrow keys">
     <i class="up"></i><i class="right"></i><i class="down"></i><i class="left"></i>
     <div class="hand-knob"></div>
   </div>
@@ -35,7 +37,8 @@ export class Joystick {
     this.slider = find("input");
     this.speed = find("output");
     this.words = find(".hand-say");
-    this.pointer = this.timer = null;
+    this.pointer = this.timer = null; // what holds it: a pointer, or the keys
+    this.keys = new Set(); // the arrows that are held
     this.x = this.y = 0;
     this.can = false;
     this.button.addEventListener("click", () => this.toggle());
@@ -46,6 +49,9 @@ export class Joystick {
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
       this.pad.addEventListener(name, (event) => this.isMine(event) && this.release());
     }
+    this.pad.addEventListener("keydown", (event) => this.key(event, true));
+    this.pad.addEventListener("keyup", (event) => this.key(event, false));
+    this.pad.addEventListener("blur", () => this.pointer === KEYS && this.release());
     this.pad.addEventListener("contextmenu", (event) => event.preventDefault());
     addEventListener("blur", () => this.release());
     addEventListener("pagehide", () => this.release());
@@ -66,6 +72,7 @@ export class Joystick {
     this.button.setAttribute("aria-expanded", String(wanted));
     this.card.hidden = !wanted;
     document.body.classList.toggle("by-hand", wanted);
+    (wanted ? this.pad : this.button).focus({ preventScroll: true });
   }
 
   take(told) {
@@ -102,16 +109,39 @@ export class Joystick {
     this.pad.setPointerCapture(event.pointerId);
     this.pointer = event.pointerId;
     this.move(event);
+    this.hold();
+  }
+
+  hold() {
     this.send();
     this.timer = setInterval(() => this.send(), BEAT_MS);
     this.show();
   }
 
+  // A key that was held before, as through a stop, has to be pressed again.
+  key(event, isDown) {
+    if (!(event.key in ARROWS)) return;
+    event.preventDefault();
+    if (event.repeat || (this.pointer !== null && this.pointer !== KEYS)) return;
+    if (!isDown) this.keys.delete(event.key);
+    else if (this.can) this.keys.add(event.key);
+    if (this.keys.size === 0) return this.release();
+    const [right, up] = [0, 1].map((i) =>
+      [...this.keys].reduce((sum, key) => sum + ARROWS[key][i], 0));
+    this.lean(right, up);
+    if (this.pointer === KEYS) return;
+    this.pointer = KEYS;
+    this.hold();
+  }
+
   move(event) {
     const box = this.pad.getBoundingClientRect(), radius = box.width / 2;
     const reach = radius - this.knob.offsetWidth / 2;
-    const right = (event.clientX - box.left - radius) / reach;
-    const up = (box.top + radius - event.clientY) / reach;
+    this.lean((event.clientX - box.left - radius) / reach, (box.top + radius - event.clientY) / reach);
+  }
+
+  lean(right, up) {
+    const reach = 0.5 * (this.pad.clientWidth - this.knob.offsetWidth);
     const length = Math.max(1, Math.hypot(right, up));
     this.x = right / length;
     this.y = up / length;
@@ -121,6 +151,7 @@ export class Joystick {
   release() {
     if (this.pointer === null) return;
     this.pointer = null;
+    this.keys.clear();
     clearInterval(this.timer);
     this.x = this.y = 0;
     this.knob.style.transform = "";

@@ -37,8 +37,9 @@ export class Keys {
     }
     if (event.repeat || event.shiftKey) return;
     if (key === "j") return this.joystick.toggle();
-    // Enter and the like belong to a control that has the focus.
+    // Enter and the like belong to a control that has the focus. Space is Stop, so Enter ticks.
     if (key === "enter" && into.closest("button, summary, a")) return;
+    if (key === "enter" && into.type === "checkbox") return into.click();
     const command = this.commands.find((one) => one.key === key);
     if (command !== undefined) {
       event.preventDefault();

@@ -1,10 +1,10 @@
 // The life line's own thread: a socket on which viewer and page hear each other all the time. Here,
 // as drawing the scene may hold up the page for seconds. What is pressed carries its time and is
 // answered; Stop is kept until it is.
-const SILENCE_MS = 1500, RETRY_MS = 700, PATIENCE_MS = 4000, LOOK_MS = 150, BUSY_MS = 500;
+const SILENCE_MS = 1350, RETRY_MS = 700, PATIENCE_MS = 4000, LOOK_MS = 150, BUSY_MS = 500;
 const MAX_WAITING_BYTES = 1000;
 const t = (english) => english; // the page shows it in its language
-const UNANSWERED = t("The connection was lost before it was answered.");
+const UNANSWERED = t("The connection was lost before it was answered. Check whether it was done.");
 const NOT_CONNECTED = t("There is no connection. Nothing was done.");
 
 const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (one) =>
@@ -64,7 +64,7 @@ function look() {
 
 function lose() {
   close();
-  for (const id of pending) settle({ id, is_done: false, text: UNANSWERED });
+  for (const id of pending) settle({ id, is_done: false, is_unknown: true, text: UNANSWERED });
   if (state === "open") become("lost");
   else ask();
 }

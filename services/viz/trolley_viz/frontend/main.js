@@ -76,9 +76,15 @@ addEventListener("languagechange", () => line.say("say", { language: deviceLangu
 
 function changed(state) {
   document.body.dataset.line = state;
-  for (const id of ["map", "panel"]) document.getElementById(id).inert = state !== "open";
+  // Not all of the map: there is a main part in any state.
+  for (const id of ["scene", "overlays", "over", "panel"]) {
+    document.getElementById(id).inert = state !== "open";
+  }
   status.changed(state);
-  if (state !== "open") joystick.lose();
+  if (state !== "open") {
+    joystick.lose();
+    scene.lose();
+  }
   if (state === "lost") overlays.lose();
 }
 

@@ -107,6 +107,11 @@ export class Scene {
     this.say({ cancelled: true });
   }
 
+  // What is let go after the connection was lost counts for nothing, also when it is back.
+  lose() {
+    this.held = null;
+  }
+
   say(gesture) {
     this.line.gesture(gesture);
   }

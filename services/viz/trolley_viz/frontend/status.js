@@ -11,6 +11,8 @@ export class Status {
     const at = (id) => document.getElementById(id);
     this.title = at("title");
     this.sentence = at("sentence");
+    this.spoken = at("spoken");
+    this.announced = "";
     this.lines = at("lines");
     this.hint = at("hint");
     this.stopLine = at("stop-line");
@@ -29,7 +31,7 @@ export class Status {
     this.state = state;
     document.title = `${state.title}: ${state.sentence.headline}`;
     say(this.title, state.title);
-    say(this.sentence, state.sentence.headline);
+    this.tell(state.sentence.headline);
     this.sentence.dataset.tone = state.sentence.tone;
     this.lines.replaceChildren(...state.lines.map(lineItem));
     say(this.hint, state.hint || "");
@@ -40,6 +42,14 @@ export class Status {
     this.tick();
   }
 
+  // For screen readers: what is new, but not each metre that it has come nearer.
+  announce(headline) {
+    const kind = headline.replace(/\d+/g, "");
+    if (kind === this.announced) return;
+    this.announced = kind;
+    say(this.spoken, headline);
+  }
+
   stop() {
     this.pressedMs = performance.now();
     this.line().stop(this.state === null ? [] : [this.state.robot]);
@@ -48,14 +58,18 @@ export class Status {
 
   changed(state) {
     if (state === "refused") {
-      say(this.sentence,
-        t("This viewer asks for a token: open the link that `trolley viewer-link` prints."));
+      this.tell(t("This viewer asks for a token: open the link that `trolley viewer-link` prints."));
     } else if (state === "loading") {
-      say(this.sentence, t("The viewer does not answer. Is it running?"));
+      this.tell(t("The viewer does not answer. Is it running?"));
     }
     if (state !== "open") this.resume.disabled = true;
     this.lost.hidden = state !== "lost";
     this.tick();
+  }
+
+  tell(sentence) {
+    say(this.sentence, sentence);
+    this.announce(sentence);
   }
 
   tick() {
@@ -72,8 +86,7 @@ export class Status {
       text = stop.text;
       isAlarm = stop.is_alarm;
     } else if (this.state !== null && this.state.is_stopped && line.isOpen) {
-      const by = this.state.stopped_by;
-      text = by ? t("Stopped by {by}", { by }) : t("Stopped");
+      text = this.state.stopped_by || t("Stopped");
     }
     say(this.stopLine, text);
     this.stopLine.hidden = text === "";

@@ -1,12 +1,16 @@
 """What the sentences about a robot depend on, gathered from its streams."""
 
+from msgspec.structs import replace
+
 from trolley import topics
 from trolley.zones import room_of
 from trolley_viz.actions.robot_actions import what_is_under_way
 from trolley_viz.robots.view import View
 from trolley_viz.scene.tours import tour_of
 from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, position_line, trip_line
-from trolley_viz.situation import RobotState
+from trolley_viz.situation import RobotState, has_left
+
+NO_PLANNER = StatusLine("No planner", "bad", "The planner is not running.")
 
 
 def robot_state(view: View) -> RobotState:
@@ -49,10 +53,13 @@ def state_lines(known: RobotState, sender: str = "") -> list[StatusLine]:
     """The lines of the state: position, what holds it, where it is going, the trip, who sent it."""
     if known.is_away:
         return [AWAY]
+    goal = known.goal
+    if goal is not None and has_left(known):
+        goal = replace(goal, id=None, state="idle", pose=None)
     lines = [
         position_line(known.estimate, known.estimate_age_s),
         base_line(known.base),
-        goal_line(known.goal, list(known.places)),
+        NO_PLANNER if "planner" in known.silent else goal_line(goal, list(known.places)),
         trip_line(known.trip, known.tour),
         StatusLine(f"Sent by {sender}", "idle") if sender else None,
     ]

@@ -39,6 +39,7 @@ def _state(state: PageState, words: Translator) -> PageState:
         lines=[_line(line, words) for line in state.lines],
         stop=stop and StopLine(words.text(stop.text), stop.is_alarm),
         hint=words.text(state.hint),
+        stopped_by=words.text(state.stopped_by),
     )
 
 

@@ -194,6 +194,7 @@ class Page:
         known = robot_state(view)
         people = self._hub.people
         sender = people.senders.of(view.robot_name, under_way(known))
+        stopper = people.stoppers.of(view.robot_name, known.base)
         lines = state_lines(known, sender)
         now = situation(known)
         then = self.session.past.sentence("" if view.map is None else view.map.name)
@@ -216,12 +217,12 @@ class Page:
             sentence=then or now,
             lines=[now_line(now), *lines] if then else lines,
             stop=stop,
-            is_stopped=base is not None and base.is_halted and not view.is_away,
+            is_stopped=view.is_halted,
             hint=self.session.hint,
             dark=self.session.is_dark,
             language=self._language,
             has_scene=self.session.picture.client is not None,
-            stopped_by=people.stoppers.of(view.robot_name, base),
+            stopped_by=f"Stopped by {stopper}" if stopper else "",
         )
         pad = self._shared.joystick.state(self._number, view) if self.may_drive else None
         told = Told(

@@ -46,7 +46,7 @@ class GoTab:
         self._set.on_press(lambda: aiming.toggle(SET_POSE))
         find.on_press(actions.find)
         self._follow.on_press(actions.follow_person)
-        self._undo.on_press(actions.history.undo)
+        self._undo.on_press(lambda: actions.history.undo("drive"))
         with session.folder("Several places in a row"):
             self._goal_queue = GoalQueuePanel(gui, actions, aiming)
 
@@ -55,24 +55,28 @@ class GoTab:
         streams = view.streams
         goal, trip = streams.latest(topics.GOAL), streams.latest(topics.TOUR)
         tours = streams.latest(topics.TOURS)
-        self._show_steering(goal, trip)
+        self._show_steering(goal, trip, is_halted=view.is_halted)
         places = current_places(view)
         self._no_places.visible = not places
         can_go = view.can_go
         going_to = _going_to(goal, places)
-        self._places.show({one.name: one.icon for one in places}, going_to, can=can_go)
+        is_collecting = self._actions.goal_queue.is_collecting
+        icons = {one.name: one.icon for one in places}
+        self._places.show(icons, going_to, can=can_go or is_collecting)
         stored = [] if tours is None else tours.tours
         driven = trip.name if trip is not None and trip.state in UNDER_WAY else None
         self._tours_title.visible = bool(stored)
-        can_tour = can_go and "tour" not in view.silent
-        self._tours.show({one.name: "" for one in stored}, driven, can=can_tour)
-        self._point.disabled = self._follow.disabled = not can_go
+        self._tours.show({one.name: "" for one in stored}, driven, can=view.can_tour)
+        self._follow.disabled = not can_go
+        self._point.disabled = not (can_go or is_collecting or self._aiming.armed == GO_TO)
         self._point.label = LEAVE if self._aiming.armed == GO_TO else POINT_GOAL
         self._set.label = LEAVE if self._aiming.armed == SET_POSE else POINT_POSE
-        show_undo(self._undo, self._actions.history)
-        self._goal_queue.update(trip)
+        show_undo(self._undo, self._actions.history, "drive")
+        self._goal_queue.update(trip, can=view.can_tour)
 
-    def _show_steering(self, goal: GoalStatus | None, trip: TourStatus | None) -> None:
+    def _show_steering(
+        self, goal: GoalStatus | None, trip: TourStatus | None, *, is_halted: bool
+    ) -> None:
         """Offer to pause or to go on, and to cancel, what is under way."""
         what = what_is_under_way(goal, trip)
         status = trip if what == "trip" else goal
@@ -80,6 +84,8 @@ class GoTab:
         # Always there, so that nothing moves under a finger.
         self._pause.visible, self._go_on.visible = not is_paused, is_paused
         self._pause.disabled = self._cancel.disabled = not what
+        # What was stopped goes on by “Drive on”, and by nothing else.
+        self._go_on.disabled = is_halted
 
 
 def _going_to(goal: GoalStatus | None, places: list[SavedPose]) -> str | None:

@@ -27,15 +27,15 @@ class GoalQueuePanel:
         self._back.on_press(actions.goal_queue.remove_last)
         self._clear.on_press(actions.goal_queue.clear)
 
-    def update(self, trip: TourStatus | None) -> None:
-        """Show the queue."""
+    def update(self, trip: TourStatus | None, *, can: bool) -> None:
+        """Show the queue; `can` says whether the robot would drive to its places."""
         goal_queue = self._actions.goal_queue
         goal_queue.follow(trip)
         how = CHOOSING if goal_queue.is_collecting else "" if goal_queue.items else HOW
         listed = numbered([one.title for one in goal_queue.items])
         self._list.content = (note(how) if how else "") + listed
         self._collect.label = END if goal_queue.is_collecting else BEGIN
-        self._start.disabled = not goal_queue.items
+        self._start.disabled = not goal_queue.items or not can
         self._back.disabled = not goal_queue.items or goal_queue.is_driven
         self._clear.disabled = not goal_queue.items
 

@@ -2,6 +2,7 @@
 
 from trolley.messages import MapChange
 from trolley_viz.controls.controls import Controls
+from trolley_viz.panels.controls import show_undo
 from trolley_viz.panels.markup import note, sentence
 from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session
@@ -20,7 +21,9 @@ class ChangePanel:
         self._text = gui.add_html("", visible=False)
         self._which = gui.add_list("Which", (NO_CHOICE,), visible=False)
         self._answer = gui.add_choice("Change the map?", (ACCEPT, LATER, NEVER), visible=False)
+        self._undo = gui.add_button("Undo", icon="arrow-back-up", visible=False)
         self._answer.on_press(self._answered)
+        self._undo.on_press(lambda: session.actions.history.undo("map"))
 
     def update(self) -> None:
         """Show what there is to decide."""
@@ -30,6 +33,7 @@ class ChangePanel:
         self._which.options = [*choices_of(offered)]
         self._which.visible = len(offered) > 1
         self._answer.disabled = self._session.change_requests.is_busy
+        show_undo(self._undo, self._session.actions.history, "map")
 
     def _answered(self, answer: str) -> None:
         chosen = choices_of(self._offered)[self._which.value]

@@ -37,7 +37,7 @@ class MappingPanel:
         self._map_name = ""
         self._now_ns = 0
         self._sure_until_ns = 0
-        with session.folder("Make a map"):
+        with session.folder("Make a map", is_open=True):
             self._how = gui.add_html(note(HOW))
             self._state = gui.add_html("", visible=False)
             self._name = gui.add_text("Map name", "home")
@@ -76,6 +76,7 @@ class MappingPanel:
         self._explore.visible = state == "mapping"
         self._explore.label = "Stop exploring" if self._is_exploring else "Explore by itself"
         self._explore.colour = "amber" if self._is_exploring else "green"
+        self._explore.disabled = view.is_halted and not self._is_exploring
         self._pause.label = "Continue" if state == "paused" else "Pause"
         is_asking = self._now_ns < self._sure_until_ns
         self._cancel.visible = is_making or state == "starting"

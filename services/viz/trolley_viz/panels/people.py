@@ -6,6 +6,7 @@ from trolley_viz.panels.more_tab import PERIOD_NS
 from trolley_viz.people.names import NO_COOKIE
 from trolley_viz.people.people import Present
 from trolley_viz.sentences import StatusLine, duration
+from trolley_viz.server.devices import A_BROWSER, HERE
 from trolley_viz.session.session import Session
 
 MAX_ROWS = 30
@@ -39,7 +40,7 @@ class PeoplePanel:
         present = self._session.hub.people.present
         # This one is in front: among many it would be left out.
         present.sort(key=lambda one: one.number != self._session.number)
-        lines = [row(self._line(one, now_ns), [one.name]) for one in present[:MAX_ROWS]]
+        lines = [row(self._line(one, now_ns), _given(one.name)) for one in present[:MAX_ROWS]]
         if len(present) > MAX_ROWS:
             lines.append(note(f"and {len(present) - MAX_ROWS} more"))
         self._rows.content = "".join(lines)
@@ -64,6 +65,11 @@ class PeoplePanel:
         field.value = names.given(session.visitor)
         self._due_ns = 0
         session.tell("Saved", f"This browser is called {names.of(session.visitor)}.", "good")
+
+
+def _given(name: str) -> list[str]:
+    """The name, if it is one, and not what the page says for want of one."""
+    return [] if name in (HERE, A_BROWSER) else [name]
 
 
 def _age(open_ns: int) -> str:

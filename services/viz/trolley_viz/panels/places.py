@@ -64,7 +64,7 @@ class PlacePanel:
         self._here.on_press(self._save_here)
         self._point.on_press(self._point_out)
         self._delete.on_press(self._delete_chosen)
-        self._undo.on_press(session.actions.history.undo)
+        self._undo.on_press(lambda: session.actions.history.undo("place"))
 
     def update(self, view: View) -> None:
         """Show the places that there are; what another browser changes is shown here, too."""
@@ -79,7 +79,7 @@ class PlacePanel:
         self._save.visible = self._delete.visible = self._note.visible = not is_new
         self._here.label = "Save where the robot is" if is_new else "Move to the robot"
         self._point.label = "Point on the map …" if is_new else "Move on the map …"
-        show_undo(self._undo, self._actions.history)
+        show_undo(self._undo, self._actions.history, "place")
 
     def edit(self, name: str) -> None:
         """Choose a place, to be changed."""

@@ -76,11 +76,11 @@ class TouchCard:
             self._name.value = ""
         is_here = one.what in ("place", "floor")
         is_other = one.what == "robot" and one.name != view.robot_name
-        name = one.name or one.room
+        name = _title(view, one)
         self._card.call(name or FLOOR, is_name=bool(name))
         self._about.content = note(self._words(view, one))
         self._go.visible = self._tour.visible = is_here
-        self._go.disabled = not view.can_go
+        self._go.disabled = not view.can_go or self._touching.is_refused
         self._follow_person.visible = one.what == "floor"
         self._follow_person.disabled = not view.can_go
         self._name.visible = self._save.visible = self._pose.visible = one.what == "floor"
@@ -123,6 +123,15 @@ class TouchCard:
         one = self._touching.touched
         if one is not None:
             self._session.look_at(one.x, one.y)
+
+
+def _title(view: View, one: Touched) -> str:
+    """What a thing is called, "" for floor that is in no room."""
+    if one.what != "robot":
+        return one.name or one.room
+    robots = {member.name: member.robot for member in view.fleet} | {view.robot_name: view.robot}
+    robot = robots.get(one.name)
+    return one.name if robot is None else robot.title or one.name
 
 
 def _zone(view: View, name: str) -> Zone | None:

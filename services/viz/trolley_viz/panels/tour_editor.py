@@ -53,6 +53,8 @@ class TourEditor:
         self._tours: Sequence[Tour] = ()
         self._is_leaving = False
         """Whether the next press of Cancel throws the changes away."""
+        self._begun = Draft()
+        """What there was when it was opened."""
         self.editing: Editing | None = None
         self._folder = gui.add_folder(visible=False)
         with self._folder:
@@ -92,7 +94,7 @@ class TourEditor:
     # Opening and closing.
     def open(self, editing: Editing) -> None:
         """Edit this."""
-        self.editing = editing
+        self.editing, self._begun = editing, editing.draft
         self._is_leaving = False
         self._times.open()
         self._title.content = title("New tour" if editing.opened is None else "Edit the tour")
@@ -329,7 +331,7 @@ class TourEditor:
         editing = self.editing
         if editing is None:
             return
-        unchanged = Draft() if editing.opened is None else Draft.of(editing.opened)
+        unchanged = self._begun if editing.opened is None else Draft.of(editing.opened)
         if editing.draft == unchanged or self._is_leaving:
             self.close()
         else:

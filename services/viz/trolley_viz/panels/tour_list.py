@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from trolley.messages import Tour
-from trolley_viz.controls.controls import Container, Controls, Html
+from trolley_viz.controls.controls import Choice, Container, Controls, Html
 from trolley_viz.editing.tour_draft import days_text, stay_text
 from trolley_viz.editing.undo import History
 from trolley_viz.panels.controls import show_undo
@@ -44,7 +44,7 @@ class TourList:
         self._choices = choices
         self._history = history
         self._tours: dict[str, Tour] = {}
-        self._cards: dict[str, tuple[Container, Html]] = {}
+        self._cards: dict[str, tuple[Container, Html, Choice]] = {}
         self._folder = gui.add_folder()
         with self._folder:
             self._search = gui.add_text("Search", "", visible=False)
@@ -53,9 +53,9 @@ class TourList:
             new = gui.add_button("New tour", icon="plus", colour="green")
             self._undo = gui.add_button("Undo", icon="arrow-back-up", visible=False)
         new.on_press(lambda: choices.edit(None))
-        self._undo.on_press(history.undo)
+        self._undo.on_press(lambda: history.undo("tour"))
 
-    def update(self, tours: Sequence[Tour] | None, *, is_open: bool) -> None:
+    def update(self, tours: Sequence[Tour] | None, *, is_open: bool, can_start: bool) -> None:
         """Show the tours (None: not known yet) and what can be undone, or hide all that."""
         self._folder.visible = is_open
         if not is_open:
@@ -66,18 +66,19 @@ class TourList:
         found = sorted(name for name in self._tours if wanted in name.casefold())
         shown = found[:MAX_CARDS]
         for name in self._cards.keys() - set(shown):
-            folder, _ = self._cards.pop(name)
+            folder, _, _ = self._cards.pop(name)
             folder.remove()
         for order, name in enumerate(shown):
             if name not in self._cards:
                 self._cards[name] = self._add(name)
-            folder, text = self._cards[name]
+            folder, text, choice = self._cards[name]
+            choice.turn_off(*([] if can_start else [START]))
             folder.order = order
             tour = self._tours[name]
             names = {stop.name for stop in tour.stops if stop.name}
             text.content = card(name, summary(tour), names)
         self._rest.content = self._rest_text(tours, len(found))
-        show_undo(self._undo, self._history)
+        show_undo(self._undo, self._history, "tour")
 
     def _rest_text(self, tours: Sequence[Tour] | None, num_found: int) -> str:
         if tours is None:
@@ -88,7 +89,7 @@ class TourList:
             return note(f"{num_found - MAX_CARDS} more: search for them.")
         return "" if num_found else note("No tour has that name.")
 
-    def _add(self, name: str) -> tuple[Container, Html]:
+    def _add(self, name: str) -> tuple[Container, Html, Choice]:
         acts: dict[str, Callable[[Tour], None]] = {
             START: self._choices.start,
             EDIT: self._choices.edit,
@@ -100,7 +101,7 @@ class TourList:
             choice = self._gui.add_choice("", tuple(acts))
         # By name, not by position: what is pressed is what was read.
         choice.on_press(lambda action: acts[action](self._tours[name]))
-        return folder, text
+        return folder, text, choice
 
 
 def summary(tour: Tour) -> str:

@@ -3,7 +3,7 @@
 from trolley import topics
 from trolley.geometry.frames import MAP
 from trolley.messages import PastTrip, Tour
-from trolley_viz.actions.tour_actions import TourActions
+from trolley_viz.actions.tour_actions import TourActions, free_name
 from trolley_viz.controls.controls import Controls
 from trolley_viz.editing.tour_draft import Draft, Editing
 from trolley_viz.panels.past_trips import PastTripsPanel
@@ -47,11 +47,11 @@ class TourTab:
         trip, stored = view.streams.latest(topics.TOUR), view.streams.latest(topics.TOURS)
         editing = self._edited_here()
         tour = None if trip is None else tour_of(trip, view)
-        self._trip.update(trip, tour, with_last=editing is None)
+        self._trip.update(trip, tour, with_last=editing is None, is_halted=view.is_halted)
         self._past.update(view.past, trip, view.now_ns, is_shown=editing is None)
         if self._list is not None and self._editor is not None:
             tours = None if stored is None else stored.tours
-            self._list.update(tours, is_open=editing is None)
+            self._list.update(tours, is_open=editing is None, can_start=view.can_tour)
             self._editor.update(view, tours or [], is_shown=editing is not None)
         self._draw(view, editing)
 
@@ -72,7 +72,13 @@ class TourTab:
         """Edit it, or make a new one."""
         if self._editor is not None:
             self._edited_on = self._session.robot
-            self._editor.open(Editing(None, Draft()) if tour is None else Editing.open(tour))
+            self._editor.open(self._new() if tour is None else Editing.open(tour))
+
+    def _new(self) -> Editing:
+        """Begin a tour, under a name that is free: so it can be saved without typing."""
+        tours = self._session.view.streams.latest(topics.TOURS)
+        taken = {tour.name for tour in ([] if tours is None else tours.tours)}
+        return Editing(None, Draft(name=free_name(taken)))
 
     @property
     def is_editing(self) -> bool:

@@ -28,19 +28,23 @@ class TripPanel:
                 choice.on_press(steer)
                 self._steers.append(choice)
 
-    def update(self, trip: TourStatus | None, tour: Tour | None, *, with_last: bool) -> None:
+    def update(
+        self, trip: TourStatus | None, tour: Tour | None, *, with_last: bool, is_halted: bool
+    ) -> None:
         """Show how a trip goes.
 
         Args:
             trip: the one under way or the last one.
             tour: what it drives, None where that is not known.
             with_last: whether to show one that has ended, too.
+            is_halted: whether the robot is stopped: then it goes on by “Drive on” alone.
         """
         is_under_way = trip is not None and trip.state in UNDER_WAY
         self._progress.content = progress(trip, tour) if is_under_way or with_last else ""
         is_paused = trip is not None and trip.state == "paused"
         for choice, is_for_paused in zip(self._steers, (False, True), strict=False):
             choice.visible = is_under_way and is_for_paused == is_paused
+            choice.turn_off(*(["Continue"] if is_for_paused and is_halted else []))
 
 
 def progress(trip: TourStatus | None, tour: Tour | None) -> str:

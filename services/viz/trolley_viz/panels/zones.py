@@ -4,6 +4,7 @@ from trolley.messages import SuspectLine
 from trolley.messages.mapping import ZoneKind
 from trolley_viz.controls.controls import Button, Controls
 from trolley_viz.drawing.zone_editor import SLOW_MPS, Mode
+from trolley_viz.panels.controls import show_undo
 from trolley_viz.panels.markup import note
 from trolley_viz.session.session import Session
 
@@ -42,6 +43,7 @@ class ZonePanel:
             self._back = gui.add_button("Undo last corner", icon="arrow-back", visible=False)
             self._delete = gui.add_button("Delete", icon="trash", visible=False)
             self._leave = gui.add_button("Cancel", icon="x", visible=False)
+            self._undo = gui.add_button("Undo", icon="arrow-back-up", visible=False)
         self._bind()
 
     def update(self) -> None:
@@ -50,6 +52,7 @@ class ZonePanel:
         self._offer = suspects[0] if suspects and editor.mode == "idle" else None
         self._suspect.visible = self._answer.visible = self._offer is not None
         self._show_choice()
+        show_undo(self._undo, self._session.actions.history, "zone")
         if self._mode != editor.mode:
             self._mode = editor.mode
             self._set_hotkeys()
@@ -87,6 +90,7 @@ class ZonePanel:
         self._back.on_press(editor.take_back)
         self._delete.on_press(editor.delete)
         self._leave.on_press(editor.leave)
+        self._undo.on_press(lambda: self._session.actions.history.undo("zone"))
 
     def _answered(self, answer: str) -> None:
         if self._offer is None:

@@ -3,8 +3,8 @@
 viser tells of an end whenever a drag is over: when the pointer is let go, but also when a phone
 takes the touch for itself, when the window loses the focus, when a key changes what is held, and
 when the page is closed; a second finger that comes up is a click to it. The page's own script
-(`gestures.js`) says where a pointer was let go, and nothing otherwise; an end or a click that it
-does not speak for moves nothing.
+(`frontend/scene.js`) says where a pointer was let go, and nothing otherwise; an end or a click that
+it does not speak for moves nothing.
 """
 
 import math

@@ -41,9 +41,20 @@ class View:
 
     @property
     def can_go(self) -> bool:
-        """Whether its planner takes goals."""
+        """Whether its planner takes goals: while the robot is stopped it takes none."""
         has_planner = self.streams.latest(topics.GOAL) is not None and "planner" not in self.silent
-        return has_planner and not self.is_away
+        return has_planner and not self.is_away and not self.is_halted
+
+    @property
+    def can_tour(self) -> bool:
+        """Whether its tours can be started."""
+        return self.can_go and "tour" not in self.silent
+
+    @property
+    def is_halted(self) -> bool:
+        """Whether the robot stands until somebody lets it drive on."""
+        base = self.streams.latest(topics.BASE)
+        return base is not None and base.is_halted and not self.is_away
 
     @property
     def map(self) -> OccupancyGrid | None:

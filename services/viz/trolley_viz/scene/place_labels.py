@@ -18,6 +18,8 @@ from trolley_viz.scene.layer import Z_LABEL
 HEIGHT_PX, LETTER_PX, PADDING_PX = 20.0, 7.0, 12.0
 """Size of a name as viser writes it, and of its letters on average."""
 MAX_NAMES = 300
+MAX_LETTERS = 28
+"""Of a longer name the rest is not written on the map: it would lie across all of it."""
 
 
 class PlaceName(NamedTuple):
@@ -58,6 +60,7 @@ class PlaceLabels:
             eye: from where they are seen.
         """
         names = sorted(names[:MAX_NAMES], key=lambda one: one.text != first)
+        names = [one._replace(text=_shortened(one.text)) for one in names]
         is_same = names == self._names and first == self._first
         if is_same and self._eye is not None and _is_same(eye, self._eye):
             return
@@ -103,6 +106,10 @@ def clear_of_others(names: Sequence[PlaceName], eye: Eye) -> list[bool]:
         is_over &= np.abs(down - down[i]) < HEIGHT_PX
         clear[i] = not (clear & is_over).any()
     return clear.tolist()
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= MAX_LETTERS else f"{name[: MAX_LETTERS - 1].rstrip()}…"
 
 
 def _is_same(one: Eye, other: Eye) -> bool:

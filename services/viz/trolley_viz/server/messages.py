@@ -121,7 +121,7 @@ class PageState(Struct, frozen=True, kw_only=True):
         lines: its state in detail.
         stop: what became of the last press of Stop.
         is_stopped: whether “Drive on” would let it drive again.
-        stopped_by: who pressed Stop, as far as it was at a page.
+        stopped_by: that it was stopped and by whom, as far as it was at a page.
         hint: what an armed tool waits for.
         dark: whether it has the dark look.
         language: the code of the language in which it is told everything.

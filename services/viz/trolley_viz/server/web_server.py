@@ -7,6 +7,7 @@ here.
 """
 
 import asyncio
+import base64
 import contextlib
 import hashlib
 import html
@@ -53,7 +54,14 @@ SCENE_POLICY = (
 """viser's page is one file with its script inside."""
 REFUSAL = """<!doctype html><html lang="{language}"><meta charset="utf-8"><title>Trolley</title>
 <meta name="viewport" content="width=device-width,initial-scale=1">
-<link rel="stylesheet" href="/page/refusal.css"><main><h1>Trolley</h1><p>{text}</p>{form}</main>"""
+<style>{style}</style><main><h1>Trolley</h1><p>{text}</p>{form}</main>"""
+REFUSAL_STYLE = (PAGE / "refusal.css").read_text(encoding="utf-8")
+"""Inside of the page: who is refused gets no other file."""
+REFUSAL_POLICY = (
+    "default-src 'none'; style-src 'sha256-"
+    + base64.b64encode(hashlib.sha256(REFUSAL_STYLE.encode()).digest()).decode()
+    + "'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+)
 ASKING = """<form><label>{paste} <input name="token" autocomplete="off"></label>
 <button>{open}</button></form>"""
 
@@ -275,7 +283,8 @@ async def _icon(request: web.Request) -> web.StreamResponse:
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
     response.headers.update(HEADERS)
     is_scene = request.path.startswith(SCENE)
-    response.headers["Content-Security-Policy"] = SCENE_POLICY if is_scene else PAGE_POLICY
+    policy = SCENE_POLICY if is_scene else PAGE_POLICY
+    response.headers.setdefault("Content-Security-Policy", policy)
     response.headers["X-Frame-Options"] = "SAMEORIGIN" if is_scene else "DENY"
     response.headers.setdefault("Cache-Control", "no-cache")
     decided = request.get(DECISION)
@@ -292,9 +301,14 @@ def _refusal(decided: AccessDecision, tags: str) -> web.Response:
     is_asking = decided.status == HTTPStatus.UNAUTHORIZED
     asking = ASKING.format(paste=say("or paste the token here"), open=say("Open"))
     text = REFUSAL.format(
-        language=language, text=html.escape(say(decided.text)), form=asking if is_asking else ""
+        language=language,
+        style=REFUSAL_STYLE,
+        text=html.escape(say(decided.text)),
+        form=asking if is_asking else "",
     )
-    headers = {"Location": decided.location} if decided.location else {}
+    headers = {"Content-Security-Policy": REFUSAL_POLICY}
+    if decided.location:
+        headers["Location"] = decided.location
     return web.Response(text=text, status=decided.status, content_type="text/html", headers=headers)
 
 
