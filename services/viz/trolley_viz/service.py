@@ -15,7 +15,7 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
-from trolley.runtime.service import Service, every
+from trolley.runtime.service import Service
 from trolley_viz.foxglove import open_bridge
 from trolley_viz.joystick.teleop import Teleop
 from trolley_viz.overlays.pages import OverlayPages
@@ -36,11 +36,13 @@ from trolley_viz.session.hub import Hub
 from trolley_viz.session.robot_scene import RobotScenes
 from trolley_viz.settings import FILE, Choices, ViewerSettings
 
-DRAW_PERIOD_S = 0.05
-"""On average a scan waits half as long before it is drawn."""
+TICK_S = teleop.PERIOD_S
+"""How often the scene is drawn, and joysticks are heard: on average a scan waits half as long."""
 PANEL_PERIOD_NS = 200_000_000
-BEAT_PERIOD_S = 0.4
+BEAT_PERIOD_NS = 400_000_000
 """A page that has heard nothing for 1.5 s says so: of three beats one may be late."""
+WAITING_S = 1.0
+"""How often it is looked whether a page that is gone has come back, where there is no other."""
 
 
 PageName = tuple[str, Visitor]
@@ -73,7 +75,7 @@ class VizService(Service):
         self._numbers = itertools.count()
         self._unclaimed: dict[str, viser.ClientHandle] = {}
         """viser's connections that no page has claimed yet, by the secret each was given."""
-        self._panels_due_ns = 0
+        self._panels_due_ns = self._beat_due_ns = 0
 
     # Life.
     def start(self) -> None:
@@ -92,6 +94,7 @@ class VizService(Service):
             self.log.error("The viewer cannot start", why=str(taken))  # noqa: TRY400
             close_scene(self._scene)
             raise SystemExit(1) from taken
+        self._next_tick = self.deadline(self.tick)
         self._robot_watch = self.watch(topics.ROBOT, robot="*")
         self.past.start()
         self.hub = Hub(
@@ -161,6 +164,7 @@ class VizService(Service):
             self.pages[_page_of(line)] = page
         page.connect(line, self.monotonic_ns)
         self._panels_due_ns = 0
+        self._next_tick.set(0.0)
 
     def close_line(self, line: Line) -> None:
         """Note that the line to a page is gone."""
@@ -180,23 +184,39 @@ class VizService(Service):
         page.hear(said, self.monotonic_ns)
 
     # What it does again and again.
-    @every(DRAW_PERIOD_S, clock="local")
-    def draw(self) -> None:
-        """Draw and say what changed, while any browser is open."""
+    def tick(self) -> None:
+        """Drive, draw and say what changed: again and again while any page is open.
+
+        Where nobody has opened the viewer nothing wakes it for this, unless a robot has yet to
+        answer a press of Stop, or to hear that a joystick was let go.
+        """
         hub = self.hub
         if hub is None:
             return
         now_ns = self.monotonic_ns
         hub.stops.tick(now_ns)
-        for name in [name for name, page in self.pages.items() if page.is_over(now_ns)]:
+        is_driving = self.joystick.drive()
+        self._forget_pages(now_ns)
+        is_seen = any(page.is_connected for page in self.pages.values())
+        if is_seen or is_driving or hub.stops.are_waiting:
+            self._next_tick.set(TICK_S)
+        elif self.pages:
+            self._next_tick.set(WAITING_S)
+        if is_seen:
+            self._draw(hub, now_ns)
+
+    def _forget_pages(self, now_ns: int) -> None:
+        """Forget the pages that nobody comes back to."""
+        over = [name for name, page in self.pages.items() if page.is_over(now_ns)]
+        for name in over:
             self.pages.pop(name).close()
-            if not self.pages:
-                self._fleet.update(is_watched=False)
-                hub.scenes.update({}, ())
-                hub.people.stoppers.keep(set())
-                self.past.follow(set())
-        if not self.pages:
-            return
+        if over and not self.pages and self.hub is not None:
+            self._fleet.update(is_watched=False)
+            self.hub.scenes.update({}, ())
+            self.hub.people.stoppers.keep(set())
+            self.past.follow(set())
+
+    def _draw(self, hub: Hub, now_ns: int) -> None:
         self._robots.update(self._robot_watch.by_parts)
         self._fleet.update(is_watched=True)
         with hub.server.atomic():  # viser's thread is woken once for all of it
@@ -211,17 +231,10 @@ class VizService(Service):
             self._panels_due_ns = now_ns + PANEL_PERIOD_NS
             for page in self.pages.values():
                 page.update(hub.scenes.of(page.robot).view)
-
-    @every(BEAT_PERIOD_S, clock="local")
-    def beat(self) -> None:
-        """Let all pages know that the viewer lives."""
-        for page in self.pages.values():
-            page.beat(self.monotonic_ns)
-
-    @every(teleop.PERIOD_S, clock="local")
-    def send_commands(self) -> None:
-        """Send what the joysticks want."""
-        self.joystick.drive()
+        if now_ns >= self._beat_due_ns:
+            self._beat_due_ns = now_ns + BEAT_PERIOD_NS
+            for page in self.pages.values():
+                page.beat(now_ns)
 
     # Inside.
     def _tokens(self) -> AccessTokens:
