@@ -42,7 +42,7 @@ PANEL_PERIOD_NS = 200_000_000
 BEAT_PERIOD_NS = 400_000_000
 """A page that has heard nothing for 1.5 s says so: of three beats one may be late."""
 WAITING_S = 1.0
-"""How often it is looked whether a page that is gone has come back, where there is no other."""
+"""How often all of it is done where pages may come back, but nobody has one open now."""
 
 
 PageName = tuple[str, Visitor]
@@ -199,10 +199,10 @@ class VizService(Service):
         self._forget_pages(now_ns)
         is_seen = any(page.is_connected for page in self.pages.values())
         if is_seen or is_driving or hub.stops.are_waiting:
-            self._next_tick.set(TICK_S)
+            self._next_tick.repeat(TICK_S)
         elif self.pages:
             self._next_tick.set(WAITING_S)
-        if is_seen:
+        if self.pages:
             self._draw(hub, now_ns)
 
     def _forget_pages(self, now_ns: int) -> None:
@@ -219,13 +219,13 @@ class VizService(Service):
     def _draw(self, hub: Hub, now_ns: int) -> None:
         self._robots.update(self._robot_watch.by_parts)
         self._fleet.update(is_watched=True)
+        scenes = hub.scenes.by_robot
         with hub.server.atomic():  # viser's thread is woken once for all of it
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)
-        scenes = hub.scenes.by_robot
-        hub.people.stoppers.keep(scenes.keys())
-        self.past.follow(scenes.keys())
-        for page in self.pages.values():
-            page.session.update_scene(scenes.keys())
+            hub.people.stoppers.keep(scenes.keys())
+            self.past.follow(scenes.keys())
+            for page in self.pages.values():
+                page.session.update_scene(scenes.keys())
         hub.server.flush()  # viser would wait for more to send together
         if now_ns >= self._panels_due_ns:
             self._panels_due_ns = now_ns + PANEL_PERIOD_NS

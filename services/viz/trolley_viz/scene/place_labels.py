@@ -46,7 +46,7 @@ class PlaceLabels:
         self._scene = scene
         self._labels: list[viser.LabelHandle] = []
         self._names: list[PlaceName] = []
-        self._first = ""
+        self._asked: tuple[Sequence[PlaceName], str] = ([], "")
         self._eye: Eye | None = None
 
     def show(self, names: Sequence[PlaceName], first: str, eye: Eye) -> None:
@@ -57,13 +57,14 @@ class PlaceLabels:
             first: one that comes before all others.
             eye: from where they are seen.
         """
-        names = sorted(names[:MAX_NAMES], key=lambda one: one.text != first)
-        is_same = names == self._names and first == self._first
-        if is_same and self._eye is not None and _is_same(eye, self._eye):
+        asked = names, first
+        if asked == self._asked and self._eye is not None and _is_same(eye, self._eye):
             return
+        self._asked = list(names), first
+        names = sorted(names[:MAX_NAMES], key=lambda one: one.text != first)
         if names != self._names:
             self._write(names)
-        self._first, self._eye = first, eye
+        self._eye = eye
         for label, is_clear in zip(self._labels, clear_of_others(names, eye), strict=True):
             if label.visible != is_clear:
                 label.visible = is_clear
