@@ -41,6 +41,8 @@ TICK_S = teleop.PERIOD_S
 PANEL_PERIOD_NS = 200_000_000
 BEAT_PERIOD_NS = 400_000_000
 """A page that has heard nothing for 1.5 s says so: of three beats one may be late."""
+DRAWN_BY_NS = 500_000_000
+"""What is to be drawn waits no longer than this behind what has arrived, or it is lost."""
 WAITING_S = 1.0
 """How often all of it is done where pages may come back, but nobody has one open now."""
 
@@ -76,6 +78,8 @@ class VizService(Service):
         self._unclaimed: dict[str, viser.ClientHandle] = {}
         """viser's connections that no page has claimed yet, by the secret each was given."""
         self._panels_due_ns = self._beat_due_ns = 0
+        self._drawn_by_ns = 0
+        """When what is to be drawn is asked for again: in a flood it may have been dropped."""
 
     # Life.
     def start(self) -> None:
@@ -202,8 +206,9 @@ class VizService(Service):
             self._next_tick.repeat(TICK_S)
         elif self.pages:
             self._next_tick.set(WAITING_S)
-        if self.pages:
-            self._draw(hub, now_ns)
+        if self.pages and now_ns >= self._drawn_by_ns:
+            self._drawn_by_ns = now_ns + DRAWN_BY_NS
+            self.call_soon(self._draw)  # after what has arrived by now
 
     def _forget_pages(self, now_ns: int) -> None:
         """Forget the pages that nobody comes back to."""
@@ -216,16 +221,21 @@ class VizService(Service):
             self.hub.people.stoppers.keep(set())
             self.past.follow(set())
 
-    def _draw(self, hub: Hub, now_ns: int) -> None:
+    def _draw(self) -> None:
+        """Draw and say what changed."""
+        self._drawn_by_ns = 0
+        hub, now_ns = self.hub, self.monotonic_ns
+        if hub is None or not self.pages:
+            return
         self._robots.update(self._robot_watch.by_parts)
         self._fleet.update(is_watched=True)
         scenes = hub.scenes.by_robot
         with hub.server.atomic():  # viser's thread is woken once for all of it
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)
-            hub.people.stoppers.keep(scenes.keys())
-            self.past.follow(scenes.keys())
-            for page in self.pages.values():
-                page.session.update_scene(scenes.keys())
+        hub.people.stoppers.keep(scenes.keys())
+        self.past.follow(scenes.keys())
+        for page in self.pages.values():
+            page.session.update_scene(scenes.keys())
         hub.server.flush()  # viser would wait for more to send together
         if now_ns >= self._panels_due_ns:
             self._panels_due_ns = now_ns + PANEL_PERIOD_NS
