@@ -69,7 +69,8 @@ class Teleop:
 
     def drive(self) -> bool:
         """Send what the joysticks want now; called at the rate of commands while this is true."""
-        return any([self._drive(robot, driven) for robot, driven in self._driven.items()])
+        wants = [self._drive(robot, driven) for robot, driven in self._driven.items()]
+        return any(wants)  # each has had its turn
 
     def _drive(self, name: str, driven: _DrivenRobot) -> bool:
         """Send what one joystick wants; returns whether it wants anything."""

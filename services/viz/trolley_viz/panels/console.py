@@ -20,7 +20,6 @@ from trolley_viz.scene.touch import Touched
 from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session
 
-
 UNSEEN_PERIOD_NS = 1_000_000_000
 """How often a tab is brought up to date that is behind another."""
 

@@ -91,16 +91,16 @@ class Placement:
             return None
         num = ranges.shape[0]
         with np.errstate(invalid="ignore"):
-            points_laser = ranges[:, None] * _directions(
-                num, scan.angle_min, scan.angle_increment
-            )
+            points_laser = ranges[:, None] * _directions(num, scan.angle_min, scan.angle_increment)
         around = self._odometry_around(scan.stamp_ns)
         still = around[0].pose
         if scan.time_increment == 0.0 or all(one.pose == still for one in around):
             (pose,) = _poses_at(around, scan.stamp_ns, np.zeros(1))
             odom_T_base = Pose2D.from_array(pose)
             return (world_T_odom @ odom_T_base @ base_T_laser).transform_points(points_laser)
-        odom_T_base = _poses_at(around, scan.stamp_ns, scan.time_increment * np.arange(num))
+        odom_T_base = _poses_at(
+            around, scan.stamp_ns, scan.time_increment * np.arange(num, dtype=np.float64)
+        )
         points_odom = seen_from(odom_T_base, base_T_laser.transform_points(points_laser))
         return world_T_odom.transform_points(points_odom)
 

@@ -13,9 +13,9 @@ from trolley_viz.graphics.shapes import place
 from trolley_viz.robots.view import View
 from trolley_viz.scene.frame_axes import FrameAxes
 from trolley_viz.scene.goal_pins import GoalPins
+from trolley_viz.scene.layer import is_same
 from trolley_viz.scene.markers.icons import Icon, Icons
 from trolley_viz.scene.past import PastDrawing
-from trolley_viz.scene.layer import is_same
 from trolley_viz.scene.place_labels import Eye, PlaceLabels, PlaceName
 from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
