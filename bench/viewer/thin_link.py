@@ -94,7 +94,7 @@ def measure(kbit: float, round_trip_s: float, seconds: float) -> None:
         token = token_in(Path(folder, "state"))
         command = [sys.executable, "-m", "bench.viewer.thin_link", "--seconds", str(seconds)]
         found = subprocess.run(
-            ["ip", "netns", "exec", inside, *command, "--look", url, token],
+            ["ip", "netns", "exec", inside, *command, "--look", url, f"--token={token}"],
             cwd=ROOT,
             check=True,
             stdout=subprocess.PIPE,
@@ -123,11 +123,11 @@ def main() -> None:
     parser.add_argument("--kbit", type=float, default=400.0)
     parser.add_argument("--round-trip", type=float, default=0.2)
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--look", nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--look", help=argparse.SUPPRESS)
+    parser.add_argument("--token", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.look:
-        url, token = given.look
-        outcome = asyncio.run(look(url, token, given.seconds))
+        outcome = asyncio.run(look(given.look, given.token, given.seconds))
         sys.stdout.buffer.write(msgspec.json.encode(outcome))
     elif may_open():
         measure(given.kbit, given.round_trip, given.seconds)

@@ -2,7 +2,7 @@
 
 import html
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from trolley_viz.controls.controls import Controls
@@ -17,11 +17,15 @@ class PageOf:
     Args:
         controls: of the page.
         part: the folder or tab that is looked into, 0 for all.
+        wait: lets some time pass: a tab that is opened is brought up to date then.
     """
 
-    def __init__(self, controls: Controls, part: int = 0) -> None:
+    def __init__(
+        self, controls: Controls, part: int = 0, wait: Callable[[], None] = lambda: None
+    ) -> None:
         self._controls = controls
         self._part = part
+        self._wait = wait
 
     # Where to look.
     def within(self, title: str) -> "PageOf":
@@ -30,7 +34,8 @@ class PageOf:
         titled = [id_ for id_, look in shown if look.kind in CONTAINERS and look.label == title]
         saying = {look.parent for _, look in shown if title in html.unescape(look.content)}
         (part,) = titled or saying
-        return PageOf(self._controls, part)
+        self._turn_to(part)
+        return PageOf(self._controls, part, self._wait)
 
     # What there is.
     def html(self) -> str:
@@ -71,11 +76,11 @@ class PageOf:
     def press(self, label: str) -> None:
         """Press a button, alone or in a row of them."""
         id_, look = self._find(label, "button", "choice")
-        self._controls.handle(id_, label if look.kind == "choice" else None)
+        self._handle(id_, label if look.kind == "choice" else None)
 
     def drag(self, label: str, by: float) -> None:
         """Drag a button of a list past so many others, up being negative."""
-        self._controls.handle(self._find(label, "button")[0], by)
+        self._handle(self._find(label, "button")[0], by)
 
     def press_lead(self, text: str) -> None:
         """Press the first button in the markup that has this text in it."""
@@ -84,7 +89,7 @@ class PageOf:
                 r'data-press="(.*?)"[^>]*>(.*?)</button>', look.content
             ):
                 if text in html.unescape(re.sub(r"<[^>]*>", "", inside)):
-                    self._controls.handle(id_, html.unescape(press))
+                    self._handle(id_, html.unescape(press))
                     return
         raise AssertionError(f"no {text!r} to press")
 
@@ -95,17 +100,30 @@ class PageOf:
 
     def choose(self, label: str, option: str) -> None:
         """Choose something from a list."""
-        self._controls.handle(self._find(label, "list")[0], option)
+        self._handle(self._find(label, "list")[0], option)
 
     def type(self, label: str, value: str | float) -> None:
         """Type something into a field, or move a slider."""
-        self._controls.handle(self._find(label, "text", "number", "slider", "timeline")[0], value)
+        self._handle(self._find(label, "text", "number", "slider", "timeline")[0], value)
 
     def tick(self, label: str, *, is_on: bool = True) -> None:
         """Tick a box, or take the tick away."""
-        self._controls.handle(self._find(label, "check")[0], is_on)
+        self._handle(self._find(label, "check")[0], is_on)
 
     # Inside.
+    def _handle(self, id_: int, value: Any) -> None:
+        self._turn_to(id_)
+        self._controls.handle(id_, value)
+
+    def _turn_to(self, id_: int) -> None:
+        """Open the tab that something is in, as whoever wants to see it has to."""
+        while id_ != 0:
+            look = self._controls.all[id_].look
+            if look.kind == "tab" and self._controls.all[look.parent].look.value != id_:
+                self._controls.handle(look.parent, id_)
+                self._wait()
+            id_ = look.parent
+
     def _find(self, label: str, *kinds: str) -> tuple[int, Look]:
         found = [one for one in self._shown() if one[1].kind in kinds and _is(one[1], label)]
         assert len(found) == 1, f"{len(found)} of {label!r} among {self.labels}"
@@ -129,7 +147,7 @@ class PageOf:
 
 def page_of(stage: Any, client_id: int = 0) -> PageOf:
     """Return the page of a browser that a pretended viewer has open."""
-    return PageOf(stage.page(client_id).controls)
+    return PageOf(stage.page(client_id).controls, wait=lambda: stage.runtime.run(0.3))
 
 
 def _is(look: Look, label: str) -> bool:

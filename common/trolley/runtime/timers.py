@@ -23,17 +23,36 @@ class Deadline:
 
     def __init__(self, now_ns: Callable[[], int], call: Callable[[], None]) -> None:
         self._now_ns = now_ns
-        self.call = call
+        self._call = call
         self.due_ns: int | None = None
         """Local time at which to call, None if not at all."""
+        self._was_due_ns = 0
+        """Local time at which it was to be called when it was called last."""
 
     def set(self, seconds: float) -> None:
         """Call in `seconds` of local time, and not when it was to be called before."""
         self.due_ns = self._now_ns() + round(seconds * 1e9)
 
+    def repeat(self, seconds: float) -> None:
+        """Call as many `seconds` after it was due last, as a period does: missed ones are skipped.
+
+        Called from what it calls, it does so again and again.
+        """
+        period_ns, now_ns = round(seconds * 1e9), self._now_ns()
+        missed = (now_ns - self._was_due_ns) // period_ns
+        self.due_ns = self._was_due_ns + (missed + 1) * period_ns
+
     def clear(self) -> None:
         """Do not call."""
         self.due_ns = None
+
+    def run(self, now_ns: int) -> bool:
+        """Call, if it is due; returns whether it was."""
+        if self.due_ns is None or self.due_ns > now_ns:
+            return False
+        self._was_due_ns, self.due_ns = self.due_ns, None
+        self._call()
+        return True
 
 
 class Timers:
@@ -67,10 +86,7 @@ class Timers:
             did = True
         local_ns = monotonic_ns()
         for deadline in self._movable:
-            if deadline.due_ns is not None and deadline.due_ns <= local_ns:
-                deadline.clear()
-                deadline.call()
-                did = True
+            did |= deadline.run(local_ns)
         robot_ns = time.now(local_ns)
         for period in self._periods:
             clock = local_ns if period.is_local else robot_ns

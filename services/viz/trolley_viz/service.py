@@ -15,7 +15,7 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
-from trolley.runtime.service import Service, every
+from trolley.runtime.service import Service
 from trolley_viz.foxglove import open_bridge
 from trolley_viz.joystick.teleop import Teleop
 from trolley_viz.overlays.pages import OverlayPages
@@ -36,11 +36,15 @@ from trolley_viz.session.hub import Hub
 from trolley_viz.session.robot_scene import RobotScenes
 from trolley_viz.settings import FILE, Choices, ViewerSettings
 
-DRAW_PERIOD_S = 0.05
-"""On average a scan waits half as long before it is drawn."""
+TICK_S = teleop.PERIOD_S
+"""How often the scene is drawn, and joysticks are heard: on average a scan waits half as long."""
 PANEL_PERIOD_NS = 200_000_000
-BEAT_PERIOD_S = 0.4
+BEAT_PERIOD_NS = 400_000_000
 """A page that has heard nothing for 1.5 s says so: of three beats one may be late."""
+DRAWN_BY_NS = 500_000_000
+"""What is to be drawn waits no longer than this behind what has arrived, or it is lost."""
+WAITING_S = 1.0
+"""How often all of it is done where pages may come back, but nobody has one open now."""
 
 
 PageName = tuple[str, Visitor]
@@ -73,7 +77,9 @@ class VizService(Service):
         self._numbers = itertools.count()
         self._unclaimed: dict[str, viser.ClientHandle] = {}
         """viser's connections that no page has claimed yet, by the secret each was given."""
-        self._panels_due_ns = 0
+        self._panels_due_ns = self._beat_due_ns = 0
+        self._drawn_by_ns = 0
+        """When what is to be drawn is asked for again: in a flood it may have been dropped."""
 
     # Life.
     def start(self) -> None:
@@ -92,6 +98,7 @@ class VizService(Service):
             self.log.error("The viewer cannot start", why=str(taken))  # noqa: TRY400
             close_scene(self._scene)
             raise SystemExit(1) from taken
+        self._next_tick = self.deadline(self.tick)
         self._robot_watch = self.watch(topics.ROBOT, robot="*")
         self.past.start()
         self.hub = Hub(
@@ -161,6 +168,7 @@ class VizService(Service):
             self.pages[_page_of(line)] = page
         page.connect(line, self.monotonic_ns)
         self._panels_due_ns = 0
+        self._next_tick.set(0.0)
 
     def close_line(self, line: Line) -> None:
         """Note that the line to a page is gone."""
@@ -180,28 +188,50 @@ class VizService(Service):
         page.hear(said, self.monotonic_ns)
 
     # What it does repeatedly.
-    @every(DRAW_PERIOD_S, clock="local")
-    def draw(self) -> None:
-        """Draw and say what changed, while any browser is open."""
+    def tick(self) -> None:
+        """Drive, draw and say what changed: again and again while any page is open.
+
+        Where nobody has opened the viewer nothing wakes it for this, unless a robot has yet to
+        answer a press of Stop, or to hear that a joystick was let go.
+        """
         hub = self.hub
         if hub is None:
             return
         now_ns = self.monotonic_ns
         hub.stops.tick(now_ns)
-        for name in [name for name, page in self.pages.items() if page.is_over(now_ns)]:
+        is_driving = self.joystick.drive()
+        self._forget_pages(now_ns)
+        is_seen = any(page.is_connected for page in self.pages.values())
+        if is_seen or is_driving or hub.stops.are_waiting:
+            self._next_tick.repeat(TICK_S)
+        elif self.pages:
+            self._next_tick.set(WAITING_S)
+        if self.pages and now_ns >= self._drawn_by_ns:
+            self._drawn_by_ns = now_ns + DRAWN_BY_NS
+            self.call_soon(self._draw)  # after what has arrived by now
+
+    def _forget_pages(self, now_ns: int) -> None:
+        """Forget the pages that nobody comes back to."""
+        over = [name for name, page in self.pages.items() if page.is_over(now_ns)]
+        for name in over:
             self.pages.pop(name).close()
-            if not self.pages:
-                self._fleet.update(is_watched=False)
-                hub.scenes.update({}, ())
-                hub.people.stoppers.keep(set())
-                self.past.follow(set())
-        if not self.pages:
+        if over and not self.pages and self.hub is not None:
+            self._fleet.update(is_watched=False)
+            self.hub.scenes.update({}, ())
+            self.hub.people.stoppers.keep(set())
+            self.past.follow(set())
+
+    def _draw(self) -> None:
+        """Draw and say what changed."""
+        self._drawn_by_ns = 0
+        hub, now_ns = self.hub, self.monotonic_ns
+        if hub is None or not self.pages:
             return
         self._robots.update(self._robot_watch.by_parts)
         self._fleet.update(is_watched=True)
+        scenes = hub.scenes.by_robot
         with hub.server.atomic():  # viser's thread is woken once for all of it
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)
-        scenes = hub.scenes.by_robot
         hub.people.stoppers.keep(scenes.keys())
         self.past.follow(scenes.keys())
         for page in self.pages.values():
@@ -211,17 +241,10 @@ class VizService(Service):
             self._panels_due_ns = now_ns + PANEL_PERIOD_NS
             for page in self.pages.values():
                 page.update(hub.scenes.of(page.robot).view)
-
-    @every(BEAT_PERIOD_S, clock="local")
-    def beat(self) -> None:
-        """Let all pages know that the viewer lives."""
-        for page in self.pages.values():
-            page.beat(self.monotonic_ns)
-
-    @every(teleop.PERIOD_S, clock="local")
-    def send_commands(self) -> None:
-        """Send what the joysticks want."""
-        self.joystick.drive()
+        if now_ns >= self._beat_due_ns:
+            self._beat_due_ns = now_ns + BEAT_PERIOD_NS
+            for page in self.pages.values():
+                page.beat(now_ns)
 
     # Inside.
     def _tokens(self) -> AccessTokens:

@@ -123,6 +123,21 @@ def test_a_deadline_is_put_off_given_up_and_set_again():
     assert calls == [170]
 
 
+def test_a_deadline_that_repeats_keeps_its_pace_and_skips_what_it_missed():
+    timers, clock, calls = Timers(), Clock(), list[int]()
+
+    def call() -> None:
+        calls.append(clock.local_ns // MS)
+        clock.local_ns += (170 if len(calls) == 3 else 3) * MS
+        deadline.repeat(0.05)
+
+    deadline = timers.deadline(clock.monotonic_ns, call)
+    advance(timers, clock, 100)
+    deadline.set(0.0)
+    advance(timers, clock, 500)
+    assert calls == [100, 150, 200, 400, 450, 500]
+
+
 def test_periods_of_one_length_begin_together_and_wake_together():
     timers, clock = Timers(), Clock()
 

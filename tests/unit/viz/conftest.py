@@ -244,6 +244,8 @@ MADE_UP = {
     "Fits.",
     "It is the file that robot.toml names.",
     "Stored.",
+    "appeared-2: Something <is> so.",
+    "gone-1: Something <is> so.",
     "The disk is full.",
 }
 """What programs and robots say here and nobody says elsewhere."""

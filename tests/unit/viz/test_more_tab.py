@@ -128,7 +128,7 @@ def test_layers_tell_how_old_they_are(stage: "Stage") -> None:
     assert page.is_shown("Costmap of the whole map")  # off: nothing is known of it
     assert not any("truth" in label.casefold() for label in page.labels)  # the robot is a real one
     stage.runtime.kill("base")
-    stage.runtime.run(5.0)
+    stage.runtime.run(5.4)
     assert page.is_shown("Laser scan · 5 s")
 
 

@@ -54,10 +54,13 @@ class Control:
         return self._look
 
     def _change(self, **changed: Any) -> None:
-        look = structs.replace(self._look, **changed)
-        if look != self._look:
-            self._look = look
-            self._tree.note(self)
+        look = self._look
+        # Panels set what is there already, again and again: a new look would be dear for that.
+        for name, value in changed.items():
+            if getattr(look, name) != value:
+                self._look = structs.replace(look, **changed)
+                self._tree.note(self)
+                return
 
     def handle(self, value: Value) -> None:
         """Do what a press of it means; it is there and can be used.

@@ -66,12 +66,13 @@ class Teleop:
         for driven in self._driven.values():
             driven.joystick.leave(who)
 
-    def drive(self) -> None:
-        """Send what the joysticks want now; called at the rate of commands."""
-        for robot, driven in self._driven.items():
-            self._drive(robot, driven)
+    def drive(self) -> bool:
+        """Send what the joysticks want now; called at the rate of commands while this is true."""
+        wants = [self._drive(robot, driven) for robot, driven in self._driven.items()]
+        return any(wants)  # each has had its turn
 
-    def _drive(self, name: str, driven: _DrivenRobot) -> None:
+    def _drive(self, name: str, driven: _DrivenRobot) -> bool:
+        """Send what one joystick wants; returns whether it wants anything."""
         now_ns, robot = self._service.monotonic_ns, self._robots.get(name)
         if not self._can_drive(name):
             driven.joystick.drop()
@@ -79,10 +80,11 @@ class Teleop:
         twist = driven.ramp.step(wanted, now_ns)
         stamp_ns = None if twist is None else self._robot_ns(name)
         if twist is None or stamp_ns is None:
-            return
+            return twist is not None
         driven.stamp_ns = max(stamp_ns, driven.stamp_ns + 1)  # base drops what is not newer
         command = VelocityCommand(stamp_ns=driven.stamp_ns, twist=twist, valid_for=teleop.VALID_S)
         self._service.publish(topics.COMMAND, command, teleop.SOURCE, robot=name)
+        return True
 
     def state(self, who: int, view: View) -> PadState:
         """Say whether a page may drive the robot that it sees, and what keeps it from that."""

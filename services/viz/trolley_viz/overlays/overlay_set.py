@@ -30,7 +30,10 @@ class OverlaySet:
 
     def update(self, view: View) -> None:
         """Update which overlays there are, and sample the relations of frames they show."""
-        self.put(view.streams.by_parts(topics.OVERLAY))
+        overlays = view.streams.by_parts(topics.OVERLAY)
+        if not (overlays or self._overlays):
+            return
+        self.put(overlays)
         self.sample(lambda wanted: frames_of(view.streams, view.robot_ns, wanted), view.now_ns)
 
     def put(self, overlays: Mapping[tuple[str, ...], Overlay]) -> None:

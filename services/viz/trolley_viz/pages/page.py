@@ -114,6 +114,11 @@ class Page:
             return set()
         return {key for key, is_on in self.session.layers().items() if is_on}
 
+    @property
+    def is_connected(self) -> bool:
+        """Whether it has a line now."""
+        return self._line is not None
+
     def is_over(self, now_ns: int) -> bool:
         """Whether it has been gone for too long to come back."""
         return self._line is None and now_ns - self._heard_ns > KEPT_NS

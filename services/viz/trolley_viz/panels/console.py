@@ -21,6 +21,9 @@ from trolley_viz.scene.touch import Touched
 from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session
 
+UNSEEN_PERIOD_NS = 1_000_000_000
+"""How often a tab is brought up to date that is behind another."""
+
 
 class Console:
     """The controls of one browser; a viewer's has those only that cannot move anything."""
@@ -38,18 +41,21 @@ class Console:
         self._links: LinksPanel | None = None
         self._past_bar = PastBar(gui, session)
         tabs = self._tabs = gui.add_tabs()
+        self._unseen_due_ns = 0
         if session.may_drive:
-            with tabs.add_tab("Go", "steering-wheel"):
+            self._go_tab = tabs.add_tab("Go", "steering-wheel")
+            with self._go_tab:
                 self._go = GoTab(gui, session)
         self._tours_tab = tabs.add_tab("Tours", "route")
         with self._tours_tab:
             self._tours = TourTab(gui, session)
         if session.may_drive:
-            map_tab = tabs.add_tab("Map", "map-2")
-            with map_tab:
+            self._map_tab = tabs.add_tab("Map", "map-2")
+            with self._map_tab:
                 self._map = MapTab(gui, session)
-            self._card = self._add_card(gui, self._map, map_tab)
-        with tabs.add_tab("More", "dots"):
+            self._card = self._add_card(gui, self._map, self._map_tab)
+        self._more_tab = tabs.add_tab("More", "dots")
+        with self._more_tab:
             self._more = MoreTab(gui, session)
             self._people = PeoplePanel(gui, session)
             if session.may_drive:
@@ -62,22 +68,28 @@ class Console:
 
     def update(self, view: View, lines: Sequence[StatusLine]) -> None:
         """Say what is; `lines` are those of the robot's state."""
-        session = self._session
+        session, tabs = self._session, self._tabs
+        are_due = view.now_ns >= self._unseen_due_ns
+        if are_due:
+            self._unseen_due_ns = view.now_ns + UNSEEN_PERIOD_NS
         self._robots.update(view.fleet, session.robot_labels(), session.robot)
-        if self._go is not None:
+        if self._go is not None and (are_due or tabs.is_open(self._go_tab)):
             self._go.update(view)
-        self._tours.update(view)
-        if self._map is not None:
+        if are_due or tabs.is_open(self._tours_tab):
+            self._tours.update(view)
+        if self._map is not None and (are_due or tabs.is_open(self._map_tab)):
             self._map.update(view)
         if self._card is not None:
             self._card.update(view)
         self._view_bar.update()
         self._past_bar.update()
-        self._state.content = "".join(map(row, lines))
-        self._more.update(view)
-        self._people.update(view.now_ns)
-        if self._settings is not None:
-            self._settings.update(view)
+        self._more.follow(view)
+        if are_due or tabs.is_open(self._more_tab):
+            self._state.content = "".join(map(row, lines))
+            self._more.update(view)
+            self._people.update(view.now_ns)
+            if self._settings is not None:
+                self._settings.update(view)
         if self._links is not None:
             self._links.update(view.now_ns)
 

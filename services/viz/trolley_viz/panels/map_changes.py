@@ -19,7 +19,7 @@ class ChangePanel:
         self._session = session
         self._offered: list[MapChange] = []
         self._text = gui.add_html("", visible=False)
-        self._which = gui.add_list("Which", (NO_CHOICE,), visible=False)
+        self._which = gui.add_list("Which", (NO_CHOICE,), words=(), visible=False)
         self._answer = gui.add_choice("Change the map?", (ACCEPT, LATER, NEVER), visible=False)
         self._undo = gui.add_button("Undo", icon="arrow-back-up", visible=False)
         self._answer.on_press(self._answered)
@@ -30,7 +30,10 @@ class ChangePanel:
         offered = self._offered = self._session.change_marks.offered
         self._text.visible = self._answer.visible = bool(offered)
         self._text.content = card(offered) if offered else ""
-        self._which.options = [*choices_of(offered)]
+        choices = choices_of(offered)
+        self._which.options = [*choices]
+        names = {one.id for one in offered}
+        self._which.set_words([one for one in choices if one not in names])
         self._which.visible = len(offered) > 1
         self._answer.disabled = self._session.change_requests.is_busy
         show_undo(self._undo, self._session.actions.history, "map")

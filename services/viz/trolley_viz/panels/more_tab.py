@@ -70,10 +70,13 @@ class MoreTab:
         self._notes = gui.add_html("")
         self._robot_scene = lambda: session.hub.scenes.of(session.robot)
 
+    def follow(self, view: View) -> None:
+        """Plot, also while nobody looks: what is plotted has no gaps."""
+        self._plot.update(view)
+
     def update(self, view: View) -> None:
         """Say what is: what is for reading once a second."""
         self._relation.update(view)
-        self._plot.update(view)
         if view.now_ns < self._due_ns:
             return
         self._due_ns = view.now_ns + PERIOD_NS

@@ -1,5 +1,6 @@
 """Where things are: the robot's frames, and its path over the last two seconds."""
 
+import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -20,6 +21,8 @@ class Placement:
         self.tree = FrameTree()
         self.world = MAP
         self._odometry: Sequence[Odometry] = ()
+        self._found: dict[str, Pose2D | None] = {}
+        """Where frames are in the world, as far as it was asked since the last message."""
 
     def update(
         self,
@@ -37,6 +40,7 @@ class Placement:
                 has found itself on it.
         """
         self.tree.clear()
+        self._found.clear()
         if odometry:
             last = odometry[-1]
             self.tree.set(ODOM, BASE, last.pose, last.stamp_ns)
@@ -52,10 +56,12 @@ class Placement:
 
     def world_T(self, frame: str) -> Pose2D | None:  # noqa: N802 - the notation of the whole code
         """The pose of a frame in the world, None while it is not connected."""
-        try:
-            return self.tree.lookup(self.world, frame)
-        except MissingLink:
-            return None
+        if frame not in self._found:  # nearly every layer asks for the map's
+            try:
+                self._found[frame] = self.tree.lookup(self.world, frame)
+            except MissingLink:
+                self._found[frame] = None
+        return self._found[frame]
 
     def missing(self, frame: str) -> str:
         """Why a frame has no place in the world; empty if it has one."""
@@ -83,14 +89,20 @@ class Placement:
         world_T_odom, base_T_laser = self.world_T(ODOM), self._base_T_laser(scan.frame)
         if world_T_odom is None or base_T_laser is None or not self._odometry:
             return None
-        beams = np.arange(ranges.shape[0], dtype=np.float64)
-        angles = scan.angle_min + scan.angle_increment * beams
+        num = ranges.shape[0]
         with np.errstate(invalid="ignore"):
-            points_laser = ranges[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        points_base = base_T_laser.transform_points(points_laser)
-        times_s = (scan.stamp_ns - self._odometry[-1].stamp_ns) * 1e-9 + scan.time_increment * beams
-        odom_T_base = self._poses_at(times_s)
-        return world_T_odom.transform_points(seen_from(odom_T_base, points_base))
+            points_laser = ranges[:, None] * _directions(num, scan.angle_min, scan.angle_increment)
+        around = self._odometry_around(scan.stamp_ns)
+        still = around[0].pose
+        if scan.time_increment == 0.0 or all(one.pose == still for one in around):
+            (pose,) = _poses_at(around, scan.stamp_ns, np.zeros(1))
+            odom_T_base = Pose2D.from_array(pose)
+            return (world_T_odom @ odom_T_base @ base_T_laser).transform_points(points_laser)
+        odom_T_base = _poses_at(
+            around, scan.stamp_ns, scan.time_increment * np.arange(num, dtype=np.float64)
+        )
+        points_odom = seen_from(odom_T_base, base_T_laser.transform_points(points_laser))
+        return world_T_odom.transform_points(points_odom)
 
     def _base_T_laser(self, frame: str) -> Pose2D | None:
         try:
@@ -98,12 +110,31 @@ class Placement:
         except MissingLink:
             return None
 
-    def _poses_at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The odometry at times relative to the newest, (n, 3); beyond the ends it stands still."""
-        newest_ns = self._odometry[-1].stamp_ns
-        known_s = np.array([(one.stamp_ns - newest_ns) * 1e-9 for one in self._odometry])
-        poses = np.array([[one.pose.x, one.pose.y, one.pose.yaw] for one in self._odometry])
-        return poses_between(times_s, known_s, poses)
+    def _odometry_around(self, stamp_ns: int) -> Sequence[Odometry]:
+        """The odometry from the last that is not newer than a time [ns], else all there is."""
+        odometry = self._odometry
+        first = len(odometry) - 1
+        while first > 0 and odometry[first].stamp_ns > stamp_ns:
+            first -= 1
+        return odometry[first:]
+
+
+@functools.lru_cache(maxsize=4)
+def _directions(num: int, angle_min: float, angle_increment: float) -> NDArray[np.float64]:
+    """Where beams point, (num, 2) x, y: a lidar measures at the same angles again and again."""
+    angles = angle_min + angle_increment * np.arange(num, dtype=np.float64)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    directions.flags.writeable = False
+    return directions
+
+
+def _poses_at(
+    odometry: Sequence[Odometry], stamp_ns: int, times_s: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The odometry at times after a stamp, (n, 3); beyond the ends it stands still."""
+    known_s = np.array([(one.stamp_ns - stamp_ns) * 1e-9 for one in odometry])
+    poses = np.array([[one.pose.x, one.pose.y, one.pose.yaw] for one in odometry])
+    return poses_between(times_s, known_s, poses)
 
 
 def poses_between(

@@ -48,6 +48,11 @@ class StopPresses:
         self._presses: dict[str, _Press] = {}
         self._resuming: Counter[str] = Counter()
 
+    @property
+    def are_waiting(self) -> bool:
+        """Whether a robot has yet to answer."""
+        return bool(self._presses)
+
     def press(self, robot: str, now_ns: int) -> None:
         """Stop a robot, at once and until it answers."""
         if robot not in self._presses:

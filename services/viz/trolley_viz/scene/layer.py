@@ -64,14 +64,19 @@ class Layer:
 
     def changed(self, *inputs: Any) -> bool:
         """Whether the inputs differ from those of the last call; messages count by identity."""
-        same = len(inputs) == len(self._drawn) and all(map(_same, inputs, self._drawn))
-        if not same:
-            self._drawn = inputs
-        return not same
+        if is_same(inputs, self._drawn):
+            return False
+        self._drawn = inputs
+        return True
 
     def path(self, name: str) -> str:
         """The scene path of a node of this layer."""
         return f"{self.root}/{name}"
+
+
+def is_same(inputs: tuple[Any, ...], drawn: tuple[Any, ...]) -> bool:
+    """Whether what is to be drawn is drawn already; messages count by identity."""
+    return len(inputs) == len(drawn) and all(map(_same, inputs, drawn))
 
 
 def _same(a: Any, b: Any) -> bool:

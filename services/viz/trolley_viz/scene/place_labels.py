@@ -48,7 +48,7 @@ class PlaceLabels:
         self._scene = scene
         self._labels: list[viser.LabelHandle] = []
         self._names: list[PlaceName] = []
-        self._first = ""
+        self._asked: tuple[Sequence[PlaceName], str] = ([], "")
         self._eye: Eye | None = None
 
     def show(self, names: Sequence[PlaceName], first: str, eye: Eye) -> None:
@@ -59,14 +59,15 @@ class PlaceLabels:
             first: one that comes before all others.
             eye: from where they are seen.
         """
+        asked = names, first
+        if asked == self._asked and self._eye is not None and _is_same(eye, self._eye):
+            return
+        self._asked = list(names), first
         names = sorted(names[:MAX_NAMES], key=lambda one: one.text != first)
         names = [one._replace(text=_shortened(one.text)) for one in names]
-        is_same = names == self._names and first == self._first
-        if is_same and self._eye is not None and _is_same(eye, self._eye):
-            return
         if names != self._names:
             self._write(names)
-        self._first, self._eye = first, eye
+        self._eye = eye
         for label, is_clear in zip(self._labels, clear_of_others(names, eye), strict=True):
             if label.visible != is_clear:
                 label.visible = is_clear

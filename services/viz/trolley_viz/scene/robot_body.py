@@ -39,6 +39,10 @@ class RobotLayer(Layer):
         self._frame = self.scene.add_frame(self.path("base_link"), show_axes=False, visible=False)
         self._body: viser.MeshHandle | None = None
         self._parts: list[viser.SceneNodeHandle] = []
+        self._pose: Pose2D | None = None
+        """Where it is drawn."""
+        self._colour = AWAY_COLOUR
+        """Of the body."""
         self.problem = ""
         """Why the robot's own body is not shown."""
 
@@ -47,15 +51,20 @@ class RobotLayer(Layer):
         if self.changed(view.robot, view.placement.tree.link("laser") is not None):
             self._build(view)
         pose = view.placement.world_T_base
-        self._frame.visible = pose is not None and view.robot is not None
-        if pose is not None:
+        is_shown = pose is not None and view.robot is not None
+        if self._frame.visible != is_shown:
+            self._frame.visible = is_shown
+        if pose is not None and pose != self._pose:
+            self._pose = pose
             with self.server.atomic():
                 place(self._frame, pose, 0.0)
         if self._body is not None:
             estimate = view.streams.latest(topics.POSE)
             fresh = not view.is_away and (view.is_fresh(topics.POSE) or estimate is None)
             state: PoseState = "localized" if estimate is None else estimate.state
-            self._body.color = BODY_COLOURS[state] if fresh else AWAY_COLOUR
+            colour = BODY_COLOURS[state] if fresh else AWAY_COLOUR
+            if colour != self._colour:
+                self._colour = self._body.color = colour
 
     def _build(self, view: View) -> None:
         for part in self._parts:
@@ -88,6 +97,7 @@ class RobotLayer(Layer):
         points = np.array(robot.footprint)
         size = float(np.ptp(points, axis=0).min())
         height = body_height(points)
+        self._colour = AWAY_COLOUR
         self._body, arrow = add_body(self.scene, self.path("base_link"), points, AWAY_COLOUR)
         self._parts += [self._body, arrow]
         laser = view.placement.tree.link("laser")

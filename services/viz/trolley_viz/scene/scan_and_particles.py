@@ -53,17 +53,18 @@ class ScanLayer(Layer):
         points = view.placement.scan_points(scan, ranges)
         if points is None:
             return
-        colours = _beam_colours(beams, len(ranges))
-        good = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
-        good &= ranges > 0.0
-        self._show(points[good], colours[good])
+        # No comparison with a range that is not a number is true.
+        good = (ranges > 0.0) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
+        seen = np.flatnonzero(good & (ranges < np.inf))
+        raised = np.full((len(seen), 3), Z_SCAN, np.float32)
+        raised[:, :2] = points[seen]
+        self._show(raised, _beam_colours(beams, len(ranges), seen))
 
-    def _show(self, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> None:
-        raised = np.column_stack([points, np.full(len(points), Z_SCAN)]).astype(np.float32)
+    def _show(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
         if self._points is None:
             self._points = self.scene.add_point_cloud(
                 self.path("points"),
-                raised,
+                points,
                 colours,
                 point_size=0.024,
                 point_shape="circle",
@@ -73,7 +74,7 @@ class ScanLayer(Layer):
             return
         with self.server.atomic():
             if len(points):
-                self._points.points = raised
+                self._points.points = points
                 self._points.colors = colours
             self._points.visible = len(points) > 0
 
@@ -180,11 +181,14 @@ def _choose(view: View) -> tuple[Scan | None, BeamClasses | None]:
     return view.streams.latest(topics.SCAN), None
 
 
-def _beam_colours(beams: BeamClasses | None, count: int) -> NDArray[np.uint8]:
+def _beam_colours(
+    beams: BeamClasses | None, count: int, seen: NDArray[np.intp]
+) -> NDArray[np.uint8]:
+    """The colours of those of `count` beams that are seen, (n, 3)."""
     classes = None if beams is None else np.frombuffer(beams.classes, np.uint8)
     if classes is None or len(classes) != count:
-        return np.broadcast_to(PLAIN_SCAN, (count, 3))
-    return BEAM_COLOURS[np.minimum(classes, len(BEAM_COLOURS) - 1)]
+        return np.broadcast_to(PLAIN_SCAN, (len(seen), 3))
+    return BEAM_COLOURS[np.minimum(classes[seen], len(BEAM_COLOURS) - 1)]
 
 
 def _rounded(pose: object, match: float) -> tuple[object, ...]:

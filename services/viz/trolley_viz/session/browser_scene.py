@@ -6,15 +6,17 @@ import viser
 
 from trolley import topics
 from trolley.geometry import Pose2D
+from trolley.geometry.frames import MAP
 from trolley.messages import Path
 from trolley_viz.editing.goal_queue import QueuedGoal
 from trolley_viz.graphics.shapes import place
 from trolley_viz.robots.view import View
 from trolley_viz.scene.frame_axes import FrameAxes
 from trolley_viz.scene.goal_pins import GoalPins
+from trolley_viz.scene.layer import is_same
 from trolley_viz.scene.markers.icons import Icon, Icons
 from trolley_viz.scene.past import PastDrawing
-from trolley_viz.scene.place_labels import Eye, PlaceLabels
+from trolley_viz.scene.place_labels import Eye, PlaceLabels, PlaceName
 from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
 from trolley_viz.scene.scene import ROOT
@@ -34,6 +36,12 @@ class BrowserScene:
         self._scene = scene
         self._overrides: dict[str, dict[str, viser.FrameHandle]] = {}
         """By robot and by path below its root ("" is the root itself)."""
+        self._shown: tuple[object, ...] = ()
+        """What `show_robot` was asked for last."""
+        self._named: tuple[object, ...] = ()
+        """What the names of places were made of."""
+        self._names: tuple[list[PlaceName], str] = ([], "")
+        """Those, and the one that comes first."""
         self._root_pose = Pose2D.identity()
         self._preview = PreviewLine(scene)
         self._goal_pins = GoalPins(scene)
@@ -46,6 +54,10 @@ class BrowserScene:
 
     def show_robot(self, robot: str, robots: Set[str], layers: Mapping[str, bool]) -> None:
         """Show one of the robots in the shared scene, and of its layers those that are on."""
+        asked = robot, set(robots), layers
+        if asked == self._shown:
+            return
+        self._shown = asked
         for gone in self._overrides.keys() - robots:
             self._overrides.pop(gone)[""].remove()  # and all below it
         for one in robots:
@@ -93,13 +105,20 @@ class BrowserScene:
         self._preview.draw(preview, view.placement)
         self._goal_pins.draw(queue, view.placement)
         self._icons.show(icons, eye.wxyz)
-        goal = view.streams.latest(topics.GOAL)
-        self._labels.show(
-            place_names(view) if layers[PlaceLayer.key] else [],
-            "" if goal is None else goal_name(goal, current_places(view)),
-            eye,
-        )
+        self._labels.show(*self._place_names(view, is_shown=layers[PlaceLayer.key]), eye)
         self._axes.draw(view.placement, frames)
+
+    def _place_names(self, view: View, *, is_shown: bool) -> tuple[list[PlaceName], str]:
+        """The names of the places, and that of the one that the robot drives to."""
+        streams, world_T_map = view.streams, view.placement.world_T(MAP)
+        goal = streams.latest(topics.GOAL)
+        made_of = (streams.latest(topics.POSES), streams.latest(topics.MAP), goal)
+        if is_same((*made_of, world_T_map, is_shown), self._named):
+            return self._names
+        self._named = (*made_of, world_T_map, is_shown)
+        names = place_names(view) if is_shown else []
+        self._names = names, "" if goal is None else goal_name(goal, current_places(view))
+        return self._names
 
     def _override(self, robot: str, below: str, *, is_visible: bool) -> None:
         """Show or hide a part of the shared scene in this browser alone."""

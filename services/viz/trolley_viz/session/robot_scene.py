@@ -26,6 +26,8 @@ from trolley_viz.scene.overlays import OverlayLayer
 from trolley_viz.scene.robot_body import RobotLayer
 from trolley_viz.scene.scene import Scene
 
+SILENT_PERIOD_NS = 200_000_000
+"""How often it is looked whether a service has fallen silent."""
 EVERY_MESSAGE_S = 0.05
 """A watch that keeps any history at all hears every message."""
 
@@ -45,6 +47,9 @@ class RobotScene:
         self.scene = Scene(server, robot)
         self.overlays = OverlaySet(follow_values(service, robot))
         self._silence = SilentServices()
+        self._silent_due_ns = 0
+        self._followed: Set[str] | None = None
+        """The layers whose streams are followed; None: it follows nothing."""
         self._epoch = 0
         self._seen_map = ""
 
@@ -86,18 +91,21 @@ class RobotScene:
         if epoch != self._epoch:
             self._epoch = epoch
             self._silence = SilentServices()
+            self._silent_due_ns = 0
+            self._followed = None
             self.streams.drop_all()
             self.scene.forget()
             self.overlays.drop_all()
-        self.streams.follow(self.scene.wanted(shown))
-        health = {name: one for (name,), one in self.streams.by_parts(topics.HEALTH).items()}
+        if shown != self._followed:
+            self._followed = frozenset(shown)
+            self.streams.follow(self.scene.wanted(shown))
         self.view = replace(
             self.view,
             robot=robot,
             now_ns=now_ns,
             robot_ns=robot_ns,
             fleet=fleet,
-            silent=self._silence.update(health, now_ns),
+            silent=self._silent(now_ns),
         )
         self.view.place_frames()
         self.scene.update(self.view, shown)
@@ -105,6 +113,14 @@ class RobotScene:
             self.overlays.update(self.view)
         else:
             self.overlays.drop_all()
+
+    def _silent(self, now_ns: int) -> frozenset[str]:
+        """The services that have fallen silent, as they were looked for lately."""
+        if now_ns < self._silent_due_ns:
+            return self.view.silent
+        self._silent_due_ns = now_ns + SILENT_PERIOD_NS
+        health = {name: one for (name,), one in self.streams.by_parts(topics.HEALTH).items()}
+        return self._silence.update(health, now_ns)
 
     @property
     def markers(self) -> MarkerLayer:

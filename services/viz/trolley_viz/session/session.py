@@ -1,6 +1,6 @@
 """One browser: its controls, its tool, the robot that it follows and the layers that it shows."""
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass
 
 import msgspec
@@ -74,6 +74,7 @@ class Session:
         self._hub = hub
         service = hub.service
         self._choices = choices
+        self._layers = shown_layers(choices.layers)
         self._robot = choices.robot or hub.robots.own
         self.drags = Drags(
             self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unconfirmed
@@ -210,9 +211,9 @@ class Session:
         hub = self._hub
         return hub.robots.labels(self._robot, lambda name: hub.robot_ns(name) is None)
 
-    def layers(self) -> dict[str, bool]:
+    def layers(self) -> Mapping[str, bool]:
         """Which layers are shown, by key."""
-        return shown_layers(self._choices.layers)
+        return self._layers
 
     def frames_on(self) -> list[str]:
         """The frames whose axes are shown."""
@@ -431,4 +432,5 @@ class Session:
 
     def _choose(self, choices: Choices) -> None:
         self._choices = choices
+        self._layers = shown_layers(choices.layers)
         self._hub.remember(self.visitor.browser, choices)

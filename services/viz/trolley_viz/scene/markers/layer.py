@@ -55,7 +55,7 @@ class MarkerLayer(Layer):
     def draw(self, view: View) -> None:
         """Take over what changed, and move what moves."""
         watch = view.streams.watch(topics.MARKER)
-        if watch is None:
+        if watch is None or not (watch.by_parts or self._frames):
             return
         _drop_ended(watch, view.now_ns)
         self._grouping.take_over(watch.by_parts, watch.arrived)
