@@ -1,6 +1,8 @@
 """The router as a service: what it proves to whoever watches it."""
 
+import ctypes
 import os
+import signal
 import socket
 import stat
 import subprocess
@@ -75,6 +77,21 @@ def test_a_router_that_takes_no_new_session_falls_silent_and_lives(
         wait_until(lambda: not is_silent(), "it is well again")
         wait_until(opens, "a new session")
         assert router.terminate() == 0
+
+
+def test_it_ends_whichever_of_its_threads_is_told_to(tmp_path: Path) -> None:
+    """The kernel may give a signal to any thread, and only Python's own wakes up by it."""
+    endpoint = f"tcp/127.0.0.1:{find_free_port()}"
+    command = ["-c", PROGRAM, "router", "--listen", endpoint]
+    router = Process(command, tmp_path / "router.log", {"TROLLEY_CONFIG": ""})
+    try:
+        wait_until(lambda: "Listening" in router.log, "the router")
+        threads = {int(one.name) for one in Path(f"/proc/{router.pid}/task").iterdir()}
+        other = (threads - {router.pid}).pop()
+        assert ctypes.CDLL(None).tgkill(router.pid, other, signal.SIGTERM) == 0
+        assert router.wait() == 0
+    finally:
+        router.kill()
 
 
 @pytest.fixture
