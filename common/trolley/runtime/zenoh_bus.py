@@ -73,7 +73,8 @@ def open_router(
     with ExitStack() as stack:
         try:
             doors = [stack.enter_context(closing(Door(one))) for one in listen if is_far(one)]
-            inside = [one for one in listen if not is_far(one)] + [door.inside for door in doors]
+            inside = [one for one in listen if not is_far(one)]
+            inside += [one for door in doors for one in door.inside]
             session = zenoh.open(router_config(inside, uplink, security, downsample))
         except (zenoh.ZError, OSError, ValueError) as error:
             where = ", ".join(listen)
