@@ -163,8 +163,8 @@ class Door:
             self._visits[guest] = _Visit(guest, link)
             self._loop.add_reader(link.fileno(), self._listen_to, self._visits[guest])
             self._show_out()
-            # What waited to be taken has mostly greeted by now: heard only later, it would have to go
-            # as a silent one for those who are taken with it.
+            # What waited to be taken has mostly greeted by now: heard only later, it would have to
+            # go as a silent one for those who are taken with it.
             if guest in self._visits:
                 self._listen_to(self._visits[guest])
         self._pause(BREATH_S)

@@ -5,6 +5,7 @@ import contextlib
 import socket
 
 from support.waiting import PATIENCE_S
+
 from trolley.runtime.door.admission import Limits
 from trolley.runtime.door.server import Door
 
