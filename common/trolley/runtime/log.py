@@ -81,7 +81,7 @@ class _TerminalFormatter(logging.Formatter):
 
 
 class _JournalFields(logging.Filter):
-    """Turns the fields into journal fields too: `TROLLEY_MAP=home`; `journalctl` shows no fields."""
+    """Makes the fields fields of the journal too, `TROLLEY_MAP=home`; `journalctl` shows none."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         record.msg, record.args = _sentence(record), None
