@@ -74,7 +74,7 @@ class Robot:
 
     Args:
         name: Which robot; else the configuration file's, else the only one on the network.
-        connect: Endpoints of its router, such as "tcp/192.168.1.5:7447"; else the file's.
+        connect: Endpoints of its router, such as "tls/kiwi.local:7448"; else the file's.
         config: A `robot.toml`; else `TROLLEY_CONFIG`, else /etc/trolley/robot.toml.
         connect_timeout: How long to wait for the router [s].
 

@@ -217,11 +217,17 @@ class Connection:
         """Stop every robot on the network; return what each answered, by name."""
         key = requests.BASE_STOP.key("*")
         replies, _ = self._gather(f"{key}?format=msgpack", timeout_s)
-        return {
-            reply.key.split("/")[1]: codec.decode(BaseState, reply.payload, reply.encoding)
-            for reply in replies
-            if not reply.is_error
-        }
+        answers: dict[str, BaseState] = {}
+        for reply in replies:
+            _, _, rest = reply.key.partition("/")
+            robot = rest.partition("/")[0]
+            if reply.is_error or not topics.names_robot(robot):
+                continue
+            try:
+                answers[robot] = codec.decode(BaseState, reply.payload, reply.encoding)
+            except codec.BadPayload:
+                continue  # then this is no robot that has stopped
+        return answers
 
     def get(
         self,
@@ -292,7 +298,7 @@ class Connection:
         found: dict[tuple[str, str], list[str]] = {}
         for key in self.bus.alive(topics.ALIVE.key(robot)):
             matched = topics.ALIVE.match(key)
-            if matched is not None and not has_wildcard(key):  # else it is no robot's
+            if matched is not None and topics.names_robot(matched[0]) and not has_wildcard(key):
                 name, (service, run) = matched
                 found.setdefault((name, service), []).append(run)
         return found

@@ -9,7 +9,15 @@ ROUTER_PORT = 7447
 """Where a host's router listens for that host's own programs."""
 ROUTER_TLS_PORT = 7448
 """Where it listens for other hosts, if it has keys."""
+_LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _LISTENING = "0A"
+
+
+def port_of(endpoint: str) -> int | None:
+    """The port of a TCP endpoint on this host, None for any other endpoint."""
+    address = endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
+    host, _, port = address.rpartition(":")
+    return int(port) if host in _LOOPBACK and port.isdigit() else None
 
 
 def is_free(port: int, host: str = "127.0.0.1") -> bool:

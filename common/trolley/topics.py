@@ -6,6 +6,7 @@ Everything that publishes, subscribes or documents a topic reads its row here; r
 
 import dataclasses
 import enum
+import re
 import unicodedata
 from typing import Any, Generic, TypeVar, cast
 
@@ -15,6 +16,12 @@ from trolley import messages as m
 
 ROOT = "trolley"
 M = TypeVar("M", bound=msgspec.Struct)
+_ROBOT = re.compile(r"[a-z0-9_-]{1,32}")
+
+
+def names_robot(chunk: str) -> bool:
+    """Whether a chunk of a key can be a robot's name; strangers may put anything there."""
+    return _ROBOT.fullmatch(chunk) is not None
 
 
 class Qos(enum.Enum):

@@ -11,7 +11,8 @@ from trolley import Refused, Robot, RobotUnreachable, SeveralRobots, requests, t
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Marker, Overlay, request_params
 from trolley.runtime import codec
-from trolley.runtime.bus import Sample
+from trolley.runtime.bus import Query, Sample
+from trolley.runtime.zenoh_bus import open_bus
 
 
 def script(*steps: tuple[str, str]) -> tuple[GoalStatus, ...]:
@@ -53,6 +54,29 @@ def test_several_robots_have_to_be_named(add_robot: Callable, endpoint: str) -> 
         assert message is not None
         assert message.name == "two"
         assert robot.connection.stop_all().keys() == {"one", "two"}
+
+
+@pytest.mark.parametrize(
+    "name", ["x\nlime: stopped", "\x1b[2J", "lime\u202e", "L" * 33, "Lime", "*"]
+)
+def test_what_no_robot_can_be_called_is_no_robot(
+    add_robot: Callable, endpoint: str, trolley: Callable, name: str
+) -> None:
+    """A stranger may show any key, and answer whatever it likes to a stop of all robots."""
+    add_robot("one")
+
+    def answer(query: Query) -> None:
+        for robot in (name, "two"):
+            query.reply(requests.BASE_STOP.key(robot), b"\xc1", codec.MIME["msgpack"])
+        query.finish()
+
+    with open_bus([endpoint], PATIENCE_S) as bus, Robot("one", connect=endpoint) as robot:
+        bus.declare_token(topics.ALIVE.key(name, "base", "run-1-2"))
+        bus.serve(requests.BASE_STOP.key("*"), answer)
+        assert robot.connection.robots() == ["one"]
+        assert robot.connection.stop_all().keys() == {"one"}
+        done = trolley("stop", "--all", "--connect", endpoint)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "one: stopped\n", "")
 
 
 def test_without_a_router_or_a_robot_it_is_unreachable(endpoint: str) -> None:

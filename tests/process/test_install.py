@@ -340,6 +340,18 @@ def test_an_upgrade_that_does_not_come_up_is_taken_back(host: Host, flaw: str, s
     assert host.current != first
 
 
+def test_settings_that_a_release_refuses_are_told_before_anything_is_stopped(host: Host) -> None:
+    host.install("robot")
+    first = host.current
+    host.change("NEW")
+    said = host.install("--upgrade", code=1, FAKE_BREAK="-m trolley.config")
+    assert "cannot use the settings of this host" in said
+    assert host.current == first
+    assert "stop" not in (host.fake / "systemctl").read_text()
+    host.install("--upgrade")
+    assert host.current != first
+
+
 @pytest.mark.parametrize("is_good", [True, False])
 def test_an_upgrade_that_was_cut_short_is_finished_by_the_next_run(
     host: Host, is_good: bool

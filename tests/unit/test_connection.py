@@ -23,7 +23,7 @@ def config(tmp_path: Path) -> Path:
     path = tmp_path / "robot.toml"
     path.write_text(
         '[robot]\nname = "filed"\nfootprint = { radius_m = 0.2 }\n'
-        '[zenoh]\nconnect = ["tcp/10.0.0.1:7447"]\n'
+        '[zenoh]\nconnect = ["tcp/127.0.0.1:7001"]\n'
     )
     return path
 
@@ -33,8 +33,8 @@ def test_without_anything_it_is_the_single_robot_at_the_default_router() -> None
 
 
 def test_the_file_gives_what_was_not_given(config: Path) -> None:
-    assert find_target(config=config) == Target("filed", ("tcp/10.0.0.1:7447",))
-    assert find_target("other", config=config) == Target("other", ("tcp/10.0.0.1:7447",))
+    assert find_target(config=config) == Target("filed", ("tcp/127.0.0.1:7001",))
+    assert find_target("other", config=config) == Target("other", ("tcp/127.0.0.1:7001",))
     assert find_target(connect=["tcp/b:1"], config=config) == Target("filed", ("tcp/b:1",))
 
 
@@ -42,7 +42,7 @@ def test_a_router_named_by_hand_may_be_another_robot_s(
     config: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TROLLEY_CONFIG", str(config))
-    assert find_target() == Target("filed", ("tcp/10.0.0.1:7447",))
+    assert find_target() == Target("filed", ("tcp/127.0.0.1:7001",))
     assert find_target(connect=["tcp/b:1"]) == Target(None, ("tcp/b:1",), preferred="filed")
 
 

@@ -3,7 +3,7 @@
 import click
 from click.shell_completion import get_completion_class
 
-from trolley.cli.printing import say
+from trolley.cli.printing import say_block
 
 
 @click.command(name="completion")
@@ -19,4 +19,4 @@ def completion_command(ctx: click.Context, shell: str) -> None:
     """  # noqa: D301 (click wants the character \b itself)
     kind = get_completion_class(shell)
     assert kind is not None
-    say(kind(ctx.find_root().command, {}, "trolley", "_TROLLEY_COMPLETE").source())
+    say_block(kind(ctx.find_root().command, {}, "trolley", "_TROLLEY_COMPLETE").source())

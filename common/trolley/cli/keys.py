@@ -9,7 +9,7 @@ from typing import ParamSpec, TypeVar
 
 import click
 
-from trolley.cli.printing import say
+from trolley.cli.printing import say, say_block
 from trolley.ports import ROUTER_TLS_PORT
 from trolley.security.certificates import (
     ROLES,
@@ -75,7 +75,7 @@ _days = click.option(
 def init(keyring: Keyring) -> None:
     """Make the authority that signs all certificates (once)."""
     keyring.create(_now())
-    say(
+    say_block(
         f"Made {keyring.folder}. Keep it safe and keep a copy: without it no certificate can be "
         "made or renewed.\nNext: `trolley keys router`, for the host that all others connect to."
     )
@@ -97,7 +97,7 @@ def router(keyring: Keyring, hosts: tuple[str, ...], name: str, days: int, repla
     reached = hosts or (own, f"{own}.local")
     keys = keyring.issue("router", name, _until(days), reached, replace=replace)
     _say_made(keys)
-    say(
+    say_block(
         f"Others reach it at {', '.join(reached)}, port {ROUTER_TLS_PORT}. Copy the files to that "
         f"host:\n{_copying(keys)}\nThen restart its router; its robot.toml needs no change."
     )
@@ -108,7 +108,7 @@ def _issue_client(keyring: Keyring, role: Role, name: str, days: int, replace: b
     routers = [one for one in keyring.certificates() if one.role == "router"]
     host = routers[0].hosts[0] if routers and routers[0].hosts else "HOST"
     _say_made(keys)
-    say(
+    say_block(
         f"Copy the folder's files to that host:\n{_copying(keys)}\n"
         f'Add to its robot.toml:\n  [zenoh]\n  uplink = ["tls/{host}:{ROUTER_TLS_PORT}"]'
     )

@@ -87,7 +87,8 @@ def list_maps(as_json: bool) -> None:
     if as_json:
         print_json(names)
     else:
-        say("\n".join(names) or "There is no map.")
+        for name in names or ["There is no map."]:
+            say(name)
 
 
 @map_command.command(name="load", cls=NumbersCommand)

@@ -25,7 +25,7 @@ def where_options(command: F) -> F:
             "--connect",
             metavar="ENDPOINT",
             multiple=True,
-            help="Its router, such as tcp/192.168.1.5:7447 (may be repeated).",
+            help="Its router, such as tls/kiwi.local:7448 (may be repeated).",
             **shared,
         ),
         click.option(

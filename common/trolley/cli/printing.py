@@ -21,7 +21,9 @@ def say(
     bg: str | None = None,
     bold: bool | None = None,
 ) -> None:
-    """Print lines of text, in a colour or bold where the terminal has them.
+    r"""Print a line of text, in a colour or bold where the terminal has them.
+
+    A text from outside cannot begin a line of its own: the ends of lines in it are shown as `\n`.
 
     Args:
         text: what to print.
@@ -32,9 +34,26 @@ def say(
         bold: whether it is bold.
     """
     stream = sys.stderr if err else sys.stdout
-    fitting = fit(text, stream.encoding)
+    fitting = fit(escape(text, "\t"), stream.encoding)
     styled = click.style(fitting, fg=fg, bg=bg, bold=bold) if fg or bg or bold else fitting
     click.echo(styled, err=err, nl=nl)
+
+
+def say_block(text: str, *, err: bool = False, nl: bool = True, fg: str | None = None) -> None:
+    """Print lines of text of Trolley's own making; those from outside in it must be escaped.
+
+    Args:
+        text: what to print.
+        err: to stderr instead of stdout.
+        nl: whether the last line is ended.
+        fg: the colour.
+    """
+    for number, line in enumerate(text.removesuffix("\n").split("\n")):
+        if number:
+            click.echo(err=err)
+        say(line, err=err, nl=False, fg=fg)
+    if nl or text.endswith("\n"):
+        click.echo(err=err)
 
 
 def say_over(text: str) -> None:
@@ -55,4 +74,4 @@ def show_error(error: click.ClickException) -> None:
     """Print why a command cannot be carried out."""
     words = io.StringIO()
     error.show(words)
-    say(words.getvalue(), err=True, nl=False)
+    say_block(words.getvalue(), err=True, nl=False)

@@ -8,7 +8,7 @@ from typing import ParamSpec, TypeVar
 from trolley import codes
 from trolley.cli import exits
 from trolley.cli.options import given
-from trolley.cli.printing import say
+from trolley.cli.printing import say, say_block
 from trolley.cli.show import as_json
 from trolley.client import Robot
 from trolley.codes import Refused
@@ -81,9 +81,10 @@ def _report(error: Exception, *, wants_json: bool) -> None:
             code, text, details = "bad_config", str(error), {}
     if wants_json:
         message = error.message if isinstance(error, Refused) else str(error)
-        say(as_json({"code": code, "message": message, "details": details}), err=True)
+        say_block(as_json({"code": code, "message": message, "details": details}), err=True)
     else:
-        say(text, err=True, fg="red")
+        printing = say if isinstance(error, Refused | RobotUnreachable) else say_block
+        printing(text, err=True, fg="red")
 
 
 def _list_robots(error: SeveralRobots) -> str:

@@ -18,7 +18,7 @@ from trolley.cli.robots import reports_errors
 from trolley.config import ConfigError, RobotConfig, ZenohSection, find_config, load_config
 from trolley.config.mqtt import BROKER_VARIABLE, split_broker
 from trolley.interrupts import Interrupts
-from trolley.runtime.endpoints import is_of_this_host, port_of
+from trolley.runtime.endpoints import is_of_this_host
 from trolley.runtime.process import main as run_process
 from trolley.runtime.router import run_router
 from trolley.runtime.supervisor import Supervisor
@@ -177,7 +177,7 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> 
     if no_viz:
         modules.pop(VIEWER, None)
     endpoint = config.zenoh.connect[0]
-    port = port_of(endpoint)
+    port = ports.port_of(endpoint)
     router = None if no_router or not is_of_this_host(endpoint) else endpoint
     if port is not None and router is not None:
         check_port(port, "use it with --no-router, or change `[zenoh] connect`")
@@ -260,7 +260,7 @@ def router_command(listen: tuple[str, ...], uplink: tuple[str, ...], folder: Pat
     if not endpoints:
         raise ConfigError("`[zenoh] connect` names no endpoint of this host: give --listen")
     for endpoint in endpoints:
-        port = port_of(endpoint)
+        port = ports.port_of(endpoint)
         if port is not None:
             check_port(port, "listen elsewhere with --listen tcp/127.0.0.1:PORT")
     try:

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.cli.printing import can_say, say, say_over
+from trolley.cli.printing import can_say, say, say_block, say_over
 from trolley.geometry import Pose2D
 from trolley.messages.arrays import arrays_of
 from trolley.runtime.codec import to_plain
@@ -35,7 +35,7 @@ def as_json(value: Any, *, indent: int | None = 2) -> str:
 
 def print_json(value: Any) -> None:
     """Print a value as JSON."""
-    say(as_json(value))
+    say_block(as_json(value))
 
 
 def _plain(value: Any) -> Any:
@@ -96,7 +96,7 @@ def _value_text(value: Any) -> str:
     if isinstance(value, Pose2D):
         return pose_text(value)
     plain: Any = _plain(value)
-    return plain if isinstance(plain, str) else json.dumps(plain, ensure_ascii=False)
+    return escape(plain) if isinstance(plain, str) else json.dumps(plain, ensure_ascii=False)
 
 
 def pose_text(pose: Pose2D) -> str:

@@ -20,6 +20,7 @@ from trolley.codes import Refused
 from trolley.connection import Arrival, RobotUnreachable
 from trolley.geometry import Twist2D
 from trolley.messages import BaseState
+from trolley.sanitize import escape
 from trolley.teleop import PERIOD_S, SOURCE, SPEED_MPS, TURN_RADPS, Hand, twist_words
 from trolley.topics import Topic
 
@@ -195,7 +196,7 @@ class Teleop:
         """
         about = self._about.message()
         sideways = SIDEWAYS if about is not None and about.drive == "mecanum" else ""
-        self._terminal.write(HELP.format(name=self._robot.name, sideways=sideways))
+        self._terminal.write(HELP.format(name=escape(self._robot.name), sideways=sideways))
         while not self._leaves and self._terminal.ended_by is None:
             self._read_until(time.monotonic() + PERIOD_S)
             if self._terminal.wants_pause:

@@ -10,7 +10,7 @@ import click
 from trolley import topics
 from trolley.cli import exits
 from trolley.cli.options import json_option, where_options
-from trolley.cli.printing import say
+from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, as_json, counted, describe, print_json, print_table
 from trolley.client import Robot
@@ -135,11 +135,11 @@ def _print(topic: Topic[Any], arrival: Arrival[Any], *, full: bool, to_json: boo
     key = "/".join(topic.key(arrival.robot, *arrival.parts).split("/")[2:])
     if to_json:
         line = arrival.message if not arrival.parts else {"topic": key, "message": arrival.message}
-        say(as_json(line, indent=None))
+        say_block(as_json(line, indent=None))
         return
     if arrival.parts:
         say(key, bold=True)
-    say(describe(arrival.message, full=full))
+    say_block(describe(arrival.message, full=full))
     say("---")
 
 

@@ -9,7 +9,7 @@ from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.geometry.pose import Finite
 from trolley.messages.motion import Drive, RobotName
 from trolley.messages.types import Point
-from trolley.ports import ROUTER_PORT, ROUTER_TLS_PORT
+from trolley.ports import ROUTER_PORT, ROUTER_TLS_PORT, port_of
 
 Length = Annotated[float, Meta(ge=0.02, le=5.0)]
 
@@ -131,6 +131,13 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
                 raise ValueError(
                     f"{endpoint!r} is not an endpoint: write protocol/host:port, such as "
                     f"tcp/127.0.0.1:{ROUTER_PORT}; the protocol is {', '.join(PROTOCOLS)}"
+                )
+        for endpoint in self.connect:
+            if endpoint.startswith("tcp/") and port_of(endpoint) is None:
+                raise ValueError(
+                    f"no router listens at {endpoint!r}: for its own host it does at "
+                    f"tcp/127.0.0.1:{ROUTER_PORT}, and for others, who need keys, at tls/ such as "
+                    f"tls/home.local:{ROUTER_TLS_PORT} (docs/network.md)"
                 )
         for endpoint in self.uplink:
             if not endpoint.startswith("tls/"):

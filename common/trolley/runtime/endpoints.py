@@ -4,15 +4,11 @@ Whatever limits and denies at a router, the door, the roles and what may leave o
 holds for these endpoints only. So a router listens at no other.
 """
 
+import os
+
+from trolley.ports import port_of
+
 SOCKET = "unixsock-stream/"
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
-
-
-def port_of(endpoint: str) -> int | None:
-    """The port of a TCP endpoint on this host, None for any other endpoint."""
-    address = endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
-    host, _, port = address.rpartition(":")
-    return int(port) if host in LOOPBACK and port.isdigit() else None
 
 
 def is_of_this_host(endpoint: str) -> bool:
@@ -20,6 +16,18 @@ def is_of_this_host(endpoint: str) -> bool:
     return endpoint.startswith(SOCKET) or (
         endpoint.startswith(("tcp/", "tls/")) and port_of(endpoint) is not None
     )
+
+
+def is_forbidden(endpoint: str) -> bool:
+    """Whether this process's user has no right to use the Unix socket that it names."""
+    if not endpoint.startswith(SOCKET):
+        return False
+    path = endpoint.removeprefix(SOCKET)
+    try:
+        os.stat(path)
+    except OSError as error:
+        return isinstance(error, PermissionError)
+    return not os.access(path, os.W_OK)
 
 
 def is_far(endpoint: str) -> bool:

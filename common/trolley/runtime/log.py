@@ -54,6 +54,13 @@ class Log:
             self._logger.log(level, "%s", message, extra={_FIELDS: fields})
 
 
+def _sentence(record: logging.LogRecord) -> str:
+    """A message and its fields, on one line."""
+    fields: dict[str, Any] = getattr(record, _FIELDS, {})
+    tail = "".join(f"  {name}={escape(str(value))}" for name, value in fields.items())
+    return f"{escape(record.getMessage())}{tail}"
+
+
 class _TerminalFormatter(logging.Formatter):
     """`12:03:04 localizer  Map loaded  map=home`, warnings in colour where there is a terminal."""
 
@@ -62,12 +69,10 @@ class _TerminalFormatter(logging.Formatter):
         self._colour = colour
 
     def format(self, record: logging.LogRecord) -> str:
-        fields: dict[str, Any] = getattr(record, _FIELDS, {})
-        tail = "".join(f"  {name}={escape(str(value))}" for name, value in fields.items())
         level = "" if record.levelno < logging.WARNING else f"{record.levelname.lower()}: "
         service = record.name.removeprefix("trolley.")
         at = self.formatTime(record, "%H:%M:%S")
-        line = f"{at} {service:<10} {level}{escape(record.getMessage())}{tail}"
+        line = f"{at} {service:<10} {level}{_sentence(record)}"
         if record.exc_info:
             trace = self.formatException(record.exc_info).splitlines()
             line += "".join(f"\n{escape(part)}" for part in trace)
@@ -76,10 +81,10 @@ class _TerminalFormatter(logging.Formatter):
 
 
 class _JournalFields(logging.Filter):
-    """Turns the fields into journal fields: `TROLLEY_MAP=home`."""
+    """Makes the fields fields of the journal too, `TROLLEY_MAP=home`; `journalctl` shows none."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        record.msg, record.args = escape(record.getMessage()), None
+        record.msg, record.args = _sentence(record), None
         for name, value in getattr(record, _FIELDS, {}).items():
             setattr(record, f"trolley_{name}", escape(str(value)))
         return True
@@ -99,4 +104,5 @@ def set_up_logging() -> None:
 
         handler = JournaldLogHandler()
         handler.addFilter(_JournalFields())
+        handler.setFormatter(logging.Formatter("%(message)s"))
     logging.basicConfig(level=level, handlers=[handler], force=True)

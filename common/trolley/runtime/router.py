@@ -1,7 +1,7 @@
 """The router as a process of its own: `trolley router`."""
 
 import signal
-import threading
+import time
 from collections.abc import Mapping, Sequence
 
 from trolley.interrupts import Interrupts
@@ -11,7 +11,9 @@ from trolley.runtime.supervision import Supervision
 from trolley.runtime.zenoh_bus import NotConnected, open_bus, open_router
 from trolley.security.access import Security
 
-LONGEST_WAIT_S = 3600.0
+UNWATCHED_PERIOD_S = 60.0
+"""How often new sessions are tried where nobody restarts a router that takes none."""
+SLICE_S = 0.5
 NEAR = ("tcp/", SOCKET)
 """How this host's own programs come."""
 NOBODY = "trolley/@nobody"
@@ -32,10 +34,10 @@ def run_router(
         NotConnected: The port is taken, or the keys cannot be used.
     """
     set_up_logging()
-    stop = threading.Event()
+    asked: list[int] = []
 
-    def end(_number: int, _frame: object) -> None:
-        stop.set()
+    def end(number: int, _frame: object) -> None:
+        asked.append(number)
 
     for number in Interrupts.ENDING:
         signal.signal(number, end)
@@ -44,8 +46,14 @@ def run_router(
         log.info("Listening", at=", ".join(listen), uplink=", ".join(uplink) or "none")
         supervision.ready()
         near = [one for one in listen if one.startswith(NEAR)]
-        period_s = supervision.period_s or LONGEST_WAIT_S
-        while not stop.wait(period_s):
+        period_s = supervision.period_s or UNWATCHED_PERIOD_S
+        due_s = time.monotonic()
+        while not asked:
+            # In slices: a signal that the kernel gives to a thread of Zenoh's wakes nobody here.
+            time.sleep(min(SLICE_S, period_s))
+            if time.monotonic() < due_s:
+                continue
+            due_s = time.monotonic() + period_s
             if takes_new_sessions(near, period_s):
                 supervision.alive()
             else:

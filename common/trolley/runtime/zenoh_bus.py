@@ -17,7 +17,7 @@ import zenoh
 
 from trolley.runtime.bus import Query, Reply, Sample
 from trolley.runtime.door.keeper import Door
-from trolley.runtime.endpoints import SOCKET, is_far, why_not_here
+from trolley.runtime.endpoints import SOCKET, is_far, is_forbidden, why_not_here
 from trolley.runtime.open_files import allow_many_files
 from trolley.runtime.uplink_sockets import given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
@@ -73,7 +73,8 @@ def open_router(
     with ExitStack() as stack:
         try:
             doors = [stack.enter_context(closing(Door(one))) for one in listen if is_far(one)]
-            inside = [one for one in listen if not is_far(one)] + [door.inside for door in doors]
+            inside = [one for one in listen if not is_far(one)]
+            inside += [one for door in doors for one in door.inside]
             session = zenoh.open(router_config(inside, uplink, security, downsample))
         except (zenoh.ZError, OSError, ValueError) as error:
             where = ", ".join(listen)
@@ -382,6 +383,12 @@ def open_bus(
     try:
         session = zenoh.open(client_config(endpoints, timeout_ms, keys))
     except zenoh.ZError as error:
+        for one in endpoints:
+            if is_forbidden(one):
+                raise NotConnected(
+                    f"this user may not use {one}: its group may, so `sudo adduser NAME trolley` "
+                    "(or the group that owns it), and log in again"
+                ) from error
         where = ", ".join(endpoints)
         raise NotConnected(
             f"no router answers at {where}; start one with `trolley up`, `trolley demo` or "

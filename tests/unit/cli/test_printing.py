@@ -9,7 +9,8 @@ import click
 import pytest
 
 from trolley.cli import show
-from trolley.cli.printing import say, say_over, show_error
+from trolley.cli.printing import say, say_block, say_over, show_error
+from trolley.messages import GoalStatus
 
 NAMES = ("\x1b]0;owned\x07lime", "\x9b2Jlime", "lime\u202e", "K\u00fcche \u66f8\u658e")
 
@@ -51,6 +52,22 @@ def test_a_name_from_outside_moves_no_terminal(take_terminal: Callable[[], Termi
     shown = terminal.shown
     assert shown.replace("\n", "").isprintable()
     assert "lime" in shown or "K" in shown
+
+
+def test_a_text_from_outside_begins_no_line_of_its_own(take_terminal: Callable[[], Terminal]):
+    terminal = take_terminal()
+    status = GoalStatus(stamp_ns=0, id=None, state="idle", message="on\nkiwi: stopped")
+    say(f"lime: {status.message}", err=True)
+    say_block(show.describe(status))
+    assert "kiwi: stopped" in terminal.shown
+    assert not any(line.startswith("kiwi") for line in terminal.shown.splitlines())
+
+
+def test_a_block_has_the_lines_it_was_given(take_terminal: Callable[[], Terminal]):
+    terminal = take_terminal()
+    say_block("\na\n\nb\x1b[A\n", nl=False)
+    say_block("c\nd")
+    assert terminal.shown == "\na\n\nb\\x1b[A\nc\nd\n"
 
 
 def test_a_line_that_is_written_over_stays_one_line(take_terminal: Callable[[], Terminal]):

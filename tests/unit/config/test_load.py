@@ -47,6 +47,8 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
         ("[zenoh]\nconnect = ['127.0.0.1:7447']", "not an endpoint"),
         ("[zenoh]\nuplink = ['tls/home.lan']", "not an endpoint"),
         ("[zenoh]\nconnect = ['quic/127.0.0.1:7447']", "the protocol is tcp, tls"),
+        ("[zenoh]\nconnect = ['tcp/0.0.0.0:7447']", "no router listens at 'tcp/0.0.0.0:7447'"),
+        ("[zenoh]\nconnect = ['tcp/kiwi.local:7447']", "tls/home.local:7448"),
         ("[zenoh]\nuplink = ['quic/home.lan:7448']", "the protocol is tcp, tls"),
         ("[zenoh]\nuplink = ['tcp/home.lan:7447']", "over TLS"),
         ("[zenoh]\ndownsample = {pose = 1.0}", "`downsample` knows scan"),

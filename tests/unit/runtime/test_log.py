@@ -60,3 +60,27 @@ def test_a_crash_comes_with_its_trace(written: io.StringIO):
         Log("tour").crash("It ends")
     assert "Traceback" in written.getvalue()
     assert "ZeroDivisionError" in written.getvalue()
+
+
+def test_the_journal_shows_the_fields_in_its_lines(
+    written: io.StringIO, monkeypatch: pytest.MonkeyPatch
+):
+    """`journalctl` shows messages only: without their fields nobody saw which file was meant."""
+    assert written.getvalue() == ""
+    monkeypatch.setenv("JOURNAL_STREAM", "8:1")
+    set_up_logging()
+    (handler,) = logging.getLogger().handlers
+    assert type(handler).__name__ == "JournaldLogHandler"
+    shown: list[str] = []
+    fields: list[str] = []
+
+    class Journal(logging.Filter):
+        def filter(self, record: logging.LogRecord) -> bool:
+            shown.append(handler.format(record))
+            fields.append(record.__dict__["trolley_file"])
+            return False
+
+    handler.addFilter(Journal())
+    Log("tour").error("Kept aside", file="poses\n.toml")
+    assert shown == ["Kept aside  file=poses\\n.toml"]
+    assert fields == ["poses\\n.toml"]

@@ -6,5 +6,5 @@ host's own programs do not notice.
 
 Zenoh (1.10) accepts nobody for 0.1 s after each failed TLS handshake, and holds a silent connection
 for 10 s: 300 idle connections kept a legitimate link out for 30 s, 1,100 used up the router's 1,024
-files.
+files. Each of its listening sockets does so by itself, so the router has several behind the door.
 """

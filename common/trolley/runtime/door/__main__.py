@@ -1,6 +1,6 @@
-"""Runs the door: `python -m trolley.runtime.door FILE HOST PORT`; `keeper.py` starts it.
+"""Runs the door: `python -m trolley.runtime.door FILE HOST PORT...`; `keeper.py` starts it.
 
-FILE is the number of the listening socket that was handed down, HOST and PORT are the router's.
+FILE is the number of the listening socket that was handed down, HOST and PORTs are the router's.
 """
 
 import asyncio
@@ -14,9 +14,9 @@ from trolley.runtime.supervision import end_with_parent
 
 
 async def _main() -> None:
-    file, host, port = sys.argv[1:]
+    file, host, *ports = sys.argv[1:]
     with socket.socket(fileno=int(file)) as listener:
-        await Door(listener, (host, int(port))).run()
+        await Door(listener, [(host, int(port)) for port in ports]).run()
 
 
 end_with_parent()

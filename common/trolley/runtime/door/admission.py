@@ -23,7 +23,7 @@ class Limits:
     inside: int = 64
     """Less than the 100 that Zenoh accepts at once, so that a place for local programs is left."""
     inside_per_address: int = 32
-    unproven_per_address: int = 4
+    unproven_per_address: int = 24
     """Inside, but not proven yet."""
     hello_s: float = 4.0
     """For the hello; who links a router gives up after as long (`OPEN_TIMEOUT_MS`)."""
@@ -33,10 +33,10 @@ class Limits:
     """An unproven guest may stay for so long even if others want its place."""
     idle_s: float = 15.0
     """A proven guest that says nothing for so long has gone: Zenoh says something every 2.5 s."""
-    burst: int = 6
+    burst: int = 32
     """So many are let in one after another without a pause."""
-    entries_per_s: float = 4.0
-    """And then so many a second: each that fails costs the router 0.1 s (see the package)."""
+    entries_per_s: float = 64.0
+    """And then so many a second: each that fails costs 0.1 s at one of the router's entrances."""
     remembered: int = 256
     """So many addresses with a proven guest are let in before unknown ones."""
 

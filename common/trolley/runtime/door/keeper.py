@@ -5,6 +5,7 @@ The listening socket stays here, so nobody is refused while there is a new proce
 
 import re
 import socket
+from contextlib import ExitStack
 
 from trolley.runtime.log import Log
 from trolley.runtime.supervisor import Supervisor
@@ -15,6 +16,8 @@ WATCHDOG_S = 5.0
 """A process that has not turned for so long hangs [s]."""
 BACKLOG = 4096
 LOOPBACK = "127.0.0.1"
+ENTRANCES = 16
+"""Sockets at which the router listens behind a door: at each it rests after one that failed."""
 EVERYWHERE = "::"
 """All addresses, those of IPv4 as well."""
 _FAR = re.compile(r"tls/(.+):(\d+)")
@@ -32,19 +35,22 @@ class Door:
     """
 
     def __init__(self, endpoint: str) -> None:
-        found = _FAR.fullmatch(endpoint)
-        if found is None:
+        match = _FAR.fullmatch(endpoint)
+        if match is None:
             raise ValueError(f"{endpoint!r} must read tls/host:port, and no more")
-        host, port = found[1].removeprefix("[").removesuffix("]"), int(found[2])
+        host, port = match[1].removeprefix("[").removesuffix("]"), int(match[2])
         family, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         self._listener = socket.create_server(
             where, family=family, backlog=BACKLOG, dualstack_ipv6=host == EVERYWHERE
         )
         # What it accepts inherits this.
         self._listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNANSWERED_MS)
-        with socket.create_server((LOOPBACK, 0)) as free:
-            self._port: int = free.getsockname()[1]
-        self.inside = f"tls/{LOOPBACK}:{self._port}"
+        with ExitStack() as free:
+            found = [
+                free.enter_context(socket.create_server((LOOPBACK, 0))) for _ in range(ENTRANCES)
+            ]
+            self._ports: list[int] = [one.getsockname()[1] for one in found]
+        self.inside = [f"tls/{LOOPBACK}:{port}" for port in self._ports]
         """Where the router listens for those who are led in."""
         self._log = Log("door")
 
@@ -56,7 +62,7 @@ class Door:
         """Return what has a process stand at the door while its context lasts."""
         file = self._listener.fileno()
         return Supervisor(
-            {"the door": (MODULE, str(file), LOOPBACK, str(self._port))},
+            {"the door": (MODULE, str(file), LOOPBACK, *map(str, self._ports))},
             {},
             self._log.warning,
             inherits=[file],

@@ -2,11 +2,12 @@
 
 import asyncio
 import errno
+import itertools
 import signal
 import socket
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import cast
 
 from trolley.runtime.door.admission import Admission, Guest, Limits, Stage, address_of
@@ -100,15 +101,18 @@ class Door:
 
     Args:
         listener: Listens for other hosts already.
-        inside: Host and port of the router's own TLS endpoint.
+        inside: Host and port of each of the router's own TLS endpoints, taken in turn.
         limits: How much room there is.
     """
 
     def __init__(
-        self, listener: socket.socket, inside: tuple[str, int], limits: Limits | None = None
+        self,
+        listener: socket.socket,
+        inside: Sequence[tuple[str, int]],
+        limits: Limits | None = None,
     ) -> None:
         self._listener = listener
-        self._inside = inside
+        self._inside = itertools.cycle(inside)
         self._admission = Admission(limits)
         self._visits: dict[Guest, _Visit] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -127,15 +131,20 @@ class Door:
         self._loop.add_reader(self._listener.fileno(), self._accept)
         supervision.ready()
         next_alive_s = 0.0
-        while not end.is_set():
-            now_s = time.monotonic()
-            if supervision.period_s is not None and now_s >= next_alive_s:
-                supervision.alive()
-                next_alive_s = now_s + supervision.period_s
-            self._admission.drop_overdue(now_s)
-            self._let_in()
-            self._tell(now_s)
-            await asyncio.sleep(TURN_S)
+        try:
+            while not end.is_set():
+                now_s = time.monotonic()
+                if supervision.period_s is not None and now_s >= next_alive_s:
+                    supervision.alive()
+                    next_alive_s = now_s + supervision.period_s
+                self._admission.drop_overdue(now_s)
+                self._let_in()
+                self._tell(now_s)
+                await asyncio.sleep(TURN_S)
+        finally:
+            self._loop.remove_reader(self._listener.fileno())
+            for visit in [*self._visits.values()]:
+                self._end(visit)
 
     def _accept(self) -> None:
         for _ in range(ACCEPTED_AT_ONCE):
@@ -154,6 +163,10 @@ class Door:
             self._visits[guest] = _Visit(guest, link)
             self._loop.add_reader(link.fileno(), self._listen_to, self._visits[guest])
             self._show_out()
+            # What waited to be taken has mostly greeted by now: heard only later, it would have to
+            # go as a silent one for those who are taken with it.
+            if guest in self._visits:
+                self._listen_to(self._visits[guest])
         self._pause(BREATH_S)
 
     def _pause(self, seconds: float) -> None:
@@ -227,7 +240,7 @@ class Door:
         try:
             towards.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, WAITING_BYTES)
             towards.setblocking(False)
-            await self._loop.sock_connect(towards, self._inside)
+            await self._loop.sock_connect(towards, next(self._inside))
         except OSError:
             towards.close()
             raise

@@ -10,7 +10,7 @@ import click
 
 from trolley.cli import exits
 from trolley.cli.options import given, where_options
-from trolley.cli.printing import say
+from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.client import Robot
 from trolley.config import ConfigError, find_config, load_config
@@ -108,13 +108,13 @@ def square_command(
         legs, returns = measure(robot, side, runs, speed, yes)
     found = estimate(legs, knows_length=not by_hand)
     correction = usable(found)
-    say("\n".join(describe_estimate(found)))
+    say_block("\n".join(describe_estimate(found)))
     before, after = (
         benchmark([_return(*one, correction=kind) for one in returns], side)
         for kind in (Correction(), correction)
     )
-    say("\n".join(describe_benchmark(before, after, side)))
-    say(describe_fit(legs, correction))
+    say_block("\n".join(describe_benchmark(before, after, side)))
+    say_block(describe_fit(legs, correction))
     _propose(correction, in_force, path, result)
 
 
@@ -143,8 +143,8 @@ def compare_command(seconds: float, **result: Any) -> None:
         raise SystemExit(exits.FAILED)
     found = estimate(comparison.legs)
     correction = usable(found)
-    say("\n".join(describe_estimate(found)))
-    say(describe_fit(comparison.legs, correction))
+    say_block("\n".join(describe_estimate(found)))
+    say_block(describe_fit(comparison.legs, correction))
     _propose(correction, in_force, path, result)
 
 
@@ -254,10 +254,10 @@ def _propose(
     scales = combined(correction, in_force)
     words = describe_track(scales)
     if words is not None:
-        say(words)
+        say_block(words)
     settings = settings_of(scales, with_track=result["track"] is not None)
     if result["write"] is None:
-        say(f"\nFor robot.toml:\n\n{as_toml(settings)}")
+        say_block(f"\nFor robot.toml:\n\n{as_toml(settings)}")
         return
     assert path is not None  # `_in_force` has refused that
     write_settings(path, settings)

@@ -9,7 +9,7 @@ import click
 
 from trolley.cli import exits
 from trolley.cli.options import given, json_option, where_options
-from trolley.cli.printing import say
+from trolley.cli.printing import say, say_block
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, print_json, print_table
 from trolley.config import ConfigError, find_config, robot_toml
@@ -123,17 +123,21 @@ def _show(seen: Sequence[PortResult]) -> None:
         if one.found is not None and one.port.reason:
             remarks.append(one.port.reason)
         if remarks:
-            say(f"\n{one.port.name}")
+            say()
+            say(one.port.name)
         for remark in remarks:
             say(f"  {remark}")
 
 
 def _show_settings(proposal: Proposal) -> None:
     for note in proposal.notes:
-        say(f"\n{note}")
+        say()
+        say(note)
     if proposal.values:
-        say("\nFor robot.toml (`trolley detect --write` puts it there):\n")
-        say(settings.render(proposal), nl=False)
+        say()
+        say("For robot.toml (`trolley detect --write` puts it there):")
+        say()
+        say_block(settings.render(proposal), nl=False)
 
 
 def _write(path: Path, old: str, proposal: Proposal, *, quiet: bool) -> None:
@@ -143,18 +147,23 @@ def _write(path: Path, old: str, proposal: Proposal, *, quiet: bool) -> None:
     if quiet:
         return
     for note in proposal.notes:
-        say(f"\n{note}")
+        say()
+        say(note)
     if new == old:
-        say(f"\n{path} stays as it is.")
+        say()
+        say(f"{path} stays as it is.")
         return
-    say(f"\nChanged in {path}:\n")
-    say(robot_toml.difference(path, old, new), nl=False)
+    say()
+    say(f"Changed in {path}:")
+    say()
+    say_block(robot_toml.difference(path, old, new), nl=False)
 
 
 def _give_rule(udev: str, seen: Sequence[PortResult], *, quiet: bool) -> None:
     if udev == SCREEN:
         if not quiet:
-            say("\n" + udev_rules.render(seen), nl=False)
+            say()
+            say_block(udev_rules.render(seen), nl=False)
         return
     path = Path(udev)
     try:
@@ -162,7 +171,8 @@ def _give_rule(udev: str, seen: Sequence[PortResult], *, quiet: bool) -> None:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
     if not quiet:
-        say(f"\nWrote {path}; its first lines say how to install it.")
+        say()
+        say(f"Wrote {path}; its first lines say how to install it.")
 
 
 def _plain(seen: Sequence[PortResult], proposal: Proposal) -> dict[str, Any]:

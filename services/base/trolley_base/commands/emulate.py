@@ -12,7 +12,7 @@ import click
 from trolley import worlds
 from trolley.cli.demo_robot import pose_option
 from trolley.cli.options import given, where_options
-from trolley.cli.printing import say
+from trolley.cli.printing import say, say_block
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import say_ended
 from trolley.config import RobotConfig, load_config
@@ -158,8 +158,10 @@ def _say_nothing(_line: str) -> None:
 def _announce(robot: EmulatedRobot) -> None:
     for line in describe_ports(robot):
         say(line)
-    say("\nIn a robot.toml:\n")
-    say(base_settings(robot))
+    say()
+    say("In a robot.toml:")
+    say()
+    say_block(base_settings(robot))
     say(
         "Ctrl-C ends it. Type a fault, such as "
         f"{next(iter(robot.ports))}:silence+2, to make trouble."

@@ -134,6 +134,8 @@ def _refuse_to_overwrite(output: Path, files: Files) -> None:
 def _report(findings: Findings, output: Path) -> None:
     print_table(("taken", "from"), findings.taken)
     for note in findings.notes:
-        say(f"\n{note}")
-    say(f"\nWrote {output}. Next: `trolley detect --write {output}` on the robot finds the")
+        say()
+        say(note)
+    say()
+    say(f"Wrote {output}. Next: `trolley detect --write {output}` on the robot finds the")
     say(f"ports' permanent names; then `trolley up --config {output}`.")
