@@ -310,6 +310,16 @@ wait_until_up() {
 
 # ---- upgrade -------------------------------------------------------------------------------------
 
+# A release may refuse what the one before took: that is said while the robot still runs.
+check_settings() {
+    local said
+    [[ -e $etc/robot.toml ]] || return 0
+    said=$("$opt/releases/$release/.venv/bin/python" -m trolley.config "$etc/robot.toml" 2>&1) || die \
+        "Trolley $release cannot use the settings of this host:
+$said
+Correct that, and run this again. Nothing was changed; what ran goes on."
+}
+
 # Stops what runs, saves the state, and starts the new release; what for is written down first, so
 # that a run that was cut short can be finished by the next.
 upgrade() {
@@ -319,6 +329,7 @@ upgrade() {
     if [[ $old == "$release" ]]; then return; fi
     backup=$backups/before-$release-$(date +%Y%m%d-%H%M%S).tar.gz
     if ((dry)); then say "would switch from $old to $release, with a backup in $backup"; return; fi
+    check_settings
     if [[ $role == robot ]] && is_booted && trolley status > /dev/null 2>&1; then worst=0; fi
     write "$opt/upgrading" "$old $release $backup $worst"
     if is_booted; then systemd stop "trolley-$role.target"; fi
