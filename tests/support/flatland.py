@@ -94,7 +94,7 @@ class Flatland:
         self._outline = np.concatenate(
             [a + shares * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
         )
-        self._lasting: NDArray[np.bool_] | None = None
+        self._lasting: NDArray[np.bool_] | NDArray[np.uint8] | None = None
         self.set_truth(self.truth or self.grid)
 
     def set_truth(self, truth: GridMap) -> None:
