@@ -21,17 +21,17 @@ from xml.etree import ElementTree
 ROOT = Path(__file__).resolve().parents[1]
 REPORTS = ROOT / "out" / "tests"
 PYTEST = [sys.executable, "-m", "pytest"]
-# Some tests that compute wait for a clock or a disk, so one more of them runs than there are cores.
+# Each worker collects all tests of its part, so there are no more of them than keep the cores busy.
 # Tests of whole processes wait most of the time, so three of them run side by side. A browser that
-# renders in software takes more, so there are two of those.
+# renders in software, and a robot that drives for it, take a core: there is one of those.
 CORES = os.cpu_count() or 1
 PARTS: dict[str, Sequence[str]] = {
     "compute": (
-        *("--numprocesses", str(CORES + 1), "--dist", "worksteal"),
+        *("--numprocesses", str(CORES), "--dist", "worksteal"),
         *("--ignore=tests/process", "--ignore=tests/browser"),
     ),
     "process": ("--numprocesses", "3", "--dist", "worksteal", "tests/process"),
-    "browser": ("--numprocesses", "2", "--dist", "loadfile", "tests/browser"),
+    "browser": ("tests/browser",),
 }
 BESIDE = ("lint", "process", "browser")
 """Run one after another, beside the tests that compute."""

@@ -33,17 +33,19 @@ DELETES = {
 }
 PATIENCE_MS = 1000.0 * PATIENCE_S
 # The scene is drawn with a quarter of the pixels and at most ten times a second: that is what a
-# processor has left for it beside the robot, and a tablet's graphics card does no better.
+# processor has left for it beside the robot, and a tablet's graphics card does no better. Where
+# nobody looks at it, `undrawn` in `seeing.py` makes that once a second.
 SCENE = "?fixedDpr=0.5"
 SLOW_FRAMES = """(() => {
-  const draw = window.requestAnimationFrame.bind(window), period = 100;
+  const draw = window.requestAnimationFrame.bind(window);
+  window.framePeriod = 100;
   const waiting = new Map();
   let last = 0, number = 0, isDue = false;
   window.requestAnimationFrame = (callback) => {
     waiting.set(++number, callback);
     if (!isDue) {
       isDue = true;
-      const now = performance.now(), next = Math.max(last + period, now);
+      const now = performance.now(), next = Math.max(last + framePeriod, now);
       setTimeout(() => draw((time) => {
         last = performance.now();
         isDue = false;

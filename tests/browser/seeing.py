@@ -63,6 +63,15 @@ def wait_for_frames(page: Page) -> None:
     )
 
 
+@contextlib.contextmanager
+def undrawn(page: Page) -> Generator[None]:
+    """Hardly draw the scene meanwhile: without a graphics card that takes most of a processor."""
+    frame = scene(page)
+    frame.evaluate("framePeriod = 1000")
+    yield
+    frame.evaluate("framePeriod = 100")
+
+
 def picture(page: Page) -> Pixels:
     """What is seen now."""
     return pixels_of(page.screenshot())

@@ -12,7 +12,7 @@ from support.waiting import wait_until
 from trolley import topics
 
 from .conftest import open_page, open_viewer
-from .seeing import pixel_of
+from .seeing import pixel_of, undrawn
 from .test_viewer import button, goal_state
 
 if TYPE_CHECKING:
@@ -47,7 +47,8 @@ def seen(request: pytest.FixtureRequest, shown: "Shown", browser: Browser) -> It
 
 def check(page: Page, where: str) -> None:
     """Let axe-core look at the page as it is, and measure what is to be pressed."""
-    found = Axe().run(page, options={"resultTypes": ["violations"], "iframes": False})
+    with undrawn(page):
+        found = Axe().run(page, options={"resultTypes": ["violations"], "iframes": False})
     assert found.violations_count == 0, f"{where}: {found.generate_report()}"
     assert page.evaluate(SMALL_TARGETS, SMALLEST_PX) == [], where
 

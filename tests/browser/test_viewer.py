@@ -14,7 +14,7 @@ from trolley.geometry import wrap_angle
 from trolley.messages import SavedPose
 
 from .conftest import open_page, open_viewer
-from .seeing import pixel_of, wait_for_frames
+from .seeing import pixel_of, undrawn, wait_for_frames
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -68,7 +68,8 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
     drag(page, PLACE, TOWARDS)
     wait_until(lambda: goal_state(shown) == "driving", "the robot sets off")
     page.screenshot(path=pictures / "driving.png")
-    wait_until(lambda: goal_state(shown) in ("arrived", "failed"), "the robot gets there")
+    with undrawn(page):
+        wait_until(lambda: goal_state(shown) in ("arrived", "failed"), "the robot gets there")
     expect(page.locator("#sentence")).to_contain_text("It has arrived at the place on the map")
     page.screenshot(path=pictures / "arrived.png")
     truth = shown.robot.latest(topics.SIM_TRUTH)
@@ -152,7 +153,8 @@ def test_several_places_in_a_row_are_driven(page: Page, shown: "Shown", pictures
         return "" if trip is None else trip.state
 
     wait_until(lambda: trip_state() == "driving", "it sets off")
-    wait_until(lambda: trip_state() == "done", "it has been at both")
+    with undrawn(page):
+        wait_until(lambda: trip_state() == "done", "it has been at both")
     trip = shown.robot.latest(topics.TOUR)
     assert trip is not None
     assert [result.state for result in trip.results] == ["reached", "reached"]
@@ -207,7 +209,8 @@ def test_a_place_is_saved_changed_and_brought_back(
 
 def test_a_button_drives_to_its_place(page: Page, shown: "Shown") -> None:
     button(page, "start").click()
-    expect(page.locator("#sentence")).to_contain_text("It has arrived at start.")
+    with undrawn(page):
+        expect(page.locator("#sentence")).to_contain_text("It has arrived at start.")
     button(page, "corridor").click()
     expect(page.locator("#sentence")).to_contain_text("It is on its way to corridor")
     button(page, "Pause").click()

@@ -228,7 +228,7 @@ def test_a_tile_is_as_passable_as_its_best_line(seed, rows, cols, share) -> None
             assert coarse[row, col] == expected
     # What is written for a few tiles is the same.
     corridor = Corridor(
-        np.arange(coarse.size, dtype=np.int32).reshape(coarse.shape)[1:-1, 1:-1].reshape(-1),
+        np.arange(coarse.size, dtype=np.int32).reshape(coarse.shape)[1:-1, 1:-1].flatten(),
         np.ones(coarse.shape, np.uint8),
         weights,
         np.zeros((rows, cols), np.int32),

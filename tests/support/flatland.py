@@ -6,6 +6,7 @@ is counted. Its lidar sees a grid of what really stands there, which may differ 
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import msgspec
 import numpy as np
@@ -58,6 +59,16 @@ def two_rooms(door_m: float = 0.8) -> GridMap:
     return with_block(walled, 3.95, 3.0 + door_m / 2.0, 0.1, 3.0 - door_m / 2.0)
 
 
+@lru_cache(maxsize=8)
+def fine_distance(occupied: bytes, shape: tuple[int, int], fine_m: float) -> NDArray[np.float32]:
+    """From each part of a cell to the nearest part of an occupied cell [m].
+
+    Kept, since most tests drive in the same few rooms.
+    """
+    mask = np.frombuffer(occupied, np.bool_).reshape(shape)
+    return distance_transform(mask.repeat(FINE_PARTS, 0).repeat(FINE_PARTS, 1), fine_m)
+
+
 @dataclass
 class Flatland:
     """The true world, and the messages that it gives.
@@ -78,15 +89,26 @@ class Flatland:
 
     def __post_init__(self) -> None:
         self.odom_T_base = MAP_T_ODOM.inverse() @ self.grid.origin @ self.pose
+        corners = np.array(self.footprint)
+        shares = np.linspace(0.0, 1.0, 12, endpoint=False)[:, None]
+        self._outline = np.concatenate(
+            [a + shares * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
+        )
+        self._lasting: NDArray[np.bool_] | NDArray[np.uint8] | None = None
         self.set_truth(self.truth or self.grid)
 
     def set_truth(self, truth: GridMap) -> None:
         """Let something else stand around from now on."""
         self.truth = truth
-        self._occupied = truth.occupied_mask()
-        parts = np.ones((FINE_PARTS, FINE_PARTS), dtype=self._occupied.dtype)
+        self._occupied = occupied = truth.occupied_mask()
         self._fine_m = truth.resolution / FINE_PARTS
-        self._distance = distance_transform(np.kron(self._occupied, parts), self._fine_m)
+        lasting = self._lasting
+        if lasting is None or lasting.shape != truth.cells.shape or (lasting & ~occupied).any():
+            lasting = occupied
+            self._distance = fine_distance(occupied.tobytes(), occupied.shape, self._fine_m)
+        # What came to it since, such as people who walk: a few cells, for which the distance
+        # everywhere is not computed anew.
+        self._lasting, self._added = lasting, FINE_PARTS * np.argwhere(occupied & ~lasting)
 
     @property
     def map_T_base(self) -> Pose2D:
@@ -106,19 +128,16 @@ class Flatland:
 
     def clearance_at(self, pose: Pose2D) -> float:
         """From the outline to the nearest border of an occupied cell, to about a centimetre."""
-        corners = np.array(self.footprint)
-        shares = np.linspace(0.0, 1.0, 12, endpoint=False)[:, None]
-        edges = [
-            a + shares * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)
-        ]
-        points = pose.transform_points(np.concatenate(edges)) / self._fine_m
-        cells = np.floor(points).astype(int)
-        rows, cols = self._distance.shape
-        inside = (cells >= 0).all(1) & (cells[:, 1] < rows) & (cells[:, 0] < cols)
-        if not inside.all():
+        points = pose.transform_points(self._outline) / self._fine_m
+        cells = np.floor(points[:, ::-1]).astype(int)
+        if (cells < 0).any() or (cells >= self._distance.shape).any():
             return 0.0
-        found = self._distance[cells[:, 1], cells[:, 0]] - self._fine_m
-        return float(found.min())
+        nearest = float(self._distance[cells[:, 0], cells[:, 1]].min())
+        if len(self._added):
+            before = self._added - cells[:, None]  # [fine cells], to the first of each cell
+            away = np.maximum(np.maximum(before, 1 - FINE_PARTS - before), 0)
+            nearest = min(nearest, float(np.hypot(*np.moveaxis(away, -1, 0)).min()) * self._fine_m)
+        return nearest - self._fine_m
 
     # Messages.
 

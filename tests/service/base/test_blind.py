@@ -15,6 +15,7 @@ from trolley_base.drivers import LidarReading, LidarScan
 from .conftest import EXACT, REAL, MakeRig, Rig
 
 CREEP = 0.1
+SLOW = pytest.mark.slow
 HALF_ROUND = f"{EXACT}field_of_view = {math.pi}\nbeams = 180\n"
 HALF_ROUND_REAL = f"{REAL}[lidar]\nfield_of_view = {math.pi}\nbeams = 180\n"
 Spoil = Callable[[LidarScan], NDArray[np.bool_]]
@@ -76,7 +77,7 @@ def test_by_hand_it_creeps_where_the_lidar_sees_nothing(
 
 
 @pytest.mark.parametrize("which", BLINDED.values(), ids=BLINDED.keys())
-@pytest.mark.parametrize("source", ["planner", "calibrate"])
+@pytest.mark.parametrize("source", ["planner", pytest.param("calibrate", marks=SLOW)])
 def test_a_program_is_held_where_the_lidar_sees_nothing(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, which: Spoil, source: str
 ) -> None:
@@ -89,7 +90,9 @@ def test_a_program_is_held_where_the_lidar_sees_nothing(
     assert "ahead" in rig.state.message
 
 
-@pytest.mark.parametrize(("source", "limit"), [("teleop", CREEP), ("planner", 0.0)])
+@pytest.mark.parametrize(
+    ("source", "limit"), [pytest.param("teleop", CREEP, marks=SLOW), ("planner", 0.0)]
+)
 def test_a_lidar_that_goes_blind_under_way_takes_the_speed_away_before_the_wall(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, source: str, limit: float
 ) -> None:
@@ -105,7 +108,9 @@ def test_a_lidar_that_goes_blind_under_way_takes_the_speed_away_before_the_wall(
     assert rig.state.reason in (codes.BLIND, codes.STOP_FIELD)
 
 
-@pytest.mark.parametrize(("source", "limit"), [("teleop", CREEP), ("planner", 0.0)])
+@pytest.mark.parametrize(
+    ("source", "limit"), [pytest.param("teleop", CREEP, marks=SLOW), ("planner", 0.0)]
+)
 def test_backwards_with_half_a_view_it_drives_only_over_its_own_trail(
     make_rig: MakeRig, source: str, limit: float
 ) -> None:
@@ -127,7 +132,7 @@ def test_backwards_with_half_a_view_it_drives_only_over_its_own_trail(
     assert rig.state.reason == codes.BLIND
 
 
-@pytest.mark.parametrize("source", ["teleop", "planner"])
+@pytest.mark.parametrize("source", ["teleop", pytest.param("planner", marks=SLOW)])
 def test_with_half_a_view_it_can_turn_round_and_then_drive_there(
     make_rig: MakeRig, source: str
 ) -> None:
@@ -188,7 +193,7 @@ DROP_OUTS = "[lidar]\ndrop_out = 0.03\ninvalid = 0.03\n"
 
 @pytest.mark.parametrize(
     "view",
-    [*(pytest.param(turns * math.pi, marks=pytest.mark.slow) for turns in (2.0, 1.5)), math.pi],
+    [*(pytest.param(turns * math.pi, marks=SLOW) for turns in (2.0, 1.5)), math.pi],
 )
 def test_a_lidar_with_ordinary_drop_outs_raises_no_alarm(make_rig: MakeRig, view: float) -> None:
     beams = round(180 * view / (2.0 * math.pi))
