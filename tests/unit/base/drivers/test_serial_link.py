@@ -82,6 +82,28 @@ def test_a_port_that_takes_nothing_is_down_and_not_merely_counted(port: str) -> 
     assert refused_ns is not None
 
 
+def test_who_comes_second_to_a_port_is_told_that_it_is_in_use(port: str) -> None:
+    talks: list[SerialLink[LidarDialogue]] = []
+    for _ in range(2):
+        dialogue: LidarDialogue = make_lidar(LidarConfig(model="ld19"))
+        device = SerialDevice(port, dialogue.line, explain)
+        talk = SerialLink("lidar", dialogue, device, lambda now: now)
+        device.start()
+        talks.append(talk)
+
+        def has_tried(talk: SerialLink[LidarDialogue] = talk) -> bool:
+            talk.listen(0)
+            return "being opened" not in talk.link(0).message
+
+        wait_until(has_tried, "the port is open, or refused")
+    first, second = (talk.link(0) for talk in talks)
+    for talk in talks:
+        talk.close()
+    assert "in use" not in first.message
+    assert second.state == "down"
+    assert f"{port} is in use" in second.message
+
+
 def test_what_arrived_in_a_row_is_joined_and_a_break_stays_between() -> None:
     events = [
         Opened(),
