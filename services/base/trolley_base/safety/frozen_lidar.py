@@ -4,6 +4,7 @@ Two scans of a real lidar never agree to the last digit, and from two places not
 """
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,32 +25,35 @@ class FrozenLidarParams:
     """The robot has driven farther than this meanwhile [m] ..."""
     turned_rad: float = 0.05
     """... or turned farther than this [rad]."""
+    kept: int = 4
+    """So many scans are compared: what is repeated may be cut into revolutions in turn here and
+    there."""
 
 
 PARAMS = FrozenLidarParams()
 
 
 class FrozenLidar:
-    """Compares each scan with the first of those that are the same."""
+    """Compares each scan with the last that differ from each other."""
 
     def __init__(self) -> None:
-        self._ranges = np.empty(0, np.float32)
-        self._odom_T_base = Pose2D.identity()
+        self._seen: deque[tuple[LidarScan, Pose2D]] = deque(maxlen=PARAMS.kept)
 
     def update(self, scan: LidarScan, odom_T_base: Pose2D) -> bool:
         """Take a new scan, and say whether the lidar repeats itself although the robot moved."""
-        if not self._is_same(scan):
-            self._ranges, self._odom_T_base = scan.ranges, odom_T_base
-            return False
-        before = self._odom_T_base
-        turned = abs(angle_difference(odom_T_base.yaw, before.yaw))
-        return before.distance_to(odom_T_base) > PARAMS.moved_m or turned > PARAMS.turned_rad
+        for before, there in self._seen:
+            if _are_same(before, scan):
+                turned = abs(angle_difference(odom_T_base.yaw, there.yaw))
+                moved_m = there.distance_to(odom_T_base)
+                return moved_m > PARAMS.moved_m or turned > PARAMS.turned_rad
+        self._seen.append((scan, odom_T_base))
+        return False
 
-    def _is_same(self, scan: LidarScan) -> bool:
-        before, now = self._ranges, scan.ranges
-        if len(before) != len(now):
-            return False
-        met = (now > 0.0) & (now < math.inf)
-        count = int(np.count_nonzero(met))
-        same = int(np.count_nonzero(met & (before == now)))
-        return count >= PARAMS.least_beams and same >= PARAMS.same_share * count
+
+def _are_same(before: LidarScan, now: LidarScan) -> bool:
+    if len(before.ranges) != len(now.ranges):
+        return False
+    met = (now.ranges > 0.0) & (now.ranges < math.inf)
+    count = int(np.count_nonzero(met))
+    same = int(np.count_nonzero(met & (before.ranges == now.ranges)))
+    return count >= PARAMS.least_beams and same >= PARAMS.same_share * count
