@@ -144,10 +144,12 @@ def test_one_misread_count_moves_nothing(left: int, right: int, wrong: int) -> N
     odometry = WheelOdometry(WHEELS, lambda name, number: counts.append(name))
     odometry.add(Counts(left, right, 0))
     assert odometry.add(Counts(wrong, right, 50 * MS)) is None
+    assert odometry.has_jumped
     motion = odometry.add(Counts(left + 10, right + 10, 100 * MS))
     assert motion is not None
     assert motion.previous_T_base.x == pytest.approx(10 / ticks_per_m(WHEELS))
     assert counts == ["encoder_jumps"]
+    assert not odometry.has_jumped
 
 
 def test_the_arc_is_exact() -> None:

@@ -32,7 +32,7 @@ def robot_sentence(
     why = (base.message or codes.SENTENCES.get(base.reason, base.reason)).rstrip(".")
     if base.mode != "ok":
         if base.mode == "stopped":
-            return "Stopped. `trolley resume` lets it drive."
+            return base.message or "Stopped. `trolley resume` lets it drive."
         if base.reason == codes.DOES_NOT_OBEY:
             return f"{why}."
         return _sentence("Waiting" if base.mode == "held" else "It cannot drive", why)

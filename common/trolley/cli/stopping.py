@@ -47,7 +47,7 @@ def stop_command(everybody: bool, as_json: bool) -> None:
     if as_json:
         print_json(state)
     elif state.reason != codes.DOES_NOT_OBEY:
-        say("Stopped. `trolley resume` lets it drive.")
+        say(state.message or "Stopped. `trolley resume` lets it drive.")
     if state.reason == codes.DOES_NOT_OBEY:
         raise Refused(state.reason, state.message)
 

@@ -13,12 +13,16 @@ from trolley_base.drivers import ChassisReading, Hardware, LidarScan
 from trolley_base.odometry.dead_reckoning import DeadReckoning, Measured
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.robot_clock import Beat
+from trolley_base.safety.frozen_lidar import FrozenLidar
 from trolley_base.safety.lidar_view import LidarView, without_cover
 from trolley_base.safety.near_echoes import NearEchoes
 from trolley_base.safety.observed_space import ObservedSpace
 from trolley_base.safety.safety_state import SafetyState
 
 COVERED_MESSAGE = "The lidar sees nothing at all; is something covering it?"
+FROZEN_MESSAGE = (
+    "The lidar repeats one and the same scan although the robot moves: it hangs; plug it in again."
+)
 ODOMETRY_S = 0.04
 """Every other reading is published, and one with each scan: 25 to 35 Hz."""
 
@@ -43,7 +47,8 @@ class DeviceInputs:
         self._chassis = ChassisReading((), Link(name="chassis", state="searching"))
         self._lidar = Link(name="lidar", state="searching")
         self._scan_arrived_ns: int | None = None
-        self._is_covered = False
+        self._frozen = FrozenLidar()
+        self._is_covered = self._is_frozen = False
         self._has_moved = True
         self._odometry_beat = Beat(ODOMETRY_S)
         self.battery: Battery | None = None
@@ -91,7 +96,9 @@ class DeviceInputs:
         arrived_ns = self._scan_arrived_ns
         scan_age_ns = None if arrived_ns is None else now_ns - arrived_ns
         lidar = self._lidar
-        if self._is_covered and lidar.state == "up":
+        if self._is_frozen and lidar.state == "up":
+            lidar = msgspec.structs.replace(lidar, state="down", message=FROZEN_MESSAGE)
+        elif self._is_covered and lidar.state == "up":
             lidar = msgspec.structs.replace(lidar, message=COVERED_MESSAGE)
         return SafetyState(cannot_drive, is_stopped, self._chassis, lidar, scan_age_ns)
 
@@ -128,6 +135,9 @@ class DeviceInputs:
     def _look(self, scan: LidarScan, now_ns: int) -> None:
         """Take in what a scan of at least one beam sees."""
         track = self._reckoning.track
+        self._is_frozen = self._frozen.update(scan, track.odom_T_base)
+        if self._is_frozen:
+            return
         self._space.update(self.view.update(scan, track.odom_T_base), track)
         # A covered lidar measures nothing valid, which is as good as silence.
         self._is_covered = not np.any(scan.ranges > 0.0)

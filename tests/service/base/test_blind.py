@@ -21,7 +21,12 @@ HALF_ROUND_REAL = f"{REAL}[lidar]\nfield_of_view = {math.pi}\nbeams = 180\n"
 Spoil = Callable[[LidarScan], NDArray[np.bool_]]
 
 
-def spoil(rig: Rig, monkeypatch: pytest.MonkeyPatch, which: Spoil, by: float = 0.0) -> None:
+def spoil(
+    rig: Rig,
+    monkeypatch: pytest.MonkeyPatch,
+    which: Spoil,
+    by: float | Callable[[LidarScan], NDArray[np.float32]] = 0.0,
+) -> None:
     """Let beams measure something else from now on; 0 is invalid."""
     lidar = rig.base.hardware.lidar
     read = lidar.read
@@ -30,7 +35,10 @@ def spoil(rig: Rig, monkeypatch: pytest.MonkeyPatch, which: Spoil, by: float = 0
         reading = read()
         scans = [
             dataclasses.replace(
-                scan, ranges=np.where(which(scan), by, scan.ranges).astype(np.float32)
+                scan,
+                ranges=np.where(which(scan), by(scan) if callable(by) else by, scan.ranges).astype(
+                    np.float32
+                ),
             )
             for scan in reading.scans
         ]
@@ -163,6 +171,31 @@ def test_a_lidar_whose_every_beam_is_at_its_nearest_range_sees_nothing(
     rig.drive(2.0, -0.3, source=source)
     assert rig.state.mode == "ok"
     assert rig.truth.twist.vx == pytest.approx(-0.3, abs=0.01)
+
+
+@pytest.mark.parametrize("source", ["teleop", "planner"])
+def test_a_lidar_that_repeats_one_scan_while_the_robot_drives_is_as_good_as_silent(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, source: str
+) -> None:
+    rig = make_rig()
+    rig.drive(1.0, 0.5, source=source)
+    with monkeypatch.context() as hanging:
+        kept: list[NDArray[np.float32]] = []
+
+        def repeat(scan: LidarScan) -> NDArray[np.float32]:
+            kept.append(scan.ranges)
+            return kept[(len(kept) - 1) % 2]  # as one revolution may be cut
+
+        spoil(rig, hanging, all_round, by=repeat)
+        rig.drive(8.0, 0.5, source=source)
+        assert (rig.state.mode, rig.state.reason) == ("held", codes.SCAN_LOST)
+        assert "repeats" in rig.state.message
+        assert rig.truth.twist.is_zero
+        assert rig.truth.collisions == 0
+        assert rig.truth.pose.x < 1.2, "it was stopped by that and not by a wall"
+    rig.drive(1.0, 0.2, source=source)
+    assert rig.state.mode == "ok"
+    assert rig.truth.twist.vx > 0.1
 
 
 def test_sixty_degrees_at_the_nearest_range_do_not_pin_the_robot_but_are_blind(

@@ -137,6 +137,7 @@ def test_a_robot_that_was_pushed_by_hand_may_drive_on_when_it_stands(rig: Rig) -
 DRIVEN_WRONG: dict[str, tuple[Trouble, Twist2D, float, str]] = {
     "backwards": (Trouble(factor=-1.0), Twist2D(0.3, 0.0, 0.0), 0.5, "other"),
     "twice as fast": (Trouble(factor=2.0), Twist2D(0.25, 0.0, 0.0), 0.5, "other"),
+    "at a crawl": (Trouble(factor=0.4), Twist2D(0.3, 0.0, 0.0), 2.0, "instead of 0.30 m/s"),
     "not at all": (Trouble(dead_motors=BOTH), Twist2D(0.3, 0.0, 0.0), 0.6, "do not turn"),
     "left motor dead": (Trouble(dead_motors=frozenset((LEFT,))), Twist2D(0.3, 0, 0), 0.8, "left"),
     "slow left motor": (Trouble(dead_motors=frozenset((LEFT,))), Twist2D(0.1, 0, 0), 0.5, "left"),

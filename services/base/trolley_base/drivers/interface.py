@@ -62,6 +62,7 @@ class ChassisReading:
         alarms: codes of `trolley.codes` that hold now, as `bumper`, `cliff` or `button`.
         notes: what the board or its driver has to say.
         counts: what happened since the last `read`, for the counters of `health/base`.
+        num_jumps: how many motions the driver left out, since no robot can do them.
     """
 
     motions: tuple[MotionSample, ...]
@@ -71,6 +72,7 @@ class ChassisReading:
     alarms: tuple[str, ...] = ()
     notes: tuple[Note, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict[str, int])
+    num_jumps: int = 0
 
 
 class Chassis(Protocol):

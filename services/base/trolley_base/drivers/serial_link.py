@@ -12,7 +12,7 @@ D = TypeVar("D", bound=Dialogue)
 REOPEN_EVERY_NS = 5_000_000_000
 """A port is opened again at most this often at a dialogue's request [ns]."""
 REFUSED_NS = 500_000_000
-"""A port that has refused all writes for this long counts as down [ns]."""
+"""A port that has refused all writes for this long is reopened [ns]."""
 TAKEN_NS = 1_000_000_000
 """It counts as up again once it has refused nothing for this long [ns]."""
 MOST_LOSSES, LOSSES_WITHIN_NS = 3, 10_000_000_000
@@ -66,6 +66,7 @@ class SerialLink(Generic[D]):
                     self.dialogue.receive(data, min(now_ns, self._robot_ns(monotonic_ns)))
                 case Opened():
                     self._is_open, self._trouble = True, ""
+                    self._refused_since_ns = None
                     self._reopen_after_ns = now_ns + REOPEN_EVERY_NS
                     self.dialogue.begin(now_ns)
                 case Lost(why):
@@ -84,7 +85,7 @@ class SerialLink(Generic[D]):
             self._reopen(now_ns, self.link(now_ns).message)
 
     def _note_write(self, now_ns: int, *, is_taken: bool) -> None:
-        """Give up a port that takes nothing: what is commanded does not reach the device."""
+        """Open a port anew that takes nothing: what is commanded does not reach the device."""
         if is_taken:
             # What was refused has been thrown away, so there is room for a moment.
             if now_ns - self._refused_ns >= TAKEN_NS:
@@ -96,11 +97,14 @@ class SerialLink(Generic[D]):
             self._refused_since_ns = now_ns
         elif now_ns - self._refused_since_ns >= REFUSED_NS:
             self._refused_since_ns = None
-            self._reopen(
-                now_ns,
-                f"{self._device.path} accepts nothing that is written to it: the device or its "
-                "adapter hangs; unplug it and plug it in again.",
-            )
+            self._reopen(now_ns, self._takes_nothing)
+
+    @property
+    def _takes_nothing(self) -> str:
+        return (
+            f"{self._device.path} accepts nothing that is written to it: the device or its "
+            "adapter hangs; unplug it and plug it in again."
+        )
 
     def restart(self, now_ns: int) -> bool:
         """Reopen the port where that restarts the device; False where it would not."""
@@ -142,6 +146,9 @@ class SerialLink(Generic[D]):
             state = "down" if self._trouble else "searching"
             message = self._trouble or f"{self._device.path} is being opened."
             return Link(name=self._name, state=state, message=message)
+        if self._refused_since_ns is not None:
+            # At once: what is refused is what the robot is told, and the board stops by itself.
+            return Link(name=self._name, state="down", message=self._takes_nothing)
         status = self.dialogue.status(now_ns)
         message = f"{self._device.path}: {status.message}" if status.message else ""
         return Link(name=self._name, state=status.state, message=message)

@@ -8,6 +8,7 @@ from trolley.config import RobotConfig
 from trolley.geometry import Twist2D, exp_twist, log_pose
 from trolley.messages.motion import Drive
 from trolley_base.drivers import ChassisReading, MotionSample, Note
+from trolley_base.odometry.motion_guard import MotionGuard
 from trolley_base.odometry.track import OdometryTrack
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.odometry.yaw_fusion import GyroState, YawFusion
@@ -56,6 +57,7 @@ class DeadReckoning:
 
     def __init__(self, config: RobotConfig, scales: WheelScales, stamp_ns: int) -> None:
         self.track = OdometryTrack(stamp_ns)
+        self._guard = MotionGuard(stamp_ns)
         self._scales = scales
         self._fusion = YawFusion(SLIP[config.robot.drive])
         self._uses_imu = config.base.chassis.use_imu
@@ -76,9 +78,9 @@ class DeadReckoning:
         notes: list[Note] = []
         counts = Counter(reading.counts)
         measured: list[tuple[MotionSample, float | None]] = []
-        num_jumps = 0
+        num_jumps = reading.num_jumps
         for motion in reading.motions:
-            if not self.track.accepts(motion):
+            if not self._guard.accepts(motion):
                 counts[JUMP.kind] += 1
                 notes.append(JUMP)
                 num_jumps += 1

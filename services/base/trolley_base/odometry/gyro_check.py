@@ -20,6 +20,9 @@ class GyroCheckParams:
     """It turns the other way: less than this per turn of the wheels."""
     still_below: float = 0.2
     """It does not turn: less than this, either way."""
+    still_turn: float = 0.5
+    """Of that the newest turns tell as much as all before: older ones are forgotten over this much
+    [rad]. A robot that is lifted is to be known at once."""
     degrees_above: float = 20.0
     """It measures degrees: 57 of them are a radian."""
     most: float = 100.0
@@ -52,11 +55,14 @@ class GyroCheck:
 
     def __init__(self) -> None:
         self._ratio = TurnRatio(PARAMS.min_turn_rate, PARAMS.forgetting_turn, PARAMS.most)
+        self._lately = TurnRatio(PARAMS.min_turn_rate, PARAMS.still_turn, PARAMS.most)
 
     @property
     def trouble(self) -> GyroTrouble | None:
         """What is wrong, None while that is not known or nothing is."""
-        ratio = self._ratio.value
+        lately, ratio = self._lately, self._ratio.value
+        if lately.turned >= PARAMS.still_turn and abs(lately.value) < PARAMS.still_below:
+            return GyroTrouble.STILL
         if self._ratio.turned < PARAMS.judged_turn:
             return None
         if ratio > PARAMS.degrees_above:
@@ -68,3 +74,4 @@ class GyroCheck:
     def add(self, turn_rad: float, gyro_rad: float, seconds: float) -> None:
         """Take what wheels and gyro turned in the same interval."""
         self._ratio.add(turn_rad, gyro_rad, seconds)
+        self._lately.add(turn_rad, gyro_rad, seconds)

@@ -12,19 +12,10 @@ from trolley_base.drivers import MotionSample
 
 @dataclass(frozen=True, slots=True)
 class TrackParams:
-    """What is kept, and which motions are believed; set by hand."""
+    """What is kept; set by hand."""
 
     max_poses: int = 64
     """Poses that are kept: 1.3 s at 50 Hz, several revolutions of any lidar."""
-    max_speed: float = 6.0
-    """No robot that can be configured is faster; a motion beyond it is a counter that wrapped or a
-    board that restarted [m/s]."""
-    max_wz: float = 12.0
-    """The same for turning [rad/s]."""
-    slack_m: float = 0.05
-    """Allowed on top, for two readings that lie close together in time [m]."""
-    slack_rad: float = 0.3
-    """The same for turning [rad]."""
 
 
 PARAMS = TrackParams()
@@ -41,14 +32,6 @@ class OdometryTrack:
         self._track: deque[tuple[int, float, float, float]] = deque(maxlen=PARAMS.max_poses)
         self._yaw = 0.0
         self._keep()
-
-    def accepts(self, motion: MotionSample) -> bool:
-        """Say whether a motion is newer than all before and one that a robot can do."""
-        pose, seconds = motion.previous_T_base, (motion.stamp_ns - self.stamp_ns) * 1e-9
-        if seconds < 0.0 or not (pose.is_finite() and motion.twist.is_finite()):
-            return False
-        is_far = pose.distance_to(Pose2D.identity()) > PARAMS.max_speed * seconds + PARAMS.slack_m
-        return not is_far and abs(pose.yaw) <= PARAMS.max_wz * seconds + PARAMS.slack_rad
 
     def add(self, motion: MotionSample) -> None:
         """Join a motion to those before."""

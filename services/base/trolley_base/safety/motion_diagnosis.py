@@ -118,7 +118,9 @@ def drives_otherwise(
         side = ("left", "right")[stands.index(True)]
         detail = f"its {side} wheel does not turn, or the encoder there counts nothing"
         if as_wheels:
-            detail = f"its {side} wheel does not turn: look at the motor there"
+            detail = (
+                f"its {side} wheel does not turn: look at the motor there, and at what may block it"
+            )
         if as_told:
             detail = f"its {side} encoder counts nothing, though the wheel turns: look at its cable"
     elif turns_back and abs(wheels.vx - told.vx) < PARAMS.told_speed + 0.5 * abs(told.vx):
@@ -141,9 +143,13 @@ def drives_otherwise(
 def _stands(speed: float, wanted: float, other: float) -> bool:
     """Whether a side that is told to go does not; a wrong track mixes it with the other side."""
     forward = math.copysign(speed, speed * wanted)
-    most = PARAMS.stands_share * abs(wanted) + PARAMS.stands_slack
     least = -PARAMS.stands_slack - WRONG_TRACK * abs(other)
-    return abs(wanted) > PARAMS.told_speed and least < forward < most
+    return abs(wanted) > PARAMS.told_speed and least < forward and is_standing(forward, wanted)
+
+
+def is_standing(speed: float, wanted: float) -> bool:
+    """Say whether a side that is told to go by so much goes so little that it stands [m/s]."""
+    return speed < PARAMS.stands_share * abs(wanted) + PARAMS.stands_slack
 
 
 def _is_nearer(gyro: float | None, one: float, other: float) -> bool:

@@ -25,6 +25,7 @@ from trolley_base.safety.motion_diagnosis import (
     Fault,
     Finding,
     drives_otherwise,
+    is_standing,
 )
 from trolley_base.safety.motion_limits import MotionLimits
 
@@ -618,13 +619,31 @@ class MotionSupervision:
         since_ns = (since_ns + now_ns) // 2
         recent = self._since(since_ns)
         told = [twist for at_ns, twist in self._commands if since_ns <= at_ns <= now_ns]
+        told = told or [self._commands[-1][1]]
         return drives_otherwise(
-            _mean_command(told or [self._commands[-1][1]]),
+            _mean_command(told),
             _mean(recent),
             _mean_gyro(recent),
             self._half_track_m,
-            still=self._still,
+            still=self._which_stand(told, [moved.twist for moved in recent]),
         )
+
+    def _which_stand(self, told: list[Twist2D], moved: list[Twist2D]) -> tuple[bool, ...]:
+        """Say of left and right whether they stand, who are known not to turn as far as told.
+
+        To and fro, since what is told that way is nothing in the mean; at half the speed a side
+        does not stand.
+        """
+        turned, wanted = self._paces(moved), self._paces(told)
+        return tuple(
+            is_still and is_standing(turned[side], wanted[side])
+            for side, is_still in enumerate(self._still)
+        )
+
+    def _paces(self, twists: list[Twist2D]) -> list[float]:
+        """Return how fast left and right go in the mean, to or fro [m/s]."""
+        sides = [sides_of(twist, self._half_track_m) for twist in twists]
+        return [math.fsum(map(abs, speeds)) / len(sides) for speeds in zip(*sides, strict=True)]
 
     def _since(self, since_ns: int) -> list[_Moved]:
         return [moved for moved in self._moved if moved.stamp_ns > since_ns]

@@ -11,6 +11,7 @@ SCAN_SILENCE_NS = 500_000_000
 """Without a scan for this long the robot stands [ns]."""
 
 STOPPED_MESSAGE = "Stopped. `trolley resume` lets it drive."
+UNKNOWN_MESSAGE = "A stop holds, but whether the robot stands is not known: {why}"
 FIRST_SCAN_MESSAGE = "The robot is waiting for the lidar's first scan."
 
 
@@ -38,7 +39,7 @@ def find_restriction(now: SafetyState) -> Restriction | None:
     if now.cannot_drive:
         return Restriction(Block.ALL, "ok", "", now.cannot_drive)
     if now.is_stopped:
-        return Restriction(Block.ALL, "stopped", codes.BUTTON, STOPPED_MESSAGE)
+        return Restriction(Block.ALL, "stopped", codes.BUTTON, _stopped(now.chassis.link))
     if now.chassis.link.state != "up":
         return _held(Block.ALL, codes.LINK_LOST, now.chassis.link.message)
     if now.lidar.state == "down":
@@ -49,6 +50,13 @@ def find_restriction(now: SafetyState) -> Restriction | None:
     if now.scan_age_ns > SCAN_SILENCE_NS:
         return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message)
     return _alarm(now.chassis.alarms)
+
+
+def _stopped(board: Link) -> str:
+    """Say that it is stopped, where the motor board can confirm it."""
+    if board.state == "up":
+        return STOPPED_MESSAGE
+    return UNKNOWN_MESSAGE.format(why=board.message or codes.SENTENCES[codes.LINK_LOST])
 
 
 def _alarm(alarms: tuple[str, ...]) -> Restriction | None:

@@ -140,6 +140,10 @@ class SightDistance:
         """Say whether a velocity is no faster than what is driven where nothing was seen."""
         return self._fastest(twist) <= (1.0 + PARAMS.slack) * SIGHT.creep_mps
 
+    def is_coming_softly(self, twist: Twist2D) -> bool:
+        """Say whether a velocity still brings sides to what was not seen, as slowly as they may."""
+        return self._fastest(twist) >= 0.5 * PARAMS.soft
+
     def _fastest(self, twist: Twist2D) -> float:
         """Return a speed that no point of the footprint exceeds [m/s]."""
         return twist.speed + abs(twist.wz) * self._radius

@@ -66,16 +66,42 @@ def test_a_port_that_takes_nothing_is_down_and_not_merely_counted(port: str) -> 
     slave = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     termios.tcflow(slave, termios.TCOOFF)
     os.close(slave)
-    states: list[Link] = []
+    refused_ns: int | None = None
     for step in range(200):  # a question to the board each second, none of which is taken
         now_ns = step * SECOND_NS // 4
         talk.speak(now_ns)
-        states.append(talk.link(now_ns))
-        if states[-1].state == "down":
-            break
+        link = talk.link(now_ns)
+        if refused_ns is None and talk.counts({}).get("chassis/not_sent"):
+            refused_ns = now_ns
+        if refused_ns is not None:
+            assert link.state == "down", "from the first word that is not taken"
+            assert "takes nothing" in link.message
+            if now_ns - refused_ns > 2 * SECOND_NS:
+                break
     talk.close()
-    assert states[-1].state == "down"
-    assert "accepts nothing" in states[-1].message
+    assert refused_ns is not None
+
+
+def test_who_comes_second_to_a_port_is_told_that_it_is_in_use(port: str) -> None:
+    talks: list[SerialLink[LidarDialogue]] = []
+    for _ in range(2):
+        dialogue: LidarDialogue = make_lidar(LidarConfig(model="ld19"))
+        device = SerialDevice(port, dialogue.line, explain)
+        talk = SerialLink("lidar", dialogue, device, lambda now: now)
+        device.start()
+        talks.append(talk)
+
+        def has_tried(talk: SerialLink[LidarDialogue] = talk) -> bool:
+            talk.listen(0)
+            return "being opened" not in talk.link(0).message
+
+        wait_until(has_tried, "the port is open, or refused")
+    first, second = (talk.link(0) for talk in talks)
+    for talk in talks:
+        talk.close()
+    assert "in use" not in first.message
+    assert second.state == "down"
+    assert f"{port} is in use" in second.message
 
 
 def test_what_arrived_in_a_row_is_joined_and_a_break_stays_between() -> None:

@@ -45,6 +45,12 @@ def test_a_jump_is_counted_and_left_out() -> None:
     assert reckoning.track.odom_T_base == Pose2D(0.01, 0.0, 0.0)
 
 
+def test_jumps_that_the_driver_left_out_are_told_too() -> None:
+    reckoning = DeadReckoning(config_of(), WheelScales(), START_NS)
+    reckoning.add_reading(ChassisReading((), UP, num_jumps=2))
+    assert reckoning.measured.num_jumps == 2
+
+
 @pytest.mark.parametrize("use_imu", [True, False])
 def test_the_position_follows_the_fused_heading(use_imu: bool) -> None:
     """Wheels that slip by a tenth on an arc, a gyro that does not."""

@@ -47,3 +47,17 @@ def test_a_robot_that_is_set_down_again_trusts_its_gyro_after_some_turns() -> No
         for _ in range(400):
             check.add(0.04, turned, STEP_S)
         assert (check.trouble is None) == (turned > 0.0)
+
+
+def test_a_robot_that_is_lifted_is_known_after_a_moment_of_turning() -> None:
+    check = GyroCheck()
+    for _ in range(400):
+        check.add(0.05, 0.05, STEP_S)
+    moments = 0
+    while check.trouble is not GyroTrouble.STILL and moments < 100:
+        check.add(0.05, 0.001, STEP_S)
+        moments += 1
+    assert moments * STEP_S <= 1.0, "at 1 rad/s"
+    for _ in range(20):
+        check.add(0.05, 0.05, STEP_S)
+    assert check.trouble is None

@@ -59,25 +59,3 @@ def test_outside_of_what_is_kept_the_nearest_pose_holds() -> None:
     now = track.odom_T_base
     assert ends[1, :2] == pytest.approx([now.x, now.y])
     assert np.isfinite(ends).all()
-
-
-@pytest.mark.parametrize(
-    "motion",
-    [
-        Pose2D(0.5, 0.0, 0.0),
-        Pose2D(0.0, -50.0, 0.0),
-        Pose2D(0.0, 0.0, 2.0),
-        Pose2D(math.nan, 0.0, 0.0),
-        Pose2D(0.0, math.inf, 0.0),
-    ],
-)
-def test_a_motion_that_no_robot_can_do_is_refused(motion: Pose2D) -> None:
-    track = OdometryTrack(START_NS)
-    assert not track.accepts(MotionSample(START_NS + STEP_NS, motion, TWIST))
-
-
-def test_a_motion_from_the_past_is_refused_and_a_quick_one_is_not() -> None:
-    track = OdometryTrack(START_NS)
-    motion = exp_twist(Twist2D(5.0, 0.0, 10.0), STEP_NS / 1e9)
-    assert not track.accepts(MotionSample(START_NS - 1, motion, TWIST))
-    assert track.accepts(MotionSample(START_NS + STEP_NS, motion, TWIST))

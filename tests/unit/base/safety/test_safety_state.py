@@ -65,6 +65,19 @@ def test_the_stop_matters_most() -> None:
     assert restriction.mode == "stopped"
 
 
+def test_stopped_is_not_said_of_a_board_that_says_nothing() -> None:
+    stopped = find_restriction(condition(stopped=True))
+    unplugged = Link(name="chassis", state="down", message="/dev/ttyUSB0 is not there.")
+    unknown = find_restriction(condition(stopped=True, chassis=unplugged))
+    assert stopped is not None
+    assert stopped.message.startswith("Stopped.")
+    assert unknown is not None
+    assert unknown.mode == "stopped"
+    assert "not known" in unknown.message
+    assert unknown.message.endswith("/dev/ttyUSB0 is not there.")
+    assert not unknown.message.startswith("Stopped")
+
+
 def test_the_driver_may_say_it_better() -> None:
     unplugged = Link(name="chassis", state="down", message="/dev/ttyUSB0 is not there.")
     restriction = find_restriction(condition(chassis=unplugged))

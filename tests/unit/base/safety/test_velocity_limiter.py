@@ -5,6 +5,7 @@ from trolley import codes
 from trolley.geometry import Twist2D, footprint_from_box
 from trolley.messages import VelocityCommand
 from trolley_base.safety.motion_limits import MotionLimits
+from trolley_base.safety.observed_space import ALL_SEEN, Unseen
 from trolley_base.safety.sight_distance import SightDistance
 from trolley_base.safety.stop_field import StopField
 from trolley_base.safety.velocity_limiter import Block, Decision, Restriction, VelocityLimiter
@@ -40,13 +41,15 @@ class Drive:
         steps: int = 1,
         echoes: np.ndarray = FREE,
         restriction: Restriction | None = None,
+        source: str = "teleop",
+        unseen: Unseen = ALL_SEEN,
     ) -> Decision:
         decision = Decision(Twist2D.zero(), None, 0, "ok")
         for _ in range(steps):
             self.now_ns += STEP
             if twist is not None:
-                self.send(twist)
-            decision = self.limiter.decide(self.now_ns, echoes, restriction)
+                self.send(twist, source)
+            decision = self.limiter.decide(self.now_ns, echoes, restriction, unseen)
         return decision
 
 
@@ -105,6 +108,18 @@ def test_while_setting_off_nobody_speaks_of_the_stop_field(drive: Drive) -> None
     for _ in range(30):
         decision = drive.step(Twist2D(0.02, 0.0, 0.06))
         assert decision.mode == "ok"
+
+
+def test_a_side_that_comes_softly_is_no_halt(drive: Drive) -> None:
+    never, turning = np.array([False]), Twist2D(0.0, 0.0, 1.3)
+    bucket = Unseen(np.array([[0.16, 0.15]]), never, np.array([True]))
+    decision = drive.step(turning, steps=50, source="planner", unseen=bucket)
+    assert 0.0 < decision.twist.wz < 0.1
+    assert (decision.mode, decision.reason) == ("ok", "")
+    ahead = Unseen(np.array([[0.23, 0.0]]), never, never)
+    decision = drive.step(Twist2D(0.3, 0.0, 0.0), steps=50, source="planner", unseen=ahead)
+    assert decision.twist.vx < 0.005
+    assert (decision.mode, decision.reason) == ("held", codes.BLIND)
 
 
 def test_what_forbids_to_drive_wins_over_any_command(drive: Drive) -> None:

@@ -192,6 +192,8 @@ class ArduinoBridgeDialogue:
             motion = self._wheels.add(Counts(left, right, stamp_ns))
             if motion is not None:
                 self._report.add_motion(motion)
+            if self._wheels.has_jumped:
+                self._report.add_jump()
             if self._wheels.has_restarted:
                 self._report.count("restarts")
                 self._owes_gains, self._driven = True, None

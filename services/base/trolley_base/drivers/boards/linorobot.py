@@ -54,7 +54,10 @@ COMMAND_EVERY_NS = 35_000_000
 MOST_TIME_REQUESTS = 8
 """Each answer waits for one call of `outgoing`; a board that asks this often is broken."""
 WARNING, ERROR = 2, 3
-NO_SPEED = "The motor board reports speeds that no robot can have; they are ignored."
+NO_SPEED = (
+    "The motor board reports speeds that no robot can have; they are not used. Restart it, and "
+    "look at its encoders' cables."
+)
 
 
 class LinorobotDialogue:
@@ -89,6 +92,7 @@ class LinorobotDialogue:
         self._sent_ns: int | None = None
         self._byte_ns = self._time_request_ns = now_ns
         self._velocity_ns: int | None = None
+        self._no_speed_ns: int | None = None
         self._has_bytes = self._has_frames = False
         self._time_requests = 0
         self._owes_pid = False
@@ -145,6 +149,7 @@ class LinorobotDialogue:
         twist = parse_velocities(payload)
         if twist is None:
             self._report.note("warning", NO_SPEED)
+            self._no_speed_ns = arrived_ns
             return False
         self._velocity_ns = arrived_ns
         if not self._can_drive_sideways:
@@ -180,11 +185,11 @@ class LinorobotDialogue:
         return b"".join(parts)
 
     def _command(self, command_id: int, now_ns: int) -> bytes:
-        """Return a command: a new zero at once, zeros too, so that the board's watchdog rests."""
+        """Return a command: stops and starts at once, zeros too, so that its watchdog rests."""
         wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
-        must_stop = wanted.is_zero and not self._sent.is_zero
         is_due = self._sent_ns is None or now_ns - self._sent_ns >= COMMAND_EVERY_NS
-        if not (must_stop or is_due):
+        # Some commands hold for one control period only, and then a zero.
+        if wanted.is_zero == self._sent.is_zero and not is_due:
             return b""
         self._sent, self._sent_ns = wanted, now_ns
         vy = wanted.vy if self._can_drive_sideways else 0.0
@@ -232,6 +237,8 @@ class LinorobotDialogue:
             return Status("down", self._topics.fault)
         if self._is_reporting(now_ns):
             return Status("up")
+        if self._no_speed_ns is not None and now_ns - self._no_speed_ns <= SILENCE_NS:
+            return Status("down", NO_SPEED)
         if self._velocity_ns is not None:
             return Status("down", "The motor board has stopped reporting; it is asked again.")
         if self._has_bytes and not self._has_frames:

@@ -32,6 +32,7 @@ class Report:
         self._notes: dict[str, Note] = {}
         self._kinds: set[str] = set()
         self._counts: Counter[str] = Counter()
+        self._num_jumps = 0
 
     def add_motion(self, motion: MotionSample) -> None:
         """Keep a motion; if too many wait, it is joined to the last, so that none is lost."""
@@ -58,6 +59,10 @@ class Report:
         """Count what happened; `name` without the leading `chassis/`."""
         self._counts[f"chassis/{name}"] += number
 
+    def add_jump(self) -> None:
+        """Keep that a motion was left out, since no robot can do it."""
+        self._num_jumps += 1
+
     def take(
         self, status: Status, alarms: tuple[str, ...] = (), battery: Battery | None = None
     ) -> ChassisReading:
@@ -70,9 +75,11 @@ class Report:
             alarms=alarms,
             notes=tuple(self._notes.values()),
             counts=dict(self._counts),
+            num_jumps=self._num_jumps,
         )
         self._motions.clear()
         self._imu.clear()
         self._notes.clear()
         self._counts.clear()
+        self._num_jumps = 0
         return reading

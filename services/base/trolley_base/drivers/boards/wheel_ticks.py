@@ -40,6 +40,7 @@ class WheelOdometry:
 
     Attributes:
         has_restarted: the counts added last started over: the board has rebooted.
+        has_jumped: the counts added last were farther from those before than wheels turn.
 
     Args:
         wheels: what a tick stands for.
@@ -51,7 +52,7 @@ class WheelOdometry:
         self._wheels = wheels
         self._count = count
         self._ticks_per_m = ticks_per_m(wheels)
-        self.has_restarted = False
+        self.has_restarted = self.has_jumped = False
         self._last: Counts | None = None
         self._jumped: Counts | None = None
 
@@ -62,6 +63,7 @@ class WheelOdometry:
     def add(self, new: Counts) -> MotionSample | None:
         """Return the motion since the last counts; None if these are the first or are refused."""
         last = self._last
+        self.has_jumped = False
         self.has_restarted = last is not None and self._is_restart(last, new)
         if last is None or self.has_restarted:
             self._last, self._jumped = new, None
@@ -72,6 +74,7 @@ class WheelOdometry:
             self._last, self._jumped = new, None
             return self._motion(last, new)
         self._count("encoder_jumps", 1)
+        self.has_jumped = True
         # One that does not fit was misread; two that fit each other were counted from a new zero.
         self.has_restarted = self._jumped is not None and self._is_possible(self._jumped, new)
         self._last, self._jumped = (new, None) if self.has_restarted else (last, new)

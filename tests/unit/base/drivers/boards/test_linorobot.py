@@ -281,6 +281,33 @@ def test_velocities_that_no_robot_drives_are_dropped(talk: Talk) -> None:
     assert talk.pose.distance_to(talk.pose.identity()) == 0.0
 
 
+def test_a_board_that_reports_only_such_speeds_is_told_of_as_that(talk: Talk) -> None:
+    talk.run(1.0)
+    bad = frame(125, struct.pack("<3f", math.nan, 0.0, 0.0))
+    for _ in range(40):
+        talk.now_ns += 20 * MS
+        talk.dialogue.receive(bad, talk.now_ns)
+    status = talk.dialogue.status(talk.now_ns)
+    assert status.state == "down"
+    assert "speeds that no robot can have" in status.message
+
+
+def test_a_command_that_holds_for_one_period_reaches_the_board(
+    talk: Talk, board: FakeLinorobot
+) -> None:
+    talk.run(1.0)
+    for pause in range(8):
+        board.commands.clear()
+        talk.wanted = TURNING
+        talk.tick()
+        talk.wanted = Twist2D.zero()
+        for _ in range(6 + pause):
+            talk.tick()
+        told = [twist for _, twist in board.commands]
+        assert TURNING in told
+        assert told[-1].is_zero
+
+
 def test_inertial_readings_are_turned_into_the_robot(board: FakeLinorobot) -> None:
     talk = Talk(make(imu_axes=("y", "-x", "z")), board)
     talk.run(1.0)
