@@ -75,7 +75,7 @@ def test_a_port_that_takes_nothing_is_down_and_not_merely_counted(port: str) -> 
             refused_ns = now_ns
         if refused_ns is not None:
             assert link.state == "down", "from the first word that is not taken"
-            assert "takes nothing" in link.message
+            assert "accepts nothing" in link.message
             if now_ns - refused_ns > 2 * SECOND_NS:
                 break
     talk.close()
