@@ -65,7 +65,7 @@ def test_axe_finds_nothing_and_all_targets_are_large(seen: Page) -> None:
         open_folders(seen)
         check(seen, tab)
     seen.keyboard.press("Control+k")
-    expect(seen.get_by_label("Commands")).to_be_visible()
+    expect(seen.get_by_role("dialog", name="Commands")).to_be_visible()
     check(seen, "commands")
     seen.keyboard.press("Escape")
 

@@ -15,7 +15,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from trolley.config import ConfigError, load_config
 from trolley.config.describe import to_toml
-from trolley.files import write_atomically
+from trolley.files import READABLE_BY_ALL, write_atomically
 
 Values = Mapping[tuple[str, ...], Any]
 """Settings by their keys from the outermost table on, such as ("base", "lidar", "port").
@@ -95,7 +95,7 @@ def check_text(path: Path, text: str) -> None:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Put a checked text in the file's place; a link stays a link.
+    """Put a checked text in the file's place, or a new file there; a link stays a link.
 
     Raises:
         ConfigError: the text is not allowed; the old file stands.
@@ -104,7 +104,8 @@ def replace_text(path: Path, text: str) -> None:
     file = path.resolve()
     check_text(file, text)
     try:
-        write_atomically(file, text.encode("utf-8"), stat.S_IMODE(file.stat().st_mode))
+        mode = stat.S_IMODE(file.stat().st_mode) if file.exists() else READABLE_BY_ALL
+        write_atomically(file, text.encode("utf-8"), mode)
     except OSError as error:
         raise NotWritable(f"{path}: cannot be written: {error.strerror}") from error
 

@@ -50,7 +50,7 @@ class ChangedSetting(Struct, frozen=True, kw_only=True):
 
     section: str
     key: str
-    value: bool | int | float | str
+    value: bool | int | Finite | str
     saved: bool = True
 
 
