@@ -39,8 +39,8 @@ from trolley_viz.settings import FILE, Choices, ViewerSettings
 TICK_S = teleop.PERIOD_S
 """How often the scene is drawn, and joysticks are heard: on average a scan waits half as long."""
 PANEL_PERIOD_NS = 200_000_000
-BEAT_PERIOD_NS = 400_000_000
-"""A page that has heard nothing for 1.5 s says so: of three beats one may be late."""
+BEAT_PERIOD_NS = 250_000_000
+"""A page that has heard nothing for 1.5 s says so: four beats in a row may be late."""
 DRAWN_BY_NS = 500_000_000
 """What is to be drawn waits no longer than this behind what has arrived, or it is lost."""
 WAITING_S = 1.0
@@ -200,6 +200,8 @@ class VizService(Service):
         now_ns = self.monotonic_ns
         hub.stops.tick(now_ns)
         is_driving = self.joystick.drive()
+        for page in self.pages.values():
+            page.give_up_if_silent(now_ns)
         self._forget_pages(now_ns)
         is_seen = any(page.is_connected for page in self.pages.values())
         if is_seen or is_driving or hub.stops.are_waiting:
