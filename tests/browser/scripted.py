@@ -31,9 +31,9 @@ class Viewer:
     lines: list[Line] = field(default_factory=list)
     said: list[tuple[Line, Said]] = field(default_factory=list)
 
-    def greet(self) -> None:
+    def greet(self, build: str = BUILD) -> None:
         """Open the newest line, and tell nothing yet."""
-        hello = Hello(protocol=PROTOCOL, build=BUILD, may_drive=True)
+        hello = Hello(protocol=PROTOCOL, build=build, may_drive=True)
         self.lines[-1].send(Told(hello=hello, beat_ms=NOW_MS))
 
     def tell(self, *names: str) -> list[int]:
@@ -43,9 +43,10 @@ class Viewer:
         self.tell_controls(controls)
         return [button.id for button in buttons]
 
-    def tell_controls(self, controls: Controls) -> None:
+    def tell_controls(self, controls: Controls, *, has_letters: bool = True) -> None:
         """Tell everything anew."""
-        state = PageState(robot="r", title="r", sentence=StatusLine("Ready.", "good"), lines=[])
+        ready = StatusLine("Ready.", "good")
+        state = PageState(robot="r", title="r", sentence=ready, lines=[], has_letters=has_letters)
         self.lines[-1].send(Told(state=state, controls=controls.take_changes()))
 
     def is_heard(self) -> bool:

@@ -218,7 +218,7 @@ class VizService(Service):
         for name in over:
             self.pages.pop(name).close()
         if over and not self.pages and self.hub is not None:
-            self._fleet.update(is_watched=False)
+            self._fleet.update(self.monotonic_ns, is_watched=False)
             self.hub.scenes.update({}, ())
             self.hub.people.stoppers.keep(set())
             self.past.follow(set())
@@ -230,7 +230,7 @@ class VizService(Service):
         if hub is None or not self.pages:
             return
         self._robots.update(self._robot_watch.by_parts)
-        self._fleet.update(is_watched=True)
+        self._fleet.update(now_ns, is_watched=True)
         scenes = hub.scenes.by_robot
         with hub.server.atomic():  # viser's thread is woken once for all of it
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)

@@ -29,6 +29,8 @@ export class Keys {
     }
     if (isField || event.ctrlKey || event.metaKey || event.altKey || this.palette.open) return;
     const key = event.key.toLowerCase();
+    // Who speaks to a computer types letters without meaning to press keys.
+    if (key.length === 1 && key !== " " && this.status.state?.has_letters === false) return;
     if (key === " " || (key === "s" && event.shiftKey)) {
       // Space presses what has the focus, too: Stop comes first.
       event.preventDefault();

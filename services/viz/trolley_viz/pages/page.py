@@ -231,6 +231,7 @@ class Page:
             dark=self.session.is_dark,
             language=self._language,
             has_scene=self.session.picture.client is not None,
+            has_letters=self.session.has_letters,
             stopped_by=f"Stopped by {stopper}" if stopper else "",
         )
         pad = self._shared.joystick.state(self._number, view) if self.may_drive else None
@@ -343,5 +344,6 @@ class Page:
         scene = self._hub.scenes.by_robot.get(session.robot)
         if scene is None:
             return None
-        moment = Moment(self._hub.service.monotonic_ns, is_away=scene.view.is_away)
+        view = scene.view
+        moment = Moment(self._hub.service.monotonic_ns, view.is_away, view.silent)
         return ShownOverlays(session.robot, scene.overlays, moment)

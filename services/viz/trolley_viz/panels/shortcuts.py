@@ -12,6 +12,8 @@ def add_shortcuts(gui: Controls, session: Session) -> str:
 
     Those of Stop, the joystick and the list of commands are the page's own.
     """
+    letters = gui.add_check("Letter keys", session.has_letters)
+    letters.on_change(lambda is_on: session.switch_letters(is_on=is_on))
     actions, aiming = session.actions, session.aiming
     commands: list[tuple[str, str, Callable[[], None]]] = [
         ("Go to …", "g", aiming.point_goal),
@@ -31,4 +33,8 @@ def add_shortcuts(gui: Controls, session: Session) -> str:
             rows.append((key.title(), title))
         rows.append(("J", "Drive by hand: open and close the joystick"))
     rows.append(("Ctrl+K", "Search all commands"))
-    return note("Keys do nothing while you are typing in a field.") + table(rows)
+    return (
+        note("Without letter keys only Space, Esc and Ctrl+K do something.")
+        + note("Keys do nothing while you are typing in a field.")
+        + table(rows)
+    )

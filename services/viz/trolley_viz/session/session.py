@@ -197,6 +197,11 @@ class Session:
         return known_language(self._choices.language) or self._device_language or ENGLISH
 
     @property
+    def has_letters(self) -> bool:
+        """Whether keys that are single letters do something."""
+        return not self._choices.no_letters
+
+    @property
     def view(self) -> View:
         """What is known of the robot."""
         return self._hub.scenes.of(self._robot).view
@@ -260,6 +265,10 @@ class Session:
             self._hub.let_go(self._page.number)
             self._robot = robot
             self._choose(msgspec.structs.replace(self._choices, robot=robot))
+
+    def switch_letters(self, *, is_on: bool) -> None:
+        """Let keys that are single letters do something or not, and remember it."""
+        self._choose(msgspec.structs.replace(self._choices, no_letters=not is_on))
 
     def switch_layer(self, key: str, *, is_on: bool) -> None:
         """Show or hide a layer, and remember it."""
