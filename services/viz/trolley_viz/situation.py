@@ -76,7 +76,7 @@ class RobotState:
     """The room that it is in."""
     silent: frozenset[str] = frozenset()
     """As `View.silent`."""
-    ages: Ages = field(default_factory=dict)
+    ages: Ages = field(default_factory=dict[str, float])
     """How old what is said by topic is, where there should be something newer."""
     away_s: float | None = None
     """For how long nothing has been heard of it [s], None where that is not known."""

@@ -1,6 +1,8 @@
 // Keys, and the list of all commands.
 import { t } from "./words.js";
 
+const ARROWS = { arrowup: "↑", arrowdown: "↓", arrowleft: "←", arrowright: "→" };
+
 export class Keys {
   constructor(status, controls, joystick) {
     this.status = status;
@@ -37,16 +39,30 @@ export class Keys {
       if (!event.repeat) this.status.stop();
       return;
     }
+    if (this.points(event, key)) return;
     if (event.repeat || event.shiftKey) return;
     if (key === "j") return this.joystick.toggle();
     // Enter and the like belong to a control that has the focus. Space is Stop, so Enter ticks.
     if (key === "enter" && into.closest("button, summary, a")) return;
     if (key === "enter" && into.type === "checkbox") return into.click();
-    const command = this.commands.find((one) => one.key === key);
+    const command = key === "enter" ? undefined : this.commands.find((one) => one.key === key);
     if (command !== undefined) {
       event.preventDefault();
       this.controls.press(command.id);
     }
+  }
+
+  // While something is to be pointed out, arrow keys move the point; Enter takes it once they have.
+  points(event, key) {
+    const state = this.status.state, arrow = ARROWS[key];
+    const isTaken = key === "enter" && state?.has_cursor && !event.repeat;
+    if (event.defaultPrevented || !state?.is_pointing || !(arrow || isTaken)) return false;
+    const wanted = arrow ? (event.shiftKey ? "⇧" : "") + arrow : key;
+    const command = this.commands.find((one) => one.key === wanted);
+    if (command === undefined) return false;
+    event.preventDefault();
+    this.controls.press(command.id);
+    return true;
   }
 
   open() {

@@ -232,6 +232,8 @@ class Page:
             language=self._language,
             has_scene=self.session.picture.client is not None,
             has_letters=self.session.has_letters,
+            is_pointing=self.session.pointing.tool is not None,
+            has_cursor=self.session.pointing.cursor is not None,
             stopped_by=f"Stopped by {stopper}" if stopper else "",
         )
         pad = self._shared.joystick.state(self._number, view) if self.may_drive else None
