@@ -5,7 +5,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
+from msgspec import structs
 from playwright.sync_api import Browser, Page
 from support.waiting import wait_until
 
@@ -21,6 +23,8 @@ from .conftest import open_page
 
 NOW_MS = 1e6
 """The viewer's time, which stands still."""
+READY = PageState(robot="r", title="r", sentence=StatusLine("Ready.", "good"), lines=[])
+"""What it says of its robot."""
 
 
 @dataclass
@@ -43,11 +47,13 @@ class Viewer:
         self.tell_controls(controls)
         return [button.id for button in buttons]
 
-    def tell_controls(self, controls: Controls, *, has_letters: bool = True) -> None:
+    def tell_controls(self, controls: Controls) -> None:
         """Tell everything anew."""
-        ready = StatusLine("Ready.", "good")
-        state = PageState(robot="r", title="r", sentence=ready, lines=[], has_letters=has_letters)
-        self.lines[-1].send(Told(state=state, controls=controls.take_changes()))
+        self.lines[-1].send(Told(state=READY, controls=controls.take_changes()))
+
+    def tell_state(self, **fields: Any) -> None:
+        """Tell another state."""
+        self.lines[-1].send(Told(state=structs.replace(READY, **fields)))
 
     def is_heard(self) -> bool:
         """Whether the page has answered on the newest line."""

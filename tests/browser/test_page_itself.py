@@ -51,14 +51,39 @@ def test_without_letter_keys_only_space_stops(page: Page, viewer: Viewer) -> Non
     controls = Controls()
     controls.add_command("Go to …", "g", lambda: None)
     viewer.greet()
-    viewer.tell_controls(controls, has_letters=False)
-    expect(page.locator("#sentence")).to_have_text("Ready.")
+    viewer.tell_controls(controls)
+    viewer.tell_state(has_letters=False, hint="a hint")
+    expect(page.locator("#hint")).to_be_visible()
     for key in ("g", "j", "Shift+S", "Space"):
         page.keyboard.press(key)
     wait_until(lambda: any(said.stop is not None for _, said in viewer.said), "it stops")
     assert viewer.pressed() == []
     assert sum(said.stop is not None for _, said in viewer.said) == 1
     expect(page.get_by_role("button", name="Close the joystick")).to_be_hidden()
+
+
+def test_arrow_keys_point_only_while_something_is_to_be_pointed_out(
+    page: Page, viewer: Viewer
+) -> None:
+    controls = Controls()
+    up, turn, take, done = (
+        controls.add_command(key, key, lambda: None).id for key in ("↑", "⇧←", "⏎", "enter")
+    )
+    keys = ("ArrowUp", "Shift+ArrowLeft", "Enter")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    expect(page.locator("#sentence")).to_have_text("Ready.")
+    for key in keys:
+        page.keyboard.press(key)
+    wait_until(lambda: viewer.pressed() == [done], "Enter is what it was")
+    for has_cursor, number in ((False, done), (True, take)):
+        viewer.said.clear()
+        viewer.tell_state(is_pointing=True, has_cursor=has_cursor, hint=f"{has_cursor}")
+        expect(page.locator("#hint")).to_have_text(f"{has_cursor}")
+        for key in keys:
+            page.keyboard.press(key)
+        wait_until(lambda: len(viewer.pressed()) == 3, "the keys are heard")
+        assert viewer.pressed() == [up, turn, number]
 
 
 def test_a_page_of_another_release_loads_itself_anew_once_and_then_says_so(

@@ -120,7 +120,7 @@ def test_arrow_keys_point_at_where_to_go(stage: "Stage") -> None:
     browser = stage.browse()
     page = page_of(stage)
     page.press_key("↑")  # means nothing before something is to be pointed out
-    page.press_key("enter")
+    page.press_key("⏎")
     stage.runtime.run(0.5)
     assert not browser.state.has_cursor
     page.press_key("g")
@@ -130,7 +130,7 @@ def test_arrow_keys_point_at_where_to_go(stage: "Stage") -> None:
         page.press_key(key)
     stage.runtime.run(0.5)
     assert browser.state.has_cursor
-    page.press_key("enter")
+    page.press_key("⏎")
     stage.runtime.run(0.5)
     (goal,) = stage.robot.goals
     assert goal.pose is not None
@@ -142,7 +142,7 @@ def test_arrow_keys_point_at_where_to_go(stage: "Stage") -> None:
 def test_what_arrow_keys_point_at_is_gone_with_the_tool(stage: "Stage") -> None:
     browser = stage.browse()
     page = page_of(stage)
-    for key in ("p", "↑", "escape", "enter"):
+    for key in ("p", "↑", "escape", "⏎"):
         page.press_key(key)
     stage.runtime.run(0.5)
     assert stage.robot.poses_set == []

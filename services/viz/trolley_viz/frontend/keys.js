@@ -45,7 +45,7 @@ export class Keys {
     // Enter and the like belong to a control that has the focus. Space is Stop, so Enter ticks.
     if (key === "enter" && into.closest("button, summary, a")) return;
     if (key === "enter" && into.type === "checkbox") return into.click();
-    const command = key === "enter" ? undefined : this.commands.find((one) => one.key === key);
+    const command = this.commands.find((one) => one.key === key);
     if (command !== undefined) {
       event.preventDefault();
       this.controls.press(command.id);
@@ -57,7 +57,7 @@ export class Keys {
     const state = this.status.state, arrow = ARROWS[key];
     const isTaken = key === "enter" && state?.has_cursor && !event.repeat;
     if (event.defaultPrevented || !state?.is_pointing || !(arrow || isTaken)) return false;
-    const wanted = arrow ? (event.shiftKey ? "⇧" : "") + arrow : key;
+    const wanted = arrow ? (event.shiftKey ? "⇧" : "") + arrow : "⏎";
     const command = this.commands.find((one) => one.key === wanted);
     if (command === undefined) return false;
     event.preventDefault();

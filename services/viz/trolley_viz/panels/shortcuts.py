@@ -42,7 +42,7 @@ def add_shortcuts(gui: Controls, session: Session) -> str:
         ("Move the point right", "→", lambda: session.step_cursor(STEP_M, 0.0)),
         ("Turn the point left", "⇧←", lambda: session.step_cursor(0.0, 0.0, STEP_RAD)),
         ("Turn the point right", "⇧→", lambda: session.step_cursor(0.0, 0.0, -STEP_RAD)),
-        ("Take the point", "enter", session.pointing.take),
+        ("Take the point", "⏎", session.pointing.take),
     ]
     rows = [("Space or Shift+S", "Stop the robot")]
     if session.may_drive:
