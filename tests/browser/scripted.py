@@ -5,7 +5,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
+from msgspec import structs
 from playwright.sync_api import Browser, Page
 from support.waiting import wait_until
 
@@ -21,6 +23,8 @@ from .conftest import open_page
 
 NOW_MS = 1e6
 """The viewer's time, which stands still."""
+READY = PageState(robot="r", title="r", sentence=StatusLine("Ready.", "good"), lines=[])
+"""What it says of its robot."""
 
 
 @dataclass
@@ -31,9 +35,9 @@ class Viewer:
     lines: list[Line] = field(default_factory=list)
     said: list[tuple[Line, Said]] = field(default_factory=list)
 
-    def greet(self) -> None:
+    def greet(self, build: str = BUILD) -> None:
         """Open the newest line, and tell nothing yet."""
-        hello = Hello(protocol=PROTOCOL, build=BUILD, may_drive=True)
+        hello = Hello(protocol=PROTOCOL, build=build, may_drive=True)
         self.lines[-1].send(Told(hello=hello, beat_ms=NOW_MS))
 
     def tell(self, *names: str) -> list[int]:
@@ -45,8 +49,11 @@ class Viewer:
 
     def tell_controls(self, controls: Controls) -> None:
         """Tell everything anew."""
-        state = PageState(robot="r", title="r", sentence=StatusLine("Ready.", "good"), lines=[])
-        self.lines[-1].send(Told(state=state, controls=controls.take_changes()))
+        self.lines[-1].send(Told(state=READY, controls=controls.take_changes()))
+
+    def tell_state(self, **fields: Any) -> None:
+        """Tell another state."""
+        self.lines[-1].send(Told(state=structs.replace(READY, **fields)))
 
     def is_heard(self) -> bool:
         """Whether the page has answered on the newest line."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from trolley import codes
@@ -72,13 +72,38 @@ STOPPED = "The robot is stopped. Press “Drive on” first."
 AWAY = StatusLine("Away", "bad", "No contact with the robot. It is switched off or out of range.")
 
 
+def away_line(age_s: float | None) -> StatusLine:
+    """Say that nothing is heard of a robot, and for how long [s], None if it never was."""
+    return AWAY if age_s is None else replace(AWAY, detail=no_contact(age_s))
+
+
+def no_contact(age_s: float) -> str:
+    """Say for how long [s] nothing has been heard of a robot."""
+    return (
+        f"No contact with the robot for {age_text(age_s, 0.0)}. It is switched off or out of range."
+    )
+
+
+def aged(words: StatusLine, age_s: float | None) -> StatusLine:
+    """Say how old [s] that is what is said; None where it holds now."""
+    if age_s is None:
+        return words
+    tone: Tone = "idle" if words.tone in ("good", "busy") else words.tone
+    return replace(words, headline=with_age(words.headline, age_s), tone=tone)
+
+
+def with_age(text: str, age_s: float) -> str:
+    """Put behind a text how old [s] it is."""
+    return f"{text.removesuffix('.')} · {age_text(age_s, 0.0)} ago"
+
+
 def position_line(estimate: PoseEstimate | None, age_s: float | None) -> StatusLine:
     """Say how well the robot knows where it is; `age_s` [s] of the estimate, None if unknown."""
     if estimate is None:
         return StatusLine("No position", "idle", "The localizer is still starting.")
     if age_s is None or age_s > STALE_S:
-        old = "" if age_s is None else f" It is {duration(age_s)} old."
-        return StatusLine("Stale", "bad", f"The last position is too old to rely on.{old}")
+        stale = StatusLine("Stale", "bad", "The last position is too old to rely on.")
+        return aged(stale, age_s)
     detail = _join(estimate.message, _where(estimate))
     match estimate.state:
         case "localized":

@@ -39,8 +39,8 @@ from trolley_viz.settings import FILE, Choices, ViewerSettings
 TICK_S = teleop.PERIOD_S
 """How often the scene is drawn, and joysticks are heard: on average a scan waits half as long."""
 PANEL_PERIOD_NS = 200_000_000
-BEAT_PERIOD_NS = 400_000_000
-"""A page that has heard nothing for 1.5 s says so: of three beats one may be late."""
+BEAT_PERIOD_NS = 250_000_000
+"""A page that has heard nothing for 1.5 s says so: four beats in a row may be late."""
 DRAWN_BY_NS = 500_000_000
 """What is to be drawn waits no longer than this behind what has arrived, or it is lost."""
 WAITING_S = 1.0
@@ -200,6 +200,8 @@ class VizService(Service):
         now_ns = self.monotonic_ns
         hub.stops.tick(now_ns)
         is_driving = self.joystick.drive()
+        for page in self.pages.values():
+            page.give_up_if_silent(now_ns)
         self._forget_pages(now_ns)
         is_seen = any(page.is_connected for page in self.pages.values())
         if is_seen or is_driving or hub.stops.are_waiting:
@@ -216,7 +218,7 @@ class VizService(Service):
         for name in over:
             self.pages.pop(name).close()
         if over and not self.pages and self.hub is not None:
-            self._fleet.update(is_watched=False)
+            self._fleet.update(self.monotonic_ns, is_watched=False)
             self.hub.scenes.update({}, ())
             self.hub.people.stoppers.keep(set())
             self.past.follow(set())
@@ -228,7 +230,7 @@ class VizService(Service):
         if hub is None or not self.pages:
             return
         self._robots.update(self._robot_watch.by_parts)
-        self._fleet.update(is_watched=True)
+        self._fleet.update(now_ns, is_watched=True)
         scenes = hub.scenes.by_robot
         with hub.server.atomic():  # viser's thread is woken once for all of it
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)

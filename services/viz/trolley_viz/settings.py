@@ -35,12 +35,14 @@ class Choices(Struct, frozen=True, kw_only=True):
     """Mirrors that are no longer suspected here."""
     folders: dict[str, bool] = {}
     """Title of a folder of controls to open or not."""
+    no_letters: bool = False
+    """Whether keys that are single letters do nothing: who speaks to a computer types them."""
 
 
 class ViewerSettings(Struct, frozen=True, kw_only=True):
     """The content of `viewer.toml`."""
 
-    SCHEMA: ClassVar[int] = 2
+    SCHEMA: ClassVar[int] = 3
 
     browsers: dict[str, Choices] = {}
     """By what the viewer calls each browser, those that chose last at the end."""
@@ -50,7 +52,7 @@ class ViewerSettings(Struct, frozen=True, kw_only=True):
 
     @classmethod
     def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
-        """Return the content of a file of schema 1: it knew no names, languages or light look."""
+        """Return the content of an older file: those knew less, and nothing else."""
         del schema
         return plain
 

@@ -1,9 +1,11 @@
 """What the robot is doing, or what keeps it from driving, as one plain sentence for anybody."""
 
+import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
-from trolley import codes
+from trolley import codes, topics
 from trolley.geometry.frames import MAP
 from trolley.messages import (
     BaseState,
@@ -15,14 +17,19 @@ from trolley.messages import (
     TourStatus,
 )
 from trolley.teleop import SOURCE as BY_HAND
+from trolley.topics import Topic
+from trolley_viz.robots.ages import Ages
 from trolley_viz.sentences import (
     DRIVING,
     EXPLORES_WELL,
     STALE_S,
     UNDER_WAY,
     StatusLine,
+    age_text,
+    aged,
     duration,
     goal_name,
+    no_contact,
 )
 
 AWAY = StatusLine("No contact with the robot. It is switched off or out of range.", "bad")
@@ -69,6 +76,10 @@ class RobotState:
     """The room that it is in."""
     silent: frozenset[str] = frozenset()
     """As `View.silent`."""
+    ages: Ages = field(default_factory=dict[str, float])
+    """How old what is said by topic is, where there should be something newer."""
+    away_s: float | None = None
+    """For how long nothing has been heard of it [s], None where that is not known."""
     mapping: MappingStatus | None = None
 
 
@@ -78,7 +89,9 @@ def situation(known: RobotState) -> StatusLine:
 
 
 def _away(known: RobotState) -> StatusLine | None:
-    return AWAY if known.is_away else None
+    if not known.is_away:
+        return None
+    return AWAY if known.away_s is None else StatusLine(no_contact(known.away_s), "bad")
 
 
 def _base(known: RobotState) -> StatusLine | None:
@@ -169,9 +182,9 @@ def _position(known: RobotState) -> StatusLine | None:
     if known.estimate is None:
         return StatusLine("The robot does not know where it is yet.", "busy")
     if known.estimate_age_s is None or known.estimate_age_s > STALE_S:
-        return StatusLine(
-            "The robot does not know where it is: its lidar sends nothing new.", "bad"
-        )
+        age_s = known.ages.get(topics.POSE.name)
+        since = "sends nothing new" if age_s is None else f"has sent nothing for {_age(age_s)}"
+        return StatusLine(f"The robot does not know where it is: its lidar {since}.", "bad")
     match known.estimate.state:
         case "lost":
             return LOST
@@ -183,6 +196,15 @@ def _position(known: RobotState) -> StatusLine | None:
             return StatusLine("The robot is working out where it is.", "busy")
         case _:
             return None
+
+
+def _tour_service(known: RobotState) -> StatusLine | None:
+    trip, goal = known.trip, known.goal
+    if "tour" not in known.silent or trip is None or trip.state not in UNDER_WAY:
+        return None
+    if goal is not None and goal.state in DRIVING and goal.state != "paused":
+        return None  # it drives to the end of this goal
+    return StatusLine("The tour does not go on: the tour service is not running.", "bad")
 
 
 def _trip(known: RobotState) -> StatusLine | None:
@@ -268,19 +290,49 @@ def _idle(known: RobotState) -> StatusLine | None:
     return READY if known.room is None else StatusLine(f"Ready. It is in “{known.room}”.", "good")
 
 
-RULES: Sequence[Callable[[RobotState], StatusLine | None]] = (
+Rule = Callable[[RobotState], StatusLine | None]
+
+
+def _of(topic: Topic[Any], rule: Rule) -> Rule:
+    """A rule that repeats what a topic said, and how old that is."""
+
+    def say(known: RobotState) -> StatusLine | None:
+        words = rule(known)
+        return None if words is None else aged(words, known.ages.get(topic.name))
+
+    return say
+
+
+RULES: Sequence[Rule] = (
     _away,
-    _base,
-    _by_hand,
-    _held,
+    _of(topics.BASE, _base),
+    _of(topics.BASE, _by_hand),
+    _of(topics.BASE, _held),
     _planner,
-    _mapping,
+    _of(topics.MAPPING, _mapping),
     _position,
-    _trip,
-    _goal,
+    _tour_service,
+    _of(topics.TOUR, _trip),
+    _of(topics.GOAL, _goal),
     _idle,
 )
 """The first that has something to say wins; the last one always has."""
+
+
+_BY_PEOPLE = "|".join(
+    re.escape(PAUSE_REASONS[code])
+    for code in (codes.TAKEN_OVER, codes.STOPPED, codes.OTHER_GOAL, codes.CANCELED)
+)
+_ASKED_FOR = re.compile(
+    rf"{STOPPED_REASONS[codes.BUTTON]}\. Press “Drive on” .+"
+    rf"|(The tour|It|The map “.+”) is paused( on its way to [^:]+)?(: ({_BY_PEOPLE}))?"
+    r"\. Press “Continue”\."
+)
+
+
+def is_asked_for(sentence: str) -> bool:
+    """Whether a sentence tells of a stop or pause that somebody wanted: nothing went wrong."""
+    return _ASKED_FOR.fullmatch(sentence) is not None
 
 
 def has_left(known: RobotState) -> bool:
@@ -303,6 +355,10 @@ def _reason_of(status: BaseState | GoalStatus | TourStatus | MappingStatus) -> s
     reason = "" if isinstance(status, MappingStatus) else status.reason
     why = status.message or codes.SENTENCES.get(reason, reason)
     return why[:1].lower() + why[1:].rstrip(".") if why else "no reason was given"
+
+
+def _age(age_s: float) -> str:
+    return age_text(age_s, 0.0)
 
 
 def _left(goal: GoalStatus) -> str:

@@ -1,6 +1,7 @@
 """A viewer in lock-step, a pretend robot that it watches, and pretend browsers that watch it."""
 
 import contextlib
+import math
 import re
 import socket
 from collections.abc import Callable, Iterator, Mapping
@@ -290,6 +291,8 @@ class PretendLine:
         self.is_closed = False
         self.is_heard = True
         """Whether what the page says comes through by itself."""
+        self.silence_s = math.inf
+        """How long nothing has come in, also of what nobody has handled yet [s]."""
 
     def send(self, told: Told) -> None:
         self.told.append(told)

@@ -1,5 +1,6 @@
 """Several robots: who is listed, drawn and stopped."""
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -75,7 +76,11 @@ def test_who_falls_silent_is_grey_and_away(stage: "Stage") -> None:
     known = tuple(body.color)
     stage.runtime.run(1.5)
     assert tuple(body.color) != known
-    assert "Kart: Away" in page_of(stage).within("All robots").text()
+    page = page_of(stage).within("All robots")
+    assert "Kart: Away" in page.text()
+    stage.runtime.run(5.0)
+    assert re.search(r"Kart: Away No contact with the robot for [67] s\.", page.text())
+    assert re.fullmatch(r"Kart · [67] s", stage.layer("others")._bodies["kart"].label.text)
 
 
 def test_another_robot_is_followed_from_the_list_and_from_its_row(stage: "Stage") -> None:
@@ -120,6 +125,9 @@ def test_the_most_pressing_thing_is_said() -> None:
     assert member_line(member).headline == "kart: Stopped"
     assert "Battery 42 %." in member_line(member).detail
     assert member_line(member._replace(robot_ns=None)).headline == "kart: Away"
+    old = member_line(member._replace(ages={"base": 7.0}))
+    assert (old.headline, old.tone) == ("kart: Stopped · 7 s ago", "bad")
+    assert "Battery 42 % · 7 s ago." in old.detail
     lost = member._replace(base=None, pose=estimate(state="lost"))
     assert member_line(lost).headline == "kart: Lost"
     assert member_line(lost._replace(pose=None)).tone == "idle"

@@ -193,6 +193,11 @@ def test_silence_is_told_with_its_age() -> None:
         "No data for 100 s."
         in card_of(Overlay(kind="gauge"), still, None, Moment(NOW.now_ns, is_away=True)).body
     )
+    of_goal = reading("goal:distance_remaining", 0.6)
+    of_goal.arrived_ns = 0
+    assert "No data" not in made(Overlay(kind="gauge"), of_goal).body
+    silent = Moment(NOW.now_ns, silent=frozenset({"planner"}))
+    assert "No data for 100 s." in card_of(Overlay(kind="gauge"), of_goal, None, silent).body
 
 
 def test_a_field_that_does_not_exist_is_told_without_a_picture() -> None:

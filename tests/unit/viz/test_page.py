@@ -1,6 +1,7 @@
 """An open page: its presses, its line, its scene, and what becomes of them when it is gone."""
 
 import asyncio
+import re
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +14,12 @@ from trolley.geometry import Twist2D
 from trolley.messages import GoalStatus
 from trolley_viz.actions.aiming import GO_TO
 from trolley_viz.joystick.joystick import Grip
-from trolley_viz.pages.page import AHEAD_MS, LATE_MS
+from trolley_viz.pages.page import AHEAD_MS, LATE_MS, SILENCE_S
 from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.server.messages import Answer, Gesture, Press, Resume, Said, Stop, Told
 from trolley_viz.server.visitors import Visitor
-from trolley_viz.server.web_server import BUILD
+from trolley_viz.server.web_server import BUILD, PAGE
+from trolley_viz.service import BEAT_PERIOD_NS, TICK_S
 
 if TYPE_CHECKING:
     from .conftest import Stage
@@ -111,6 +113,16 @@ def test_folders_stay_as_they_were_left(stage: "Stage") -> None:
     stage.leave(browser)
     stage.browse(1, ANN)
     assert stage.page(1).controls.all[id_of(stage, "Keys", 1)].look.is_open
+
+
+def test_letter_keys_can_be_switched_off_and_stay_so(stage: "Stage") -> None:
+    browser = stage.browse(0, ANN)
+    assert browser.state.has_letters
+    assert press(stage, browser, "Letter keys", value=False).is_done
+    stage.runtime.run(0.5)
+    assert not browser.state.has_letters
+    stage.leave(browser)
+    assert not stage.browse(1, ANN).state.has_letters
 
 
 # Stop and Resume.
@@ -263,6 +275,49 @@ def test_a_page_that_does_not_answer_is_given_up_and_has_let_go(stage: "Stage") 
     stage.runtime.run(0.5)
     assert len(sent) == num_sent
     assert len(browser.line.told) == num_told
+
+
+@pytest.mark.parametrize("later_s", [0.0, 0.1, 0.2, 0.3])
+def test_a_page_that_is_gone_is_known_to_be_within_a_second_and_a_half(
+    stage: "Stage", later_s: float
+) -> None:
+    browser = stage.browse()
+    stage.runtime.run(1.0)
+    browser.line.is_heard = False
+    stage.runtime.run(later_s)
+    stage.say(browser, Said(beat_ms=0.0))  # which is the last that is heard
+    stage.runtime.run(1.25)
+    assert not browser.line.is_closed
+    stage.runtime.run(0.25)
+    assert browser.line.is_closed
+
+
+def test_a_page_whose_words_wait_to_be_handled_is_not_gone(stage: "Stage") -> None:
+    browser = stage.browse()
+    browser.line.is_heard = False
+    browser.line.silence_s = 0.3
+    stage.runtime.run(5.0)
+    assert not browser.line.is_closed
+    browser.line.silence_s = 1.45
+    stage.runtime.run(0.1)
+    assert browser.line.is_closed
+
+
+def number_in(script: str, name: str) -> float:
+    """A constant of a script of the page."""
+    found = re.search(rf"\b{name} = (\d+)", (PAGE / script).read_text())
+    assert found is not None
+    return float(found[1])
+
+
+def test_page_and_viewer_know_of_each_other_within_a_second_and_a_half() -> None:
+    silence_ms, look_ms, speak_ms = (
+        number_in("line-worker.js", name) for name in ("SILENCE_MS", "LOOK_MS", "SPEAK_MS")
+    )
+    assert silence_ms + look_ms <= 1500.0
+    assert silence_ms >= 4 * BEAT_PERIOD_NS * 1e-6
+    assert SILENCE_S + TICK_S <= 1.5
+    assert 3 * (speak_ms + look_ms) <= SILENCE_S * 1e3
 
 
 def test_whoever_comes_back_is_told_everything_and_goes_on(stage: "Stage") -> None:

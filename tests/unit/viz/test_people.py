@@ -378,6 +378,22 @@ def test_who_takes_a_goal_back_has_sent_the_next(stage: "Stage") -> None:
     assert "Sent by Firefox on Windows" in heads(browser)
 
 
+def test_of_two_who_press_go_at_once_both_see_where_it_goes_and_who_sent_it(
+    stage: "Stage",
+) -> None:
+    browsers = [stage.browse(0, ANN), stage.browse(1, BEN)]
+    stage.page(0).session.aiming._go_to(Pointed(2.0, 1.0))
+    stage.page(1).session.aiming._go_to(Pointed(1.0, -1.0))
+    stage.runtime.run(0.5)
+    assert len(stage.robot.goals) == 2
+    for browser in browsers:
+        assert "Driving to (1.00, -1.00)" in heads(browser)
+        assert "Sent by Firefox on Windows" in heads(browser)
+    # Only whose goal it is can take it back.
+    offers = [page_of(stage, i).is_shown("Undo: Go to a place on the map") for i in (0, 1)]
+    assert offers == [False, True]
+
+
 def test_all_see_who_began_the_trip(stage: "Stage") -> None:
     browsers = [stage.browse(0, ANN), stage.browse(1, BEN)]
     stage.page(1).session.actions.start_tour("round")

@@ -1,16 +1,21 @@
 """Pointer at the floor."""
 
 import asyncio
+import math
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 import viser
+from support.pages import page_of
 
 from trolley_viz.pointing.drags import Drags
 from trolley_viz.pointing.pointer import Pointed, Pointer, Tool, pointed_by_drag
+
+if TYPE_CHECKING:
+    from .conftest import Stage
 
 CAMERA = np.array([0.0, -4.0, 8.0])
 
@@ -108,3 +113,37 @@ def test_a_drag_that_ends_in_the_sky_is_no_wish(server: viser.ViserServer) -> No
     assert pointing.tool is gesture.tool
     asyncio.run(drag(event("end", (1.0, 1.0), (2.0, 1.0), 0.1)))
     assert len(gesture.done) == 1
+
+
+# By arrow keys.
+def test_arrow_keys_point_at_where_to_go(stage: "Stage") -> None:
+    browser = stage.browse()
+    page = page_of(stage)
+    page.press_key("↑")  # means nothing before something is to be pointed out
+    page.press_key("⏎")
+    stage.runtime.run(0.5)
+    assert not browser.state.has_cursor
+    page.press_key("g")
+    stage.runtime.run(0.5)
+    assert browser.state.is_pointing
+    for key in ("→", "→", "→", "→", "↑", "↑", "⇧←", "⇧←"):
+        page.press_key(key)
+    stage.runtime.run(0.5)
+    assert browser.state.has_cursor
+    page.press_key("⏎")
+    stage.runtime.run(0.5)
+    (goal,) = stage.robot.goals
+    assert goal.pose is not None
+    assert (goal.pose.x, goal.pose.y) == pytest.approx((1.9, 0.2))  # the robot is at 1.5, 0
+    assert goal.pose.yaw == pytest.approx(math.radians(30.0))
+    assert not browser.state.is_pointing
+
+
+def test_what_arrow_keys_point_at_is_gone_with_the_tool(stage: "Stage") -> None:
+    browser = stage.browse()
+    page = page_of(stage)
+    for key in ("p", "↑", "escape", "⏎"):
+        page.press_key(key)
+    stage.runtime.run(0.5)
+    assert stage.robot.poses_set == []
+    assert not browser.state.has_cursor

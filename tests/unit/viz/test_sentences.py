@@ -43,7 +43,7 @@ def test_localized_says_how_well_and_where() -> None:
 
 def test_old_estimates_are_stale_whatever_they_say() -> None:
     assert position_line(estimate("localized"), 3.2) == StatusLine(
-        "Stale", "bad", "The last position is too old to rely on. It is 3.2 s old."
+        "Stale · 3 s ago", "bad", "The last position is too old to rely on."
     )
     assert position_line(estimate("localized"), None).headline == "Stale"
 

@@ -14,6 +14,7 @@ from trolley.messages import (
     Tour,
     TourStatus,
 )
+from trolley_viz.past.record import LATELY, Record
 from trolley_viz.situation import RobotState, situation
 
 KITCHEN = SavedPose(name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.0))
@@ -288,3 +289,55 @@ def test_a_robot_that_does_not_stop_is_not_called_stopped() -> None:
     sentence = "NOT STOPPED: the motor board does not obey: it drives by itself at 0.30 m/s."
     found = situation(RobotState(base=base("fault", "does_not_obey", sentence)))
     assert (found.headline, found.tone) == (sentence, "bad")
+
+
+@pytest.mark.parametrize(
+    ("case", "sentence"),
+    [
+        (
+            known(is_away=True, away_s=12.0),
+            "No contact with the robot for 12 s. It is switched off or out of range.",
+        ),
+        (
+            known(estimate_age_s=5.0, ages={"pose": 5.0}),
+            "The robot does not know where it is: its lidar has sent nothing for 5 s.",
+        ),
+        (
+            known(goal=goal("driving"), ages={"goal": 200.0}),
+            "It is on its way to kitchen · 3 min ago",
+        ),
+        (
+            known(goal=goal("arrived"), trip=trip("dwelling"), silent=frozenset({"tour"})),
+            "The tour does not go on: the tour service is not running.",
+        ),
+    ],
+)
+def test_what_is_old_is_said_with_its_age(case: RobotState, sentence: str) -> None:
+    assert situation(case).headline == sentence
+
+
+PAUSED = ("stopped", "taken_over", "other_goal", "canceled", "")
+
+
+@pytest.mark.parametrize(
+    ("case", "is_wanted"),
+    [
+        (known(base=base("stopped", "button")), True),
+        (known(base=base("stopped", "button"), goal=goal("paused", reason="stopped")), True),
+        (known(base=base("stopped", "bumper")), False),
+        (known(base=base("stopped", "battery")), False),
+        *[(known(goal=goal("paused", reason=one)), True) for one in PAUSED],
+        *[(known(trip=trip("paused", reason=one)), True) for one in PAUSED],
+        (known(goal=goal("paused", reason="restarted")), False),
+        (known(trip=trip("paused", reason="low_battery")), False),
+        (known(mapping=mapping("paused")), True),
+        (known(goal=goal("failed", reason="no_path")), False),
+        (known(at="lost"), False),
+    ],
+)
+def test_a_stop_or_pause_that_somebody_wanted_is_not_among_what_went_wrong(
+    case: RobotState, *, is_wanted: bool
+) -> None:
+    record = Record(LATELY)
+    record.say(1, situation(case))
+    assert (record.moments() == []) == is_wanted

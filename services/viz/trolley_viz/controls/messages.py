@@ -91,7 +91,8 @@ class Command(Struct, frozen=True, kw_only=True):
     Attributes:
         id: of the control that it stands for.
         title: what it is called in the list of commands.
-        key: as `KeyboardEvent.key` names it, in small letters; with `shift+` before it.
+        key: as `KeyboardEvent.key` names it, in small letters; of what moves a point the sign,
+            such as "↑", with a "⇧" before it for Shift.
     """
 
     id: int

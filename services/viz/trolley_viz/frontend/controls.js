@@ -173,7 +173,8 @@ const MAKERS = {
         grip.hidden = !look.can_move;
         if (look.can_move) element.setAttribute("aria-keyshortcuts", "Alt+ArrowUp Alt+ArrowDown");
         element.dataset.colour = look.colour || "grey";
-        if (element.parentElement?.matches(".bar, .strip")) element.title = look.label;
+        // What is cut off, or not shown at all, can be read there.
+        if (look.is_name || element.parentElement?.matches(".bar, .strip")) element.title = look.label;
         element.disabled = Boolean(look.is_disabled);
       },
     };

@@ -1,6 +1,8 @@
 // Keys, and the list of all commands.
 import { t } from "./words.js";
 
+const ARROWS = { arrowup: "↑", arrowdown: "↓", arrowleft: "←", arrowright: "→" };
+
 export class Keys {
   constructor(status, controls, joystick) {
     this.status = status;
@@ -29,12 +31,15 @@ export class Keys {
     }
     if (isField || event.ctrlKey || event.metaKey || event.altKey || this.palette.open) return;
     const key = event.key.toLowerCase();
+    // Who speaks to a computer types letters without meaning to press keys.
+    if (key.length === 1 && key !== " " && this.status.state?.has_letters === false) return;
     if (key === " " || (key === "s" && event.shiftKey)) {
       // Space presses what has the focus, too: Stop comes first.
       event.preventDefault();
       if (!event.repeat) this.status.stop();
       return;
     }
+    if (this.points(event, key)) return;
     if (event.repeat || event.shiftKey) return;
     if (key === "j") return this.joystick.toggle();
     // Enter and the like belong to a control that has the focus. Space is Stop, so Enter ticks.
@@ -45,6 +50,19 @@ export class Keys {
       event.preventDefault();
       this.controls.press(command.id);
     }
+  }
+
+  // While something is to be pointed out, arrow keys move the point; Enter takes it once they have.
+  points(event, key) {
+    const state = this.status.state, arrow = ARROWS[key];
+    const isTaken = key === "enter" && state?.has_cursor && !event.repeat;
+    if (event.defaultPrevented || !state?.is_pointing || !(arrow || isTaken)) return false;
+    const wanted = arrow ? (event.shiftKey ? "⇧" : "") + arrow : "⏎";
+    const command = this.commands.find((one) => one.key === wanted);
+    if (command === undefined) return false;
+    event.preventDefault();
+    this.controls.press(command.id);
+    return true;
   }
 
   open() {

@@ -2,6 +2,7 @@
 // as drawing the scene may hold up the page for seconds. What is pressed carries its time and is
 // answered; Stop is kept until it is.
 const SILENCE_MS = 1350, RETRY_MS = 700, PATIENCE_MS = 4000, LOOK_MS = 150, BUSY_MS = 500;
+const SPEAK_MS = 300;
 const MAX_WAITING_BYTES = 1000;
 const t = (english) => english; // the page shows it in its language
 const UNANSWERED = t("The connection was lost before it was answered. Check whether it was done.");
@@ -12,7 +13,7 @@ const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (one) =>
 const pending = new Set(); // the numbers of what was pressed and not answered
 const stops = new Map(); // by number: what is to stop, until it is answered
 let state = "loading", socket = null, viewerMs = null, isGreeted = false, opening = 0;
-let openedMs = performance.now(), heardMs = openedMs, lookedMs = openedMs;
+let openedMs = performance.now(), heardMs = openedMs, lookedMs = openedMs, saidMs = openedMs;
 
 function open() {
   const url = new URL("/line", location.href);
@@ -54,6 +55,8 @@ function hear(told) {
 function look() {
   const now = performance.now(), lastMs = lookedMs;
   lookedMs = now;
+  // A viewer that is late with its own beats is to know all the same that the page is there.
+  if (isGreeted && now - saidMs > SPEAK_MS) send({ beat_ms: viewerMs ?? 0 });
   // A computer that slept hears first what has come meanwhile.
   if (now - lastMs > BUSY_MS) return;
   const isConnecting = socket !== null && socket.readyState < WebSocket.CLOSING;
@@ -93,7 +96,9 @@ function settle(answer) {
 }
 
 function send(said) {
-  if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(said));
+  if (socket === null || socket.readyState !== WebSocket.OPEN) return;
+  saidMs = performance.now();
+  socket.send(JSON.stringify(said));
 }
 
 // The viewer's time some while ago, as well as it is known here: never later than it is there.

@@ -59,14 +59,26 @@ async function speakNow(code) {
 // A page of another build does not know what this viewer says.
 function welcome(hello) {
   const build = document.querySelector("meta[name=build]").content;
-  if (hello.build !== build && sessionStorage.getItem("reloaded-for") !== hello.build) {
-    sessionStorage.setItem("reloaded-for", hello.build);
-    location.reload();
+  if (hello.build !== build) {
+    if (isFirstFor(hello.build)) location.reload();
+    else notices.show({ title: t("This page is out of date"), tone: "warn",
+      text: t("The viewer is another release than the page. Reload it, without the cache if need be.") });
   }
   document.body.classList.toggle("only-looks", !hello.may_drive);
   sayLook();
   line.say("say", { language: deviceLanguage() });
   controls.forget();
+}
+
+// Whether the page was not loaded anew yet for this build; once has to do, whatever a cache says.
+function isFirstFor(build) {
+  try {
+    if (sessionStorage.getItem("reloaded-for") === build) return false;
+    sessionStorage.setItem("reloaded-for", build);
+    return true;
+  } catch {
+    return false; // a browser that keeps nothing
+  }
 }
 
 const dark = matchMedia("(prefers-color-scheme: dark)");

@@ -11,7 +11,7 @@ from trolley.runtime.service import Service
 from trolley_viz.joystick.joystick import Grip, Joystick
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.view import View
-from trolley_viz.sentences import AWAY, StatusLine, Tone, base_line, goal_line
+from trolley_viz.sentences import StatusLine, Tone, aged, away_line, base_line, goal_line
 
 SOMEBODY_ELSE = StatusLine(
     "Somebody else is driving", "warn", "Let go, and press again when they are done."
@@ -93,7 +93,7 @@ class Teleop:
         driven = self._driven.get(name)
         holder = None if driven is None else driven.joystick.holder
         taken = None if holder in (None, who) else self._taken_by(holder)
-        words = AWAY if not can else taken or _obstacle(view)
+        words = away_line(view.away_s) if not can else taken or _obstacle(view)
         return PadState(
             can=can and taken is None,
             mine=holder == who,
@@ -117,6 +117,8 @@ class Teleop:
 def _obstacle(view: View) -> StatusLine | None:
     """What keeps the robot from driving."""
     words, goal = base_line(view.streams.latest(topics.BASE)), view.streams.latest(topics.GOAL)
-    if words is None and goal is not None and goal.state == "paused":
+    if words is not None:
+        return aged(words, view.overdue_s(topics.BASE))
+    if goal is not None and goal.state == "paused":
         return goal_line(goal, [])
-    return words
+    return None

@@ -53,6 +53,8 @@ class Moment:
     """Local monotonic time."""
     is_away: bool = False
     """The robot's clock is silent."""
+    silent: frozenset[str] = frozenset()
+    """The services that are not running."""
 
 
 def card_of(overlay: Overlay, reading: Reading | None, chosen: int | None, when: Moment) -> Card:
@@ -205,7 +207,7 @@ def _trouble(reading: Reading | None, when: Moment) -> str:
     age_s = reading.age_s(when.now_ns)
     if age_s is None:
         return _note("No data yet.", " data-trouble")
-    if reading.is_silent(when.now_ns, is_away=when.is_away):
+    if reading.is_silent(when.now_ns, when.silent, is_away=when.is_away):
         return _note(f"No data for {age_s:.0f} s.", " data-trouble")
     return ""
 

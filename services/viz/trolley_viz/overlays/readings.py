@@ -1,6 +1,6 @@
 """What the sources of overlays and plots say now: subscribed to only while somebody wants them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,11 +50,14 @@ class Reading:
         """For how long nothing has come [s]; None while nothing ever did."""
         return None if self.arrived_ns is None else (now_ns - self.arrived_ns) * 1e-9
 
-    def is_silent(self, now_ns: int, *, is_away: bool) -> bool:
-        """Whether what should go on coming has stopped."""
+    def is_silent(self, now_ns: int, silent: Set[str] = frozenset(), *, is_away: bool) -> bool:
+        """Whether what should go on coming has stopped; `silent` services say nothing more."""
+        source = self.source
         if self.arrived_ns is None:
             return False
-        goes_on = not isinstance(self.source, FieldSource) or self.source.is_periodic or is_away
+        goes_on = not isinstance(source, FieldSource) or source.is_periodic or is_away
+        if isinstance(source, FieldSource) and source.topic.first_owner in silent:
+            goes_on = True
         return goes_on and now_ns - self.arrived_ns > SILENT_NS
 
 

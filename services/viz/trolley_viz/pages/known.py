@@ -1,13 +1,26 @@
 """What the sentences about a robot depend on, gathered from its streams."""
 
+from typing import Any
+
 from msgspec.structs import replace
 
 from trolley import topics
+from trolley.topics import Topic
 from trolley.zones import room_of
 from trolley_viz.actions.robot_actions import what_is_under_way
+from trolley_viz.robots.ages import WATCHED, Ages
 from trolley_viz.robots.view import View
 from trolley_viz.scene.tours import tour_of
-from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, position_line, trip_line
+from trolley_viz.sentences import (
+    STALE_S,
+    StatusLine,
+    aged,
+    away_line,
+    base_line,
+    goal_line,
+    position_line,
+    trip_line,
+)
 from trolley_viz.situation import RobotState, has_left
 
 NO_PLANNER = StatusLine("No planner", "bad", "The planner is not running.")
@@ -34,7 +47,17 @@ def robot_state(view: View) -> RobotState:
         room=room_of(estimate, streams.latest(topics.ZONES)),
         silent=view.silent,
         mapping=streams.latest(topics.MAPPING),
+        ages=_ages(view, age_s),
+        away_s=view.away_s,
     )
+
+
+def _ages(view: View, pose_age_s: float | None) -> Ages:
+    """How old what is known is, by topic, where there should be something newer."""
+    ages = {topic.name: view.overdue_s(topic) for topic in WATCHED}
+    if pose_age_s is not None and pose_age_s > STALE_S:
+        ages[topics.POSE.name] = pose_age_s
+    return {name: age_s for name, age_s in ages.items() if age_s is not None}
 
 
 def under_way(known: RobotState) -> str | None:
@@ -52,15 +75,23 @@ def under_way(known: RobotState) -> str | None:
 def state_lines(known: RobotState, sender: str = "") -> list[StatusLine]:
     """The lines of the state: position, what holds it, where it is going, the trip, who sent it."""
     if known.is_away:
-        return [AWAY]
+        return [away_line(known.away_s)]
     goal = known.goal
     if goal is not None and has_left(known):
         goal = replace(goal, id=None, state="idle", pose=None)
+    is_sent = goal is not None and goal.state != "idle"
+    is_alone, places = "planner" in known.silent, list(known.places)
+
+    def _aged(topic: Topic[Any], words: StatusLine | None) -> StatusLine | None:
+        return None if words is None else aged(words, known.ages.get(topic.name))
+
     lines = [
         position_line(known.estimate, known.estimate_age_s),
-        base_line(known.base),
-        NO_PLANNER if "planner" in known.silent else goal_line(goal, list(known.places)),
-        trip_line(known.trip, known.tour),
+        _aged(topics.BASE, base_line(known.base)),
+        NO_PLANNER if is_alone else None,
+        # Without a planner there is nothing to say of a robot that was not going anywhere.
+        None if is_alone and not is_sent else _aged(topics.GOAL, goal_line(goal, places)),
+        _aged(topics.TOUR, trip_line(known.trip, known.tour)),
         StatusLine(f"Sent by {sender}", "idle") if sender else None,
     ]
     return [line for line in lines if line is not None]

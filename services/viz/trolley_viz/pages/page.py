@@ -41,8 +41,9 @@ from trolley_viz.session.session import PagePort, Session
 from trolley_viz.settings import Choices
 from trolley_viz.situation import situation
 
-SILENCE_NS = 1_500_000_000
-"""A page that was not heard for this long is gone."""
+SILENCE_S = 1.4
+"""A page that was not heard for this long is gone. It speaks at least every half second, and is
+looked after at each tick (0.05 s): so it is known within 1.5 s."""
 KEPT_NS = 30_000_000_000
 """A page that comes back within this time is the same: what was begun there goes on."""
 LATE_MS = 2000.0
@@ -147,16 +148,19 @@ class Page:
             self._shared.joystick.leave(self._number)
             self._hub.people.go(self._number)
 
-    def beat(self, now_ns: int) -> None:
-        """Let the page know that the viewer lives; give up a page that does not answer."""
+    def give_up_if_silent(self, now_ns: int) -> None:
+        """Give up a page that says nothing; what came and waits to be handled counts as heard."""
         line = self._line
-        if line is None:
+        if line is None or (now_ns - self._heard_ns) * 1e-9 <= SILENCE_S:
             return
-        if now_ns - self._heard_ns > SILENCE_NS:
+        if line.silence_s > SILENCE_S:
             self.disconnect(line)
             line.close()
-        else:
-            line.send(Told(beat_ms=now_ns * 1e-6))
+
+    def beat(self, now_ns: int) -> None:
+        """Let the page know that the viewer lives."""
+        if self._line is not None:
+            self._line.send(Told(beat_ms=now_ns * 1e-6))
 
     def say(self, told: Told) -> None:
         """Tell the page something in its language, if it hears."""
@@ -227,6 +231,9 @@ class Page:
             dark=self.session.is_dark,
             language=self._language,
             has_scene=self.session.picture.client is not None,
+            has_letters=self.session.has_letters,
+            is_pointing=self.session.pointing.tool is not None,
+            has_cursor=self.session.pointing.cursor is not None,
             stopped_by=f"Stopped by {stopper}" if stopper else "",
         )
         pad = self._shared.joystick.state(self._number, view) if self.may_drive else None
@@ -339,5 +346,6 @@ class Page:
         scene = self._hub.scenes.by_robot.get(session.robot)
         if scene is None:
             return None
-        moment = Moment(self._hub.service.monotonic_ns, is_away=scene.view.is_away)
+        view = scene.view
+        moment = Moment(self._hub.service.monotonic_ns, view.is_away, view.silent)
         return ShownOverlays(session.robot, scene.overlays, moment)

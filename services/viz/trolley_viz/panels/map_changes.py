@@ -4,7 +4,7 @@ from trolley.messages import MapChange
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.controls import show_undo
 from trolley_viz.panels.markup import note, sentence
-from trolley_viz.sentences import StatusLine
+from trolley_viz.sentences import StatusLine, aged
 from trolley_viz.session.session import Session
 
 NO_CHOICE = ""
@@ -25,11 +25,11 @@ class ChangePanel:
         self._answer.on_press(self._answered)
         self._undo.on_press(lambda: session.actions.history.undo("map"))
 
-    def update(self) -> None:
-        """Show what there is to decide."""
+    def update(self, age_s: float | None) -> None:
+        """Show what there is to decide; how old [s] that is, None where it holds now."""
         offered = self._offered = self._session.change_marks.offered
         self._text.visible = self._answer.visible = bool(offered)
-        self._text.content = card(offered) if offered else ""
+        self._text.content = card(offered, age_s) if offered else ""
         choices = choices_of(offered)
         self._which.options = [*choices]
         names = {one.id for one in offered}
@@ -55,11 +55,12 @@ def choices_of(offered: list[MapChange]) -> dict[str, list[MapChange]]:
     return {f"all {len(offered)}": offered} | {one.id: [one] for one in offered}
 
 
-def card(offered: list[MapChange]) -> str:
-    """What has changed, as HTML."""
+def card(offered: list[MapChange], age_s: float | None = None) -> str:
+    """What has changed and how old [s] that is, as HTML."""
     count = len(offered)
     headline = "1 thing has changed" if count == 1 else f"{count} things have changed"
     lines = [note(f"{one.id}: {one.message}") for one in offered[:MAX_LISTED]]
     if count > MAX_LISTED:
         lines.append(note(f"and {count - MAX_LISTED} more, see the map"))
-    return sentence(StatusLine(f"{headline} since the map was made.", "warn")) + "".join(lines)
+    words = aged(StatusLine(f"{headline} since the map was made.", "warn"), age_s)
+    return sentence(words) + "".join(lines)

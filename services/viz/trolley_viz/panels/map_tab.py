@@ -1,5 +1,6 @@
 """The tab of the map: what has changed on it, its places and zones, and how one is made."""
 
+from trolley import topics
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.map_changes import ChangePanel
 from trolley_viz.panels.map_editing import MapEditPanel
@@ -35,7 +36,7 @@ class MapTab:
 
     def update(self, view: View) -> None:
         """Show what there is to choose, and what is under way."""
-        self._changes.update()
+        self._changes.update(view.overdue_s(topics.CHANGES))
         self._places.update(view)
         self._zones.update()
         self._mapping.update(view)

@@ -15,7 +15,7 @@ from trolley.messages.request_params import (
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import note, row
 from trolley_viz.robots.view import View
-from trolley_viz.sentences import StatusLine, mapping_line
+from trolley_viz.sentences import StatusLine, aged, mapping_line
 from trolley_viz.session.session import Session
 
 SURE_NS = 6_000_000_000
@@ -66,6 +66,8 @@ class MappingPanel:
         words = mapping_line(status)
         if status is None:
             words = StatusLine("The mapper is not running", "idle")
+        elif words is not None:
+            words = aged(words, view.overdue_s(topics.MAPPING))
         self._state.visible = words is not None
         self._state.content = "" if words is None else row(words)
         is_making = state in ("mapping", "paused")

@@ -128,7 +128,7 @@ class PlotPanel:
             self._low.value if is_fixed else None,
             self._high.value if is_fixed else None,
         )
-        is_silent = reading.is_silent(view.now_ns, is_away=view.is_away)
+        is_silent = reading.is_silent(view.now_ns, view.silent, is_away=view.is_away)
         silence = note(f"No data for {age_s:.0f} s.") if is_silent else ""
         return (silence or verbatim(written(reading.value, ""))) + plot(svg)
 

@@ -2,11 +2,21 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from trolley import topics
 from trolley_viz.controls.controls import Button, Controls, Html
 from trolley_viz.panels.controls import AddFolder
 from trolley_viz.panels.markup import row
 from trolley_viz.robots.fleet import IS_AWAY, Member
-from trolley_viz.sentences import AWAY, StatusLine, base_line, goal_line, percent, position_line
+from trolley_viz.sentences import (
+    StatusLine,
+    aged,
+    away_line,
+    base_line,
+    goal_line,
+    percent,
+    position_line,
+    with_age,
+)
 
 
 class RobotsPanel:
@@ -73,15 +83,20 @@ def title_of(member: Member) -> str:
 def member_line(member: Member) -> StatusLine:
     """Say in one line what a robot is doing, the most pressing thing first."""
     if member.robot_ns is None:
-        words = AWAY
+        words = away_line(member.away_s)
     else:
         estimate = member.pose
-        age_s = None if estimate is None else (member.robot_ns - estimate.stamp_ns) * 1e-9
-        position = position_line(estimate, age_s)
+        position = position_line(estimate, member.pose_age_s)
         held = base_line(member.base)
+        held = None if held is None else aged(held, member.ages.get(topics.BASE.name))
         trouble = held or (position if position.tone in ("bad", "warn") else None)
-        words = trouble or (position if estimate is None else goal_line(member.goal, []))
+        goal = aged(goal_line(member.goal, []), member.ages.get(topics.GOAL.name))
+        words = trouble or (position if estimate is None else goal)
     battery = None if member.base is None or member.is_away else member.base.battery
     charge = "" if battery is None or battery.fraction is None else percent(battery.fraction)
-    detail = " ".join(part for part in (words.detail, charge and f"Battery {charge}.") if part)
+    charge = charge and f"Battery {charge}."
+    base_age_s = member.ages.get(topics.BASE.name)
+    if charge and base_age_s is not None:
+        charge = f"{with_age(charge, base_age_s)}."
+    detail = " ".join(part for part in (words.detail, charge) if part)
     return StatusLine(f"{title_of(member)}: {words.headline}", words.tone, detail)

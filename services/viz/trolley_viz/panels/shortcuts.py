@@ -1,10 +1,19 @@
 """Keys and the list of commands: what can be done without a mouse."""
 
+import math
 from collections.abc import Callable
 
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import note, table
 from trolley_viz.session.session import Session
+
+STEP_M, STEP_RAD = 0.1, math.radians(15.0)
+"""How far an arrow key moves what is pointed at, or turns it."""
+POINTING = [
+    ("← ↑ → ↓", "While something is to be shown on the map: move the point, from the robot on"),
+    ("⇧← ⇧→", "Turn the point"),
+    ("Enter", "Take the point"),
+]
 
 
 def add_shortcuts(gui: Controls, session: Session) -> str:
@@ -12,6 +21,8 @@ def add_shortcuts(gui: Controls, session: Session) -> str:
 
     Those of Stop, the joystick and the list of commands are the page's own.
     """
+    letters = gui.add_check("Letter keys", session.has_letters)
+    letters.on_change(lambda is_on: session.switch_letters(is_on=is_on))
     actions, aiming = session.actions, session.aiming
     commands: list[tuple[str, str, Callable[[], None]]] = [
         ("Go to …", "g", aiming.point_goal),
@@ -24,11 +35,27 @@ def add_shortcuts(gui: Controls, session: Session) -> str:
         ("Undo", "u", actions.history.undo),
         ("Show the whole map", "v", session.fit_view),
     ]
+    steps = [
+        ("Move the point up", "↑", lambda: session.step_cursor(0.0, STEP_M)),
+        ("Move the point down", "↓", lambda: session.step_cursor(0.0, -STEP_M)),
+        ("Move the point left", "←", lambda: session.step_cursor(-STEP_M, 0.0)),
+        ("Move the point right", "→", lambda: session.step_cursor(STEP_M, 0.0)),
+        ("Turn the point left", "⇧←", lambda: session.step_cursor(0.0, 0.0, STEP_RAD)),
+        ("Turn the point right", "⇧→", lambda: session.step_cursor(0.0, 0.0, -STEP_RAD)),
+        ("Take the point", "⏎", session.pointing.take),
+    ]
     rows = [("Space or Shift+S", "Stop the robot")]
     if session.may_drive:
         for title, key, act in commands:
             gui.add_command(title, key, act)
             rows.append((key.title(), title))
+        for title, key, act in steps:
+            gui.add_command(title, key, act)
+        rows += POINTING
         rows.append(("J", "Drive by hand: open and close the joystick"))
     rows.append(("Ctrl+K", "Search all commands"))
-    return note("Keys do nothing while you are typing in a field.") + table(rows)
+    return (
+        note("Without letter keys only Space, Esc and Ctrl+K do something.")
+        + note("Keys do nothing while you are typing in a field.")
+        + table(rows)
+    )

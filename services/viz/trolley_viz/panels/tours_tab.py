@@ -47,7 +47,13 @@ class TourTab:
         trip, stored = view.streams.latest(topics.TOUR), view.streams.latest(topics.TOURS)
         editing = self._edited_here()
         tour = None if trip is None else tour_of(trip, view)
-        self._trip.update(trip, tour, with_last=editing is None, is_halted=view.is_halted)
+        self._trip.update(
+            trip,
+            tour,
+            view.overdue_s(topics.TOUR),
+            with_last=editing is None,
+            is_halted=view.is_halted,
+        )
         self._past.update(view.past, trip, view.now_ns, is_shown=editing is None)
         if self._list is not None and self._editor is not None:
             tours = None if stored is None else stored.tours

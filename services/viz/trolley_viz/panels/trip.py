@@ -5,7 +5,7 @@ from collections.abc import Callable
 from trolley.messages import Stop, Tour, TourStatus
 from trolley_viz.controls.controls import Choice, Controls
 from trolley_viz.panels.markup import note, row, title
-from trolley_viz.sentences import UNDER_WAY, StatusLine, duration, result_line
+from trolley_viz.sentences import UNDER_WAY, StatusLine, duration, result_line, with_age
 
 DRIVING_ACTIONS = ("Pause", "Skip", "End")
 PAUSED_ACTIONS = ("Continue", "Skip", "End")
@@ -29,26 +29,33 @@ class TripPanel:
                 self._steers.append(choice)
 
     def update(
-        self, trip: TourStatus | None, tour: Tour | None, *, with_last: bool, is_halted: bool
+        self,
+        trip: TourStatus | None,
+        tour: Tour | None,
+        age_s: float | None = None,
+        *,
+        with_last: bool,
+        is_halted: bool,
     ) -> None:
         """Show how a trip goes.
 
         Args:
             trip: the one under way or the last one.
             tour: what it drives, None where that is not known.
+            age_s: how old that is [s], None where it holds now.
             with_last: whether to show one that has ended, too.
             is_halted: whether the robot is stopped: then it goes on by “Drive on” alone.
         """
         is_under_way = trip is not None and trip.state in UNDER_WAY
-        self._progress.content = progress(trip, tour) if is_under_way or with_last else ""
+        self._progress.content = progress(trip, tour, age_s) if is_under_way or with_last else ""
         is_paused = trip is not None and trip.state == "paused"
         for choice, is_for_paused in zip(self._steers, (False, True), strict=False):
             choice.visible = is_under_way and is_for_paused == is_paused
             choice.turn_off(*(["Continue"] if is_for_paused and is_halted else []))
 
 
-def progress(trip: TourStatus | None, tour: Tour | None) -> str:
-    """The trip, what came of its stops, and those to come, as HTML."""
+def progress(trip: TourStatus | None, tour: Tour | None, age_s: float | None = None) -> str:
+    """The trip and how old [s] that is, what came of its stops, and those to come, as HTML."""
     if trip is None:
         return note("The tour service is still starting.")
     if trip.state == "idle":
@@ -68,7 +75,9 @@ def progress(trip: TourStatus | None, tour: Tour | None) -> str:
         ]
         if len(coming) > MAX_STOP_ROWS:
             lines.append(StatusLine(f"and {len(coming) - MAX_STOP_ROWS} more", "idle"))
-    return title(_heading(trip, tour)) + "".join(map(row, lines))
+    heading = _heading(trip, tour)
+    heading = heading if age_s is None else with_age(heading, age_s)
+    return title(heading) + "".join(map(row, lines))
 
 
 def _heading(trip: TourStatus, tour: Tour | None) -> str:

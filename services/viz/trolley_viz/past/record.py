@@ -16,6 +16,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import PoseState
 from trolley_viz.past.rows import AT, Rows
 from trolley_viz.sentences import StatusLine, Tone
+from trolley_viz.situation import is_asked_for
 
 MAX_BEAMS = 120
 """Echoes of a scan that are kept."""
@@ -290,11 +291,11 @@ class Record:
         return pairs[piece[:-1] == piece[1:]]
 
     def moments(self) -> list[Moment]:
-        """What went wrong, oldest first: each change to a warning, and stops that failed."""
+        """What went wrong, oldest first: warnings that nobody asked for, and stops that failed."""
         said = [
             Moment(one.at_ns, StatusLine(one.text, one.tone))
             for one in self.sentences
-            if one.tone in ("warn", "bad")
+            if one.tone in ("warn", "bad") and not is_asked_for(one.text)
         ]
         failed = [Moment(one.at_ns, StatusLine(one.text, "bad")) for one in self.failures]
         return sorted([*said, *failed], key=lambda one: one.at_ns)

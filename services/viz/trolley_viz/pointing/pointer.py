@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from trolley.geometry import Pose2D, wrap_angle
 from trolley_viz.graphics.shapes import meet_floor
 from trolley_viz.pointing.drags import Drags
 from trolley_viz.pointing.picture import Picture
@@ -22,6 +23,8 @@ MIN_DRAG_SCREEN = 0.012
 """A drag shorter than this share of the screen is a click, without a direction."""
 ARROW_COLOUR = (0, 140, 40)
 Z_ARROW = 0.17
+MARK_M = 0.09
+"""Radius of the mark of the arrow keys."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,9 @@ class Pointer:
         self._plane: viser.MeshHandle | None = None
         self._arrow: viser.ArrowsHandle | None = None
         self.tool: Tool | None = None
+        self.cursor: Pointed | None = None
+        """What arrow keys point at."""
+        self._mark: viser.IcosphereHandle | None = None
 
     def arm(self, tool: Tool) -> None:
         """Wait for a gesture; any tool that was armed is put away."""
@@ -92,7 +98,7 @@ class Pointer:
     def disarm(self) -> None:
         """Put the tool away."""
         self.hide()
-        self.tool = None
+        self.tool = self.cursor = None
 
     def hide(self) -> None:
         """Leave the picture; the tool stays armed."""
@@ -102,6 +108,9 @@ class Pointer:
         if self._arrow is not None:
             self._arrow.remove()
             self._arrow = None
+        if self._mark is not None:
+            self._mark.remove()
+            self._mark = None
 
     def show_arrow(self, pointed: Pointed | None) -> None:
         """Draw the arrow as it is dragged."""
@@ -127,6 +136,35 @@ class Pointer:
             )
         self._arrow.points = points
         self._arrow.visible = True
+
+    def step(self, start: Pose2D, ahead: Pose2D) -> None:
+        """Move what arrow keys point at.
+
+        Args:
+            start: where they begin, in the world.
+            ahead: how far it moves [m], along the world's axes, and turns [rad].
+        """
+        tool, at = self.tool, self.cursor or Pointed(start.x, start.y)
+        if tool is None:
+            return
+        yaw = at.yaw
+        if ahead.yaw:
+            yaw = wrap_angle((start.yaw if yaw is None else yaw) + ahead.yaw)
+        self.cursor = Pointed(at.x + ahead.x, at.y + ahead.y, yaw)
+        self._show_mark(self.cursor)
+        self._dragged(tool, self.cursor, "update")
+
+    def take(self) -> None:
+        """Point at where the arrow keys have led."""
+        if self.tool is not None and self.cursor is not None:
+            self._dragged(self.tool, self.cursor, "end")
+
+    def _show_mark(self, at: Pointed) -> None:
+        scene = self._picture.scene
+        if self._mark is None and scene is not None:
+            self._mark = scene.add_icosphere("/cursor", MARK_M, ARROW_COLOUR)
+        if self._mark is not None:
+            self._mark.position = (at.x, at.y, Z_ARROW)
 
     def _dragged(self, tool: Tool, pointed: Pointed | None, phase: str) -> None:
         if tool is not self.tool:

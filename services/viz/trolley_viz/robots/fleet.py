@@ -1,12 +1,14 @@
 """All robots of the network at a glance: what each is doing and where, besides the followed one."""
 
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from trolley import topics
 from trolley.messages import BaseState, GoalStatus, PoseEstimate, Robot
 from trolley.runtime.service import Watch
 from trolley.topics import Topic
+from trolley_viz.robots.ages import Ages, LastHeard, overdue_s
 
 IS_AWAY = " – away"
 """Ends what a robot is called in a list while nothing is heard of it."""
@@ -53,6 +55,17 @@ class Member(NamedTuple):
     goal: GoalStatus | None
     robot_ns: int | None
     """Its time [ns], None while its clock is silent."""
+    ages: Ages = MappingProxyType({})
+    """How old what is known is, by topic, where there should be something newer."""
+    away_s: float | None = None
+    """For how long nothing has been heard of it [s]; None while it is heard, or never was."""
+
+    @property
+    def pose_age_s(self) -> float | None:
+        """How old its pose is [s], None where that is not known."""
+        if self.pose is None or self.robot_ns is None:
+            return self.away_s
+        return (self.robot_ns - self.pose.stamp_ns) * 1e-9
 
     @property
     def is_away(self) -> bool:
@@ -85,11 +98,12 @@ class Fleet:
         self._close = close_watch
         self._robot_ns = robot_ns
         self._watches: dict[str, Watch[Any]] = {}
+        self._last_heard: dict[str, LastHeard] = {}
         self.members: list[Member] = []
         """All robots, sorted by name; none where there is only one."""
 
-    def update(self, *, is_watched: bool) -> None:
-        """Take in what arrived; unsubscribe where nobody looks."""
+    def update(self, now_ns: int, *, is_watched: bool) -> None:
+        """Take in what arrived by local `now_ns`; unsubscribe where nobody looks."""
         names = self._robots.names()
         if not is_watched or len(names) < 2:
             for watch in self._watches.values():
@@ -100,22 +114,25 @@ class Fleet:
         for topic in TOPICS:
             if topic.name not in self._watches:
                 self._watches[topic.name] = self._open(topic)
-        bases, poses, goals = (self._watches[topic.name].by_parts for topic in TOPICS)
-        self.members = [self._member(name, bases, poses, goals) for name in names]
+        self.members = [self._member(name, now_ns) for name in names]
 
-    def _member(
-        self,
-        name: str,
-        bases: Mapping[tuple[str, ...], BaseState],
-        poses: Mapping[tuple[str, ...], PoseEstimate],
-        goals: Mapping[tuple[str, ...], GoalStatus],
-    ) -> Member:
-        key = (name,)
+    def _member(self, name: str, now_ns: int) -> Member:
+        robot_ns = self._robot_ns(name)
+        base, pose, goal = (self._watches[one.name].by_parts.get((name,)) for one in TOPICS)
+        ages = {
+            topic.name: overdue_s(topic, message, self._arrived_ns(topic, name), now_ns)
+            for topic, message in ((topics.BASE, base), (topics.GOAL, goal))
+        }
         return Member(
             name,
             self._robots.get(name),
-            bases.get(key),
-            poses.get(key),
-            goals.get(key),
-            self._robot_ns(name),
+            base,
+            pose,
+            goal,
+            robot_ns,
+            {topic: age_s for topic, age_s in ages.items() if age_s is not None},
+            self._last_heard.setdefault(name, LastHeard()).update(robot_ns, now_ns),
         )
+
+    def _arrived_ns(self, topic: Topic[Any], name: str) -> int | None:
+        return self._watches[topic.name].arrived((name,))

@@ -7,6 +7,7 @@ from typing import Any
 from trolley import topics
 from trolley.messages import OccupancyGrid, Robot
 from trolley.topics import Topic
+from trolley_viz.robots.ages import overdue_s
 from trolley_viz.robots.fleet import Member
 from trolley_viz.robots.past_trips import PastTrips
 from trolley_viz.robots.placement import Placement
@@ -33,6 +34,8 @@ class View:
     """All robots, where there are several."""
     silent: frozenset[str] = frozenset()
     """Services that have fallen silent, or were never heard although they should have been."""
+    away_s: float | None = None
+    """For how long nothing has been heard of it [s]; None while it is heard, or never was."""
 
     @property
     def is_away(self) -> bool:
@@ -68,6 +71,12 @@ class View:
             self.streams.history(topics.ODOM),
             has_map=self.map is not None,
         )
+
+    def overdue_s(self, topic: Topic[Any]) -> float | None:
+        """How old the newest message is [s], None if there need not be a newer one."""
+        streams = self.streams
+        arrived_ns = streams.arrived_ns(topic)
+        return overdue_s(topic, streams.latest(topic), arrived_ns, self.now_ns, self.silent)
 
     def is_fresh(self, topic: Topic[Any], within_s: float = 1.5) -> bool:
         """Whether a message of the topic arrived within the last real seconds."""

@@ -9,6 +9,7 @@ from trolley_viz.graphics.shapes import arrow_outline, flat, place, prism
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Z_LABEL, Layer
 from trolley_viz.scene.robot_body import AWAY_COLOUR, BODY_COLOURS
+from trolley_viz.sentences import STALE_S, age_text
 
 HEIGHT_M = 0.12
 KNOWN = ("localized", "unsure", "mapping")
@@ -36,7 +37,7 @@ class _Body:
         )
         middle = 0.5 * float(points[:, 0].max() + points[:, 0].min())
         place(arrow, Pose2D(middle - 0.5 * length, 0.0, 0.0), HEIGHT_M + 0.006)
-        scene.add_label(
+        self.label = scene.add_label(
             f"{path}/name",
             robot.title or robot.name,
             position=(0.0, 0.0, Z_LABEL),
@@ -58,7 +59,7 @@ class OthersLayer(Layer):
     def draw(self, view: View) -> None:
         """Move the others, and take away those that are not on this map any more."""
         world_T_map, grid = view.placement.world_T("map"), view.map
-        seen: dict[str, tuple[Pose2D, Robot, tuple[int, int, int]]] = {}
+        seen: dict[str, tuple[Pose2D, Robot, tuple[int, int, int], str]] = {}
         for one in view.fleet:
             pose, robot = one.pose, one.robot
             is_here = grid is not None and pose is not None and pose.map == grid.name
@@ -66,15 +67,21 @@ class OthersLayer(Layer):
                 continue
             if robot is None or pose is None or pose.pose is None or pose.state not in KNOWN:
                 continue
-            colour = AWAY_COLOUR if one.is_away else BODY_COLOURS[pose.state]
-            seen[one.name] = world_T_map @ pose.pose, robot, colour
+            age_s = one.pose_age_s
+            is_old = one.is_away or (age_s is not None and age_s > STALE_S)
+            colour = AWAY_COLOUR if is_old else BODY_COLOURS[pose.state]
+            age = f" · {age_text(age_s, 0.0)}" if is_old and age_s is not None else ""
+            name = (robot.title or robot.name) + age
+            seen[one.name] = world_T_map @ pose.pose, robot, colour, name
         for name in self._bodies.keys() - seen.keys():
             self._bodies.pop(name).frame.remove()
         with self.server.atomic():
-            for name, (pose, robot, colour) in seen.items():
-                self._show(name, pose, robot, colour)
+            for name, (pose, robot, colour, label) in seen.items():
+                body = self._show(name, pose, robot, colour)
+                if body.label.text != label:
+                    body.label.text = label
 
-    def _show(self, name: str, pose: Pose2D, robot: Robot, colour: tuple[int, int, int]) -> None:
+    def _show(self, name: str, pose: Pose2D, robot: Robot, colour: tuple[int, int, int]) -> _Body:
         body = self._bodies.get(name)
         if body is None or body.robot != robot:
             if body is not None:
@@ -83,3 +90,4 @@ class OthersLayer(Layer):
         if tuple(body.body.color) != colour:
             body.body.color = colour
         place(body.frame, pose, 0.0)
+        return body

@@ -10,7 +10,7 @@ import msgspec
 from aiohttp import web
 
 from trolley_viz.server.messages import Said, Told
-from trolley_viz.server.sending import room_of
+from trolley_viz.server.sending import room_of, silence_of
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.threads import Post
 
@@ -51,6 +51,11 @@ class Line:
     def is_clear(self) -> bool:
         """Whether everything that was sent is on its way: only then more than beats is sent."""
         return not self._waiting and room_of(self._transport).takes(0, SMALL_BYTES)
+
+    @property
+    def silence_s(self) -> float:
+        """How long nothing has come from the page [s], be it handled or not."""
+        return silence_of(self._transport)
 
     def send(self, told: Told) -> None:
         """Tell the page something."""

@@ -126,6 +126,9 @@ class PageState(Struct, frozen=True, kw_only=True):
         dark: whether it has the dark look.
         language: the code of the language in which it is told everything.
         has_scene: whether viser's connection of the page is known.
+        has_letters: whether keys that are single letters do something.
+        is_pointing: whether something is to be pointed out on the map.
+        has_cursor: whether arrow keys point at something already.
     """
 
     robot: str
@@ -139,6 +142,9 @@ class PageState(Struct, frozen=True, kw_only=True):
     language: str = ENGLISH
     has_scene: bool = False
     stopped_by: str = ""
+    has_letters: bool = True
+    is_pointing: bool = False
+    has_cursor: bool = False
 
 
 class Told(Struct, frozen=True, kw_only=True, omit_defaults=True):

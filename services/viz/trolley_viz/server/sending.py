@@ -1,7 +1,8 @@
-"""How much is still on its way to a browser, as the system knows it."""
+"""What is still on its way to a browser, and when it was last heard, as the system knows it."""
 
 import asyncio
 import fcntl
+import math
 import socket
 import struct
 import termios
@@ -9,8 +10,9 @@ from dataclasses import dataclass
 from typing import cast
 
 TCP_INFO_BYTES = 168
-DELIVERY_RATE_AT = 160
-"""Where `tcpi_delivery_rate` stands in Linux's `struct tcp_info`: a 64-bit number."""
+LAST_DATA_RECEIVED_AT, DELIVERY_RATE_AT = 52, 160
+"""Where `tcpi_last_data_recv` (32 bits) and `tcpi_delivery_rate` (64 bits) stand in Linux's
+`struct tcp_info`."""
 QUEUE_S = 0.15
 """What is sent may wait for what was sent before for this long."""
 PACKET_BYTES = 1500
@@ -48,7 +50,7 @@ def room_of(transport: asyncio.Transport) -> Room:
     connection = cast("socket.socket", transport.get_extra_info("socket"))
     try:
         answer = fcntl.ioctl(connection, termios.TIOCOUTQ, struct.pack("i", 0))
-        info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, TCP_INFO_BYTES)
+        info = _tcp_info(connection)
     except (OSError, ValueError):  # it is closed, or being closed: nothing waits any more
         return Room(0, 0.0)
     (unconfirmed,) = struct.unpack("i", answer)
@@ -56,6 +58,24 @@ def room_of(transport: asyncio.Transport) -> Room:
     if len(info) == TCP_INFO_BYTES:
         (rate,) = struct.unpack_from("Q", info, DELIVERY_RATE_AT)
     return Room(unconfirmed + transport.get_write_buffer_size(), float(rate))
+
+
+def silence_of(transport: asyncio.Transport) -> float:
+    """Return how long ago the newest bytes came in [s], whether or not they were read since.
+
+    May be called on another thread than that which closes it; infinite for what is closed.
+    """
+    connection = cast("socket.socket", transport.get_extra_info("socket"))
+    try:
+        info = _tcp_info(connection)
+    except (OSError, ValueError):
+        return math.inf
+    (silent_ms,) = struct.unpack_from("I", info, LAST_DATA_RECEIVED_AT)
+    return silent_ms * 1e-3
+
+
+def _tcp_info(connection: socket.socket) -> bytes:
+    return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, TCP_INFO_BYTES)
 
 
 async def wait_for_room(transport: asyncio.Transport, size: int) -> None:

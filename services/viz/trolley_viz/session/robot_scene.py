@@ -14,6 +14,7 @@ from trolley.topics import Topic
 from trolley_viz.graphics import camera
 from trolley_viz.overlays.overlay_set import OverlaySet
 from trolley_viz.overlays.readings import Readings
+from trolley_viz.robots.ages import LastHeard
 from trolley_viz.robots.fleet import Member, Robots
 from trolley_viz.robots.past_trips import Answered, PastTrips
 from trolley_viz.robots.placement import Placement
@@ -46,6 +47,7 @@ class RobotScene:
         )
         self.scene = Scene(server, robot)
         self.overlays = OverlaySet(follow_values(service, robot))
+        self._last_heard = LastHeard()
         self._silence = SilentServices()
         self._silent_due_ns = 0
         self._followed: Set[str] | None = None
@@ -106,6 +108,7 @@ class RobotScene:
             robot_ns=robot_ns,
             fleet=fleet,
             silent=self._silent(now_ns),
+            away_s=self._last_heard.update(robot_ns, now_ns),
         )
         self.view.place_frames()
         self.scene.update(self.view, shown)

@@ -1,11 +1,13 @@
 """One browser: its controls, its tool, the robot that it follows and the layers that it shows."""
 
+import math
 from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass
 
 import msgspec
 import viser
 
+from trolley.geometry import Pose2D
 from trolley.messages import MapChange, SuspectLine
 from trolley_viz.actions.aiming import Aiming
 from trolley_viz.actions.place_actions import PlaceActions
@@ -17,7 +19,7 @@ from trolley_viz.drawing.map_changes import ChangeMarks, ChangeRequests
 from trolley_viz.drawing.suspected_mirrors import SuspectLines
 from trolley_viz.drawing.zone_editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.zone_requests import ZoneRequests
-from trolley_viz.graphics.camera import Look
+from trolley_viz.graphics.camera import NORTH, Look
 from trolley_viz.languages.catalogue import ENGLISH, known_language
 from trolley_viz.map_editing.map_editor import MapEditor
 from trolley_viz.map_editing.map_preview import MapPreview
@@ -197,6 +199,11 @@ class Session:
         return known_language(self._choices.language) or self._device_language or ENGLISH
 
     @property
+    def has_letters(self) -> bool:
+        """Whether keys that are single letters do something."""
+        return not self._choices.no_letters
+
+    @property
     def view(self) -> View:
         """What is known of the robot."""
         return self._hub.scenes.of(self._robot).view
@@ -260,6 +267,10 @@ class Session:
             self._hub.let_go(self._page.number)
             self._robot = robot
             self._choose(msgspec.structs.replace(self._choices, robot=robot))
+
+    def switch_letters(self, *, is_on: bool) -> None:
+        """Let keys that are single letters do something or not, and remember it."""
+        self._choose(msgspec.structs.replace(self._choices, no_letters=not is_on))
 
     def switch_layer(self, key: str, *, is_on: bool) -> None:
         """Show or hide a layer, and remember it."""
@@ -356,6 +367,14 @@ class Session:
         self.map_editor.update()
         self.suspected_mirrors.update(view, self._choices.dismissed, is_shown=layers["zones"])
         self.change_marks.update(view, is_shown=layers["zones"])
+
+    def step_cursor(self, right: float, up: float, turn: float = 0.0) -> None:
+        """Move what arrow keys point at, as seen in the picture [m], or turn it [rad]."""
+        heading = NORTH if self._viewport is None else self._viewport.up
+        here = self.view.placement.world_T_base or Pose2D.identity()
+        x = up * math.cos(heading) + right * math.sin(heading)
+        y = up * math.sin(heading) - right * math.cos(heading)
+        self.pointing.step(here, Pose2D(x, y, turn))
 
     def tapped(self, at: tuple[float, float]) -> None:
         """Take a tap on the picture, unless a tool waits for it: shares of its width and height."""

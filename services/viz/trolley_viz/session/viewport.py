@@ -44,6 +44,13 @@ class Viewport:
         size = self._size or (at.image_width, at.image_height)
         return Eye(at.position, at.wxyz, at.fov, size)
 
+    @property
+    def up(self) -> float:
+        """Which heading is up in the picture [rad]."""
+        at = self._client.camera
+        x, y, _ = (np.asarray(at.look_at) - np.asarray(at.position)).tolist()
+        return math.atan2(y, x)
+
     def resized(self, size: tuple[float, float], now_ns: int) -> None:
         """Take note of the size of the picture: the map may not fit any more."""
         self._size = size

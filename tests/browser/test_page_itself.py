@@ -1,0 +1,98 @@
+"""The page with a viewer that only plays its part: long names, letter keys, another release."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+from support.waiting import wait_until
+
+from trolley_viz.controls.controls import Controls
+
+from .scripted import Viewer, page_of, scripted_viewer
+
+pytestmark = pytest.mark.browser
+
+LONG = "Raum mit sehr langem Namen " * 2 + "am Ende"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def settled() -> None:
+    """No robot is here."""
+
+
+@pytest.fixture
+def viewer() -> Iterator[Viewer]:
+    with scripted_viewer() as viewer:
+        yield viewer
+
+
+@pytest.fixture
+def page(browser: Browser, viewer: Viewer) -> Iterator[Page]:
+    with page_of(browser, viewer) as page:
+        yield page
+
+
+def test_a_long_name_makes_no_tall_button(page: Page, viewer: Viewer) -> None:
+    names, controls = (LONG, "x" * 64), Controls()
+    with controls.add_tiles():
+        for name in names:
+            controls.add_button(name, is_name=True)
+    viewer.greet()
+    viewer.tell_controls(controls)
+    for name in names:
+        button = page.get_by_role("button", name=name)
+        expect(button).to_have_attribute("title", name)
+        box = button.bounding_box()
+        assert box is not None
+        assert box["height"] <= 80.0
+
+
+def test_without_letter_keys_only_space_stops(page: Page, viewer: Viewer) -> None:
+    controls = Controls()
+    controls.add_command("Go to …", "g", lambda: None)
+    viewer.greet()
+    viewer.tell_controls(controls)
+    viewer.tell_state(has_letters=False, hint="a hint")
+    expect(page.locator("#hint")).to_be_visible()
+    for key in ("g", "j", "Shift+S", "Space"):
+        page.keyboard.press(key)
+    wait_until(lambda: any(said.stop is not None for _, said in viewer.said), "it stops")
+    assert viewer.pressed() == []
+    assert sum(said.stop is not None for _, said in viewer.said) == 1
+    expect(page.get_by_role("button", name="Close the joystick")).to_be_hidden()
+
+
+def test_arrow_keys_point_only_while_something_is_to_be_pointed_out(
+    page: Page, viewer: Viewer
+) -> None:
+    controls = Controls()
+    up, turn, take, done = (
+        controls.add_command(key, key, lambda: None).id for key in ("↑", "⇧←", "⏎", "enter")
+    )
+    keys = ("ArrowUp", "Shift+ArrowLeft", "Enter")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    expect(page.locator("#sentence")).to_have_text("Ready.")
+    for key in keys:
+        page.keyboard.press(key)
+    wait_until(lambda: viewer.pressed() == [done], "Enter is what it was")
+    for has_cursor, number in ((False, done), (True, take)):
+        viewer.said.clear()
+        viewer.tell_state(is_pointing=True, has_cursor=has_cursor, hint=f"{has_cursor}")
+        expect(page.locator("#hint")).to_have_text(f"{has_cursor}")
+        for key in keys:
+            page.keyboard.press(key)
+        wait_until(lambda: len(viewer.pressed()) == 3, "the keys are heard")
+        assert viewer.pressed() == [up, turn, number]
+
+
+def test_a_page_of_another_release_loads_itself_anew_once_and_then_says_so(
+    page: Page, viewer: Viewer
+) -> None:
+    for _ in range(2):
+        known = len(viewer.lines)
+        viewer.greet("another")
+        if known == 1:
+            wait_until(lambda: len(viewer.lines) > 1, "the page is loaded anew")
+    expect(page.get_by_text("This page is out of date")).to_be_visible()
+    assert len(viewer.lines) == 2
