@@ -202,6 +202,15 @@ def user_version(file: Path, new: int | None = None) -> int:
         return connection.execute("PRAGMA user_version").fetchone()[0]
 
 
+def test_a_history_that_is_a_folder_is_kept(folder: StateFolder):
+    (folder.path / "history.sqlite").unlink()
+    (folder.path / "history.sqlite" / "inside").mkdir(parents=True)
+    found = history_file.read_trips(folder.path, None, 10, 1 << 20)
+    assert (found.trips, found.problem) == ((), None)
+    assert found.kept is not None
+    assert (folder.path / found.kept / "inside").is_dir()
+
+
 @pytest.mark.parametrize("what", ["empty", "foreign", "newer"])
 def test_a_history_that_is_none_of_ours_is_kept(folder: StateFolder, what: str):
     file = folder.path / "history.sqlite"
@@ -252,6 +261,17 @@ def test_an_unfinished_map_that_is_none_is_kept(folder: StateFolder, content: by
     assert aside.read_bytes() == content
 
 
+def test_an_unfinished_map_that_cannot_be_opened_is_kept(folder: StateFolder):
+    """The next map would overwrite it, or be discarded with it."""
+    (folder.path / checkpoint.FILE).unlink()
+    (folder.path / checkpoint.FILE).mkdir()
+    said = checkpoint.read(folder.path)
+    (aside,) = folder.path.glob("mapping.bin.broken-*")
+    assert (
+        said == f"The unfinished map cannot be read (Is a directory); it is kept as {aside.name}."
+    )
+
+
 def test_the_plan_of_before_is_read(folder: StateFolder, tmp_path: Path):
     plan = pending_plan(folder.path, MapVersions(tmp_path / "maps"))
     assert plan is None, "its map was not stored, so it is void"
@@ -269,6 +289,26 @@ def test_a_plan_that_is_none_is_kept(
     assert isinstance(said, str)
     (aside,) = folder.path.glob(f"map_edit.json.{mark}-*")
     assert aside.name in said
+
+
+def test_a_plan_that_is_no_file_is_kept(folder: StateFolder, tmp_path: Path):
+    (folder.path / "map_edit.json").unlink()
+    (folder.path / "map_edit.json").mkdir()
+    said = pending_plan(folder.path, MapVersions(tmp_path / "maps"))
+    assert isinstance(said, str)
+    assert said.startswith("The pending switch to an edited map cannot be read (Is a directory); ")
+
+
+def test_a_void_plan_that_cannot_be_deleted_ends_no_mapper(
+    folder: StateFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    said = pending_plan(folder.path, MapVersions(tmp_path / "maps"))
+    assert isinstance(said, str)
+    assert "Permission denied" in said
 
 
 def test_a_plan_tells_its_schema(tmp_path: Path):

@@ -114,8 +114,8 @@ def _opened(path: Path) -> Generator[sqlite3.Connection]:
     """
     if not path.exists():
         _make(path)
-    elif path.stat().st_size == 0:
-        raise sqlite3.DatabaseError("the file is empty")
+    elif not path.is_file() or path.stat().st_size == 0:
+        raise sqlite3.DatabaseError("it is empty, or no file")
     with _connected(path) as connection:
         _check(connection)
         yield connection
