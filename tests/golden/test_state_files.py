@@ -202,6 +202,12 @@ def user_version(file: Path, new: int | None = None) -> int:
         return connection.execute("PRAGMA user_version").fetchone()[0]
 
 
+def test_a_history_that_cannot_be_looked_for_is_told_of(folder: StateFolder):
+    found = history_file.read_trips(folder.path / ("a" * 300), None, 10, 1 << 20)
+    assert found.problem is not None
+    assert "File name too long" in found.problem
+
+
 def test_a_history_that_is_a_folder_is_kept(folder: StateFolder):
     (folder.path / "history.sqlite").unlink()
     (folder.path / "history.sqlite" / "inside").mkdir(parents=True)
@@ -267,9 +273,8 @@ def test_an_unfinished_map_that_cannot_be_opened_is_kept(folder: StateFolder):
     (folder.path / checkpoint.FILE).mkdir()
     said = checkpoint.read(folder.path)
     (aside,) = folder.path.glob("mapping.bin.broken-*")
-    assert (
-        said == f"The unfinished map cannot be read (Is a directory); it is kept as {aside.name}."
-    )
+    reason = "The unfinished map cannot be read (Is a directory)"
+    assert said == f"{reason}; it is kept as {aside.name}."
 
 
 def test_the_plan_of_before_is_read(folder: StateFolder, tmp_path: Path):

@@ -77,10 +77,11 @@ def read_trips(
     Where they would not fit into `max_bytes` of JSON, the older ones are left out. Trips that began
     without a known time count only where no `since` is asked for.
     """
-    path = folder / FILE
-    if not path.exists():
-        return Outcome()
-    return _with_recovery(path, lambda path: _select(path, since, limit, max_bytes))
+
+    def act(path: Path) -> Outcome:
+        return _select(path, since, limit, max_bytes) if path.exists() else Outcome()
+
+    return _with_recovery(folder / FILE, act)
 
 
 def _with_recovery(path: Path, act: Callable[[Path], Outcome]) -> Outcome:
