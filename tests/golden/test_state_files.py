@@ -15,8 +15,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 import pytest
 
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
 from trolley.runtime.log import Log
 from trolley.runtime.state import StateFolder
 from trolley.state_file import schema_of
@@ -29,7 +32,7 @@ from trolley_localizer.start_pose import LastPose
 from trolley_mapper import checkpoint
 from trolley_mapper.checkpoint import Checkpoint
 from trolley_mapper.edit.map_switch import SwitchPlan, pending_plan, store_plan
-from trolley_mapper.edit.map_versions import MapVersions, Version
+from trolley_mapper.edit.map_versions import Change, MapVersions, Version
 from trolley_tour.stored.checks import PosesFile, ToursFile
 from trolley_tour.trips import history_file
 from trolley_tour.trips.record import TripRecord
@@ -321,6 +324,18 @@ def test_a_plan_tells_its_schema(tmp_path: Path):
     plan = msgspec.convert(content, SwitchPlan)
     store_plan(tmp_path, plan)
     assert json.loads((tmp_path / "map_edit.json").read_bytes())["schema"] == 2
+
+
+def test_zones_beside_a_map_that_cannot_be_read_are_kept_when_it_is_edited(tmp_path: Path):
+    versions = MapVersions(tmp_path)
+    grid = GridMap("home", 0.05, Pose2D.identity(), np.zeros((4, 4), np.int8))
+    versions.save(grid, Change(what="mapped"), seeds=[])
+    seeds = tmp_path / "home.zones.toml"
+    seeds.write_text("schema = 99\nzones = []\n")
+    versions.save(grid, Change(what="turned"), seeds=[])
+    (aside,) = tmp_path.glob("home.zones.toml.newer-*")
+    assert aside.read_text() == "schema = 99\nzones = []\n"
+    assert "schema = 2" in seeds.read_text()
 
 
 @pytest.mark.parametrize("name", FORMS)
