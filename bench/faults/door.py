@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import NamedTuple
 
 from bench.faults.cases import BACK_WITHIN_S, Outcome
 from bench.faults.robot import ROBOT, Missing, Rig, describe
@@ -35,16 +36,26 @@ HOWS = {
     "drip": "that say a byte a second",
     "rubbish": "that speak no TLS",
 }
-OFTEN = "from four others, coming again whenever sent away"
 SAME, OTHERS = ["127.0.0.1"], [f"127.0.0.{number}" for number in range(2, 6)]
 
 
-def strangers() -> list[Outcome]:
-    """Hang at the door in all ways, from a legitimate host's own address and from four others.
+class Crowd(NamedTuple):
+    """Where strangers come from, and whether they come again whenever sent away."""
 
-    A stranger that keeps coming back from a legitimate host's own address, and greets as that host
-    does, cannot be told from it: that is not tried.
-    """
+    addresses: list[str]
+    again: str
+    words: str
+
+
+ONCE = Crowd(SAME, "once", "from its own address")
+OFTEN = Crowd(OTHERS, "again", "from four others, coming again whenever sent away")
+OWN_OFTEN = Crowd(SAME, "again", "from its own address, coming again whenever sent away")
+# Only a crowd that greets as a lawful host does cannot be told from one at its own address.
+CROWDS = {how: (ONCE, OFTEN, OWN_OFTEN) if how == "hello" else (ONCE, OFTEN) for how in HOWS}
+
+
+def strangers() -> list[Outcome]:
+    """Hang at the door in all ways, from a legitimate host's own address and from four others."""
     outcomes: list[Outcome] = []
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -58,10 +69,10 @@ def strangers() -> list[Outcome]:
         rig = stack.enter_context(Rig(folder / "rig", router=words))
         rig.prepare()
         for how, words in HOWS.items():
-            for addresses, whence in ((SAME, "from its own address"), (OTHERS, OFTEN)):
-                outcome = Outcome(f"{MANY} connections {words}, {whence}", "")
+            for crowd in CROWDS[how]:
+                outcome = Outcome(f"{MANY} connections {words}, {crowd.words}", "")
                 try:
-                    _hang(rig, outcome, port, person, how, addresses)
+                    _hang(rig, outcome, port, person, how, crowd)
                 except Missing as missing:
                     outcome.wrong.append(f"{missing} ({describe(rig)})")
                 print(" | ".join(outcome.cells), flush=True)
@@ -69,22 +80,19 @@ def strangers() -> list[Outcome]:
     return outcomes
 
 
-def _hang(
-    rig: Rig, outcome: Outcome, port: int, person: HostKeys, how: str, addresses: list[str]
-) -> None:
+def _hang(rig: Rig, outcome: Outcome, port: int, person: HostKeys, how: str, crowd: Crowd) -> None:
     rig.wait_for_driving(BACK_WITHIN_S)
     before, collisions = rig.saved(), rig.collisions
     ordinary_s = [_seconds(ask) for _ in range(NUM_BEFORE) for ask in _asking(rig)]
-    again = "again" if addresses is OTHERS else "once"
-    command = [sys.executable, str(CLIENT), str(port), how, again, str(MANY), str(HANGS_S)]
-    command = ["nice", "-n", "10", *command, *addresses]  # it stands for other hosts
+    command = [sys.executable, str(CLIENT), str(port), how, crowd.again, str(MANY), str(HANGS_S)]
+    command = ["nice", "-n", "10", *command, *crowd.addresses]  # it stands for other hosts
     far = f"tls/127.0.0.1:{port}"
     local_s: list[float] = []
     far_s: list[float] = []
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as crowd:
-        assert crowd.stdout is not None
-        crowd.stdout.readline()
-        while crowd.poll() is None:
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as there:
+        assert there.stdout is not None
+        there.stdout.readline()
+        while there.poll() is None:
             local_s += [_seconds(ask) for ask in _asking(rig)]
             far_s.append(_seconds(lambda: _ask(far, person)))
             time.sleep(0.3)

@@ -15,8 +15,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 import pytest
 
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
 from trolley.runtime.log import Log
 from trolley.runtime.state import StateFolder
 from trolley.state_file import schema_of
@@ -29,7 +32,7 @@ from trolley_localizer.start_pose import LastPose
 from trolley_mapper import checkpoint
 from trolley_mapper.checkpoint import Checkpoint
 from trolley_mapper.edit.map_switch import SwitchPlan, pending_plan, store_plan
-from trolley_mapper.edit.map_versions import MapVersions, Version
+from trolley_mapper.edit.map_versions import Change, MapVersions, Version
 from trolley_tour.stored.checks import PosesFile, ToursFile
 from trolley_tour.trips import history_file
 from trolley_tour.trips.record import TripRecord
@@ -202,6 +205,21 @@ def user_version(file: Path, new: int | None = None) -> int:
         return connection.execute("PRAGMA user_version").fetchone()[0]
 
 
+def test_a_history_that_cannot_be_looked_for_is_told_of(folder: StateFolder):
+    found = history_file.read_trips(folder.path / ("a" * 300), None, 10, 1 << 20)
+    assert found.problem is not None
+    assert "File name too long" in found.problem
+
+
+def test_a_history_that_is_a_folder_is_kept(folder: StateFolder):
+    (folder.path / "history.sqlite").unlink()
+    (folder.path / "history.sqlite" / "inside").mkdir(parents=True)
+    found = history_file.read_trips(folder.path, None, 10, 1 << 20)
+    assert (found.trips, found.problem) == ((), None)
+    assert found.kept is not None
+    assert (folder.path / found.kept / "inside").is_dir()
+
+
 @pytest.mark.parametrize("what", ["empty", "foreign", "newer"])
 def test_a_history_that_is_none_of_ours_is_kept(folder: StateFolder, what: str):
     file = folder.path / "history.sqlite"
@@ -252,6 +270,16 @@ def test_an_unfinished_map_that_is_none_is_kept(folder: StateFolder, content: by
     assert aside.read_bytes() == content
 
 
+def test_an_unfinished_map_that_cannot_be_opened_is_kept(folder: StateFolder):
+    """The next map would overwrite it, or be discarded with it."""
+    (folder.path / checkpoint.FILE).unlink()
+    (folder.path / checkpoint.FILE).mkdir()
+    said = checkpoint.read(folder.path)
+    (aside,) = folder.path.glob("mapping.bin.broken-*")
+    reason = "The unfinished map cannot be read (Is a directory)"
+    assert said == f"{reason}; it is kept as {aside.name}."
+
+
 def test_the_plan_of_before_is_read(folder: StateFolder, tmp_path: Path):
     plan = pending_plan(folder.path, MapVersions(tmp_path / "maps"))
     assert plan is None, "its map was not stored, so it is void"
@@ -271,11 +299,43 @@ def test_a_plan_that_is_none_is_kept(
     assert aside.name in said
 
 
+def test_a_plan_that_is_no_file_is_kept(folder: StateFolder, tmp_path: Path):
+    (folder.path / "map_edit.json").unlink()
+    (folder.path / "map_edit.json").mkdir()
+    said = pending_plan(folder.path, MapVersions(tmp_path / "maps"))
+    assert isinstance(said, str)
+    assert said.startswith("The pending switch to an edited map cannot be read (Is a directory); ")
+
+
+def test_a_void_plan_that_cannot_be_deleted_ends_no_mapper(
+    folder: StateFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    said = pending_plan(folder.path, MapVersions(tmp_path / "maps"))
+    assert isinstance(said, str)
+    assert "Permission denied" in said
+
+
 def test_a_plan_tells_its_schema(tmp_path: Path):
     content = json.loads((FOLDER / "unmarked" / "map_edit.json").read_bytes())
     plan = msgspec.convert(content, SwitchPlan)
     store_plan(tmp_path, plan)
     assert json.loads((tmp_path / "map_edit.json").read_bytes())["schema"] == 2
+
+
+def test_zones_beside_a_map_that_cannot_be_read_are_kept_when_it_is_edited(tmp_path: Path):
+    versions = MapVersions(tmp_path)
+    grid = GridMap("home", 0.05, Pose2D.identity(), np.zeros((4, 4), np.int8))
+    versions.save(grid, Change(what="mapped"), seeds=[])
+    seeds = tmp_path / "home.zones.toml"
+    seeds.write_text("schema = 99\nzones = []\n")
+    versions.save(grid, Change(what="turned"), seeds=[])
+    (aside,) = tmp_path.glob("home.zones.toml.newer-*")
+    assert aside.read_text() == "schema = 99\nzones = []\n"
+    assert "schema = 2" in seeds.read_text()
 
 
 @pytest.mark.parametrize("name", FORMS)

@@ -14,6 +14,8 @@ from trolley import worlds
 from trolley.config import ConfigError
 from trolley.files import open_file, read_text
 from trolley.geometry import Pose2D, pose_from_quaternion
+from trolley.gridmap import MapError
+from trolley.gridmap.description import read_description
 from trolley.messages import Stop, Tour
 from trolley.ports import ROUTER_PORT
 
@@ -84,6 +86,11 @@ def settings(choices: Choices) -> dict[str, Any]:
         base, map_file, start = _recorded(choices, choices.recording)
     else:
         base, map_file, start = _simulated(choices)
+    if choices.map_file is not None:
+        try:
+            read_description(map_file)
+        except MapError as error:
+            raise ConfigError(f"--map: {error}") from error
     if choices.devices is not None:
         base = _real(*choices.devices)
     outline = FOOTPRINT if choices.outline is None else {"polygon_m": choices.outline}

@@ -20,6 +20,7 @@ from typing import Any, cast
 from trolley.config import ConfigError, load_config
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.doctor.users import User
+from trolley.runtime.supervision import PARENT_VARIABLE, end_with_parent
 
 SERVICES = "trolley.services"
 MARK = "from trolley.jit import"
@@ -65,7 +66,7 @@ class Running:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                env={**os.environ, **environment},
+                env={**os.environ, **environment, PARENT_VARIABLE: str(os.getpid())},
                 user=None if user is None else user.uid,
                 group=None if user is None else user.group,
                 extra_groups=None if user is None else sorted(user.groups),
@@ -149,6 +150,7 @@ def try_services(path: Path | None) -> dict[str, str]:
 
 def main() -> None:
     """Try, and print the outcome as JSON."""
+    end_with_parent()
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     refused = try_services(path)
     tried = [] if path is None else sorted(entry.name for entry in entry_points(group=SERVICES))

@@ -80,7 +80,7 @@ class Node:
             self._open_binding(binding, method)
         service.start()
         if self._health.latest.state == "starting":
-            self._health.set("ok")
+            service.set_health("ok")
         self._context.timers.every(HEALTH_PERIOD_S, self._look_after_itself, is_local=True)
 
     def close(self) -> None:

@@ -323,5 +323,8 @@ class Service:
         self._wire.context.figures[name] = value
 
     def set_health(self, state: Literal["ok", "degraded", "failed"], message: str = "") -> None:
-        """Set state and message of `health`."""
-        self._wire.health.set(state, message)
+        """Set state and message of `health`; state files that could not be read are named there."""
+        problems = self.state.problems.values()
+        if problems and state == "ok":
+            state = "degraded"
+        self._wire.health.set(state, " ".join([*filter(None, [message]), *problems]))

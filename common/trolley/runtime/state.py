@@ -2,6 +2,9 @@
 
 import os
 import stat
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
 
@@ -53,15 +56,18 @@ class StateFolder:
 
     def __init__(self, path: Path, log: Log) -> None:
         self.path = path
+        self.problems: dict[str, str] = {}
+        """By file, what was the matter with it when it was read: sentences for people."""
         self._log = log
+        self._unkept: dict[str, Callable[[], Path]] = {}
+        """By file, what keeps its content before it is overwritten, where that failed so far."""
 
     def read(self, name: str, kind: type[S]) -> S | None:
         """The content of `name`, None if there is none.
 
         A file that cannot be used is set aside as `<name>.broken-<Unix time>`, or `newer-` where a
-        newer Trolley wrote it, and reported. Where that fails, the folder cannot be written, so
-        nothing will overwrite it either. Of one of an older schema the original is kept as
-        `<name>.schema-<n>`.
+        newer Trolley wrote it, and reported. Of one of an older schema the original is kept as
+        `<name>.schema-<n>`. Where either fails, it is tried again before the file is overwritten.
         """
         path = self.path / name
         try:
@@ -70,10 +76,10 @@ class StateFolder:
         except (FileNotFoundError, NotADirectoryError):
             return None
         except (Unreadable, OSError) as error:
-            self._keep_aside(path, error)
+            self._keep_aside(name, error)
             return None
         if found.schema < schema_of(kind):
-            self._keep_original(path, content, found.schema)
+            self._keep_original(name, content, found.schema)
         return cast("S", found.value)
 
     def write(self, name: str, value: msgspec.Struct, *, is_secret: bool = False) -> None:
@@ -84,17 +90,24 @@ class StateFolder:
         It waits for the disk, so call it through `Service.work`.
 
         Raises:
-            OSError: It cannot be written; what stood there stands.
+            OSError: It cannot be written, or what stood there could not be kept; that stands.
         """
         path = self.path / name
+        if name in self._unkept:
+            with suppress(FileNotFoundError):  # somebody else has taken it away
+                self._unkept[name]()
+            del self._unkept[name]
         make_folder(path.parent)
         write_atomically(path, render(value), SECRET if is_secret else READABLE_BY_ALL)
 
-    def _keep_aside(self, path: Path, error: Exception) -> None:
-        why = error.strerror if isinstance(error, OSError) else error
+    def _keep_aside(self, name: str, error: Exception) -> None:
+        path, why = self.path / name, error.strerror if isinstance(error, OSError) else error
+        keep = partial(keep_unreadable, path, error)
         try:
-            aside = keep_unreadable(path, error)
+            aside = keep()
         except OSError as besides:
+            self._unkept[name] = keep
+            self.problems[name] = f"{name} can be neither read nor set aside."
             self._log.error(
                 "A state file can be neither read nor set aside",
                 file=path,
@@ -102,18 +115,28 @@ class StateFolder:
                 besides=besides.strerror,
             )
         else:
+            self.problems[name] = f"{name} could not be read and was set aside."
             self._log.error(
                 "A state file cannot be read and was set aside", file=path, kept=aside, why=why
             )
 
-    def _keep_original(self, path: Path, content: bytes, schema: int) -> None:
+    def _keep_original(self, name: str, content: bytes, schema: int) -> None:
         """Keep a file of an older schema beside the one that will take its place."""
+        path = self.path / name
         original = path.with_name(f"{path.name}.schema-{schema}")
-        try:
+
+        def keep() -> Path:
             write_atomically(original, content, stat.S_IMODE(path.stat().st_mode))
+            return original
+
+        try:
+            keep()
         except OSError as error:
+            self._unkept[name] = keep
             self._log.error(
-                "The original of an older state file was not kept", file=path, why=error.strerror
+                "The original of an older state file is not kept yet",
+                file=path,
+                why=error.strerror,
             )
         else:
             self._log.info("An older state file was brought forward", file=path, kept=original)

@@ -119,19 +119,18 @@ def read(folder: Path) -> Checkpoint | str | None:
         return parse_encoded(read_file(file), Checkpoint, msgspec.msgpack.decode)
     except FileNotFoundError:
         return None
-    except OSError as error:
-        return f"The unfinished map cannot be read: {error.strerror}."
-    except Unreadable as error:
+    except (Unreadable, OSError) as error:
         return put_aside(folder, error)
 
 
 def put_aside(folder: Path, why: Exception) -> str:
     """Rename a checkpoint that cannot be used, and say so in a sentence."""
+    reason = why.strerror if isinstance(why, OSError) else why
     try:
         aside = keep_unreadable(folder / FILE, why)
     except OSError as error:
         return f"The unfinished map can be neither read nor moved aside: {error.strerror}."
-    return f"The unfinished map cannot be read ({why}); it is kept as {aside.name}."
+    return f"The unfinished map cannot be read ({reason}); it is kept as {aside.name}."
 
 
 def _remove(folder: Path) -> str | None:

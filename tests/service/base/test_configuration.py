@@ -64,6 +64,18 @@ def test_a_broken_state_file_is_kept_aside_and_the_robot_starts(
     assert len(list(folder.glob("*.broken-*"))) == 3
 
 
+def test_a_latch_that_cannot_be_opened_may_have_said_stopped(
+    make_rig: MakeRig, tmp_path: Path
+) -> None:
+    rig = make_rig()
+    file = tmp_path / "state" / "trolley" / "base_stop.toml"
+    file.unlink(missing_ok=True)
+    file.symlink_to(file.name)  # it leads to itself; a folder without rights fails in the same way
+    rig.restart()
+    rig.drive(1.0, 0.3)
+    assert rig.state.mode == "stopped"
+
+
 def test_a_state_folder_that_cannot_be_written_does_not_end_base(
     make_rig: MakeRig, tmp_path: Path
 ) -> None:

@@ -147,6 +147,27 @@ def test_health_tells_state_and_counters(lockstep: Lockstep):
     assert reply.key == "trolley/trolley/health/planner"
 
 
+def test_health_names_the_files_that_were_set_aside(lockstep: Lockstep):
+    class Keeper(Service):
+        name = "planner"
+
+        def start(self) -> None:
+            self.state.read("places.toml", Health)
+
+    folder = lockstep.state / "trolley"
+    folder.mkdir(parents=True)
+    (folder / "places.toml").touch()
+    health = lockstep.record(topics.HEALTH)
+    keeper = lockstep.add(Keeper())
+    lockstep.run(0.1)
+    said = "places.toml could not be read and was set aside."
+    assert (health[-1].state, health[-1].message) == ("degraded", said)
+    keeper.set_health("failed", "No scan.")
+    assert (health[-1].state, health[-1].message) == ("failed", f"No scan. {said}")
+    keeper.set_health("ok")
+    assert (health[-1].state, health[-1].message) == ("degraded", said)
+
+
 def test_work_is_done_aside_and_handed_back(lockstep: Lockstep):
     ticker = lockstep.add(Ticker())
     done: list[Any] = []

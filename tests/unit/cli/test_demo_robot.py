@@ -1,11 +1,13 @@
 """The demo's own robot."""
 
+import os
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from trolley import worlds
 from trolley.cli.demo_recording import duration_s
 from trolley.cli.demo_robot import (
     PLACES,
@@ -77,8 +79,7 @@ def drive(tmp_path: Path) -> Path:
 
 
 def test_a_recording_starts_at_its_first_reference(tmp_path: Path, drive: Path) -> None:
-    (tmp_path / "floor.yaml").write_text("")
-    choices = Choices(recording=drive, map_file=tmp_path / "floor.yaml", speed=4.0)
+    choices = Choices(recording=drive, map_file=worlds.find("apartment.yaml"), speed=4.0)
     plain = settings(choices)
     assert plain["base"] == {
         "driver": "recording",
@@ -88,6 +89,14 @@ def test_a_recording_starts_at_its_first_reference(tmp_path: Path, drive: Path) 
     assert tomllib.loads(write_settings(choices, tmp_path).read_text()) == plain
     length_s, scans = duration_s(drive)
     assert (length_s, scans) == (pytest.approx(0.4), 3)
+
+
+def test_a_map_that_is_none_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.yaml")
+    (tmp_path / "other.yaml").write_text("songs: []")
+    for name, why in (("pipe.yaml", "pipe or a device"), ("other.yaml", "'image' is missing")):
+        with pytest.raises(ConfigError, match=why):
+            settings(Choices(map_file=tmp_path / name))
 
 
 def test_a_recording_needs_a_map(drive: Path) -> None:

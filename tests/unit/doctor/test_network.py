@@ -2,6 +2,8 @@
 
 import os
 import socket
+import subprocess
+import sys
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -22,6 +24,7 @@ from trolley.doctor.endpoints import (
 from trolley.doctor.finding import Finding, looked_at, note
 from trolley.doctor.trial import Running, Trial, check_trial
 from trolley.doctor.users import User
+from trolley.runtime.supervision import PARENT_VARIABLE
 from trolley.security.certificates import make_authority, make_certificate
 
 NOW = datetime(2026, 5, 1, tzinfo=UTC)
@@ -112,6 +115,18 @@ def test_trials() -> None:
     refused, uncompiled = check_trial(Trial({"base": "no world"}, ("base",), 9, missing=2))
     assert (refused.level, uncompiled.level) == (Level.PROBLEM, Level.WARNING)
     assert "2 of 9" in uncompiled.sentence
+
+
+def test_a_trial_ends_with_whoever_asked_for_it() -> None:
+    running = Running(None, {})
+    assert running._process is not None
+    environment = Path(f"/proc/{running._process.pid}/environ").read_bytes().split(b"\0")
+    running.end()
+    assert f"{PARENT_VARIABLE}={os.getpid()}".encode() in environment
+    # One whose parent is another by now, since it ended meanwhile, does not go on.
+    words = [sys.executable, "-m", "trolley.doctor.trial"]
+    orphan = {**os.environ, PARENT_VARIABLE: "1"}
+    assert subprocess.check_output(words, env=orphan, text=True) == ""
 
 
 def test_a_trial_that_ends_badly_is_said_so(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -76,6 +77,46 @@ def test_a_file_that_cannot_even_be_kept_aside_stays(folder: StateFolder, monkey
     monkeypatch.setattr(Path, "rename", refuse)
     assert folder.read("notes.toml", Notes) is None
     assert (folder.path / "notes.toml").read_text() == "broken"
+    assert "neither read nor set aside" in folder.problems["notes.toml"]
+    with pytest.raises(PermissionError):
+        folder.write("notes.toml", Notes(name="new"))
+    assert (folder.path / "notes.toml").read_text() == "broken"
+    monkeypatch.undo()
+    folder.write("notes.toml", Notes(name="new"))
+    folder.write("notes.toml", Notes(name="newer"))
+    (aside,) = folder.path.glob("notes.toml.broken-*")
+    assert aside.read_text() == "broken"
+
+
+class OtherNotes(msgspec.Struct):
+    """What notes have become."""
+
+    SCHEMA = 2
+
+    title: str
+
+    @classmethod
+    def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
+        return {"title": plain["name"]}
+
+
+def test_an_original_that_found_no_room_is_kept_before_it_is_overwritten(
+    folder: StateFolder, monkeypatch
+):
+    folder.write("notes.toml", Notes(name="old"))
+    before = (folder.path / "notes.toml").read_bytes()
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.fsync", fail)
+        assert folder.read("notes.toml", OtherNotes) == OtherNotes("old")
+        with pytest.raises(OSError, match="No space"):
+            folder.write("notes.toml", OtherNotes("new"))
+    assert (folder.path / "notes.toml").read_bytes() == before
+    folder.write("notes.toml", OtherNotes("new"))
+    assert (folder.path / "notes.toml.schema-1").read_bytes() == before
 
 
 def test_a_failed_write_leaves_the_old_content(folder: StateFolder, monkeypatch):

@@ -42,10 +42,11 @@ class EstopLatch:
 
     def load(self) -> None:
         """Take over what the last run saved; an unreadable file may have said "stopped"."""
-        was_saved = (self._service.state.path / LATCH_FILE).exists()
-        saved = self._service.state.read(LATCH_FILE, SavedLatch)
-        self.is_set = was_saved if saved is None else saved.stopped
-        self._saved = None if saved is None and was_saved else self.is_set
+        state = self._service.state
+        saved = state.read(LATCH_FILE, SavedLatch)
+        is_unreadable = LATCH_FILE in state.problems
+        self.is_set = is_unreadable if saved is None else saved.stopped
+        self._saved = None if is_unreadable else self.is_set
 
     def save(self, then: Then | None = None) -> None:
         """Save the value; `then` is called once the disk holds it or a later one, or fails."""

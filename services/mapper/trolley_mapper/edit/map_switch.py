@@ -71,7 +71,8 @@ def store_plan(state: Path, plan: SwitchPlan) -> None:
 def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
     """Return the plan that the last run did not carry out, None if there is none.
 
-    A plan that cannot be read is set aside; a sentence says so.
+    A plan that cannot be read is set aside; a sentence says so. So it does of a void one that
+    cannot be deleted.
     """
     file = state / PLAN_FILE
     try:
@@ -83,13 +84,13 @@ def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
     now = versions.newest(plan.map)
     is_stored = plan.version is None or (now is not None and now.number == plan.version)
     if not is_stored:  # the power failed before the map was
-        forget_plan(state)
-        return None
+        return forget_plan(state)
     return plan
 
 
 def _put_aside(file: Path, why: Exception) -> str:
-    words = f"The pending switch to an edited map cannot be read ({why})"
+    reason = why.strerror if isinstance(why, OSError) else why
+    words = f"The pending switch to an edited map cannot be read ({reason})"
     try:
         aside = keep_unreadable(file, why)
     except OSError as error:
@@ -100,9 +101,13 @@ def _put_aside(file: Path, why: Exception) -> str:
     )
 
 
-def forget_plan(state: Path) -> None:
-    """Delete the plan: it is carried out."""
-    (state / PLAN_FILE).unlink(missing_ok=True)
+def forget_plan(state: Path) -> str | None:
+    """Delete the plan: it is carried out or void; returns why that failed, in a sentence."""
+    try:
+        (state / PLAN_FILE).unlink(missing_ok=True)
+    except OSError as error:
+        return f"{PLAN_FILE}, which is no longer needed, cannot be deleted: {error.strerror}."
+    return None
 
 
 class MapSwitch:
@@ -185,10 +190,14 @@ class MapSwitch:
             self._service.request(request, params, self._answered)
             return
         if not self._problems:
-            self._service.work(partial(forget_plan, self._service.state.path))
+            self._service.work(partial(forget_plan, self._service.state.path), self._forgotten)
         for problem in self._problems:
             self._service.log.error("A change of the map did not go through", why=problem)
         self._done(self._problems[0] if self._problems else "")
+
+    def _forgotten(self, problem: str | None) -> None:
+        if problem is not None:
+            self._service.log.error(problem)
 
     def _answered(self, result: object) -> None:
         self._num_tries += 1

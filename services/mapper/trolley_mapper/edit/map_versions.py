@@ -25,7 +25,7 @@ from trolley.gridmap import GridMap, MapError, load_map
 from trolley.gridmap.description import read_description, render_description
 from trolley.gridmap.io import render_map
 from trolley.messages import Zone
-from trolley.state_file import render
+from trolley.state_file import Unreadable, keep_unreadable, parse, render
 from trolley.zones import ZoneFile
 
 SCHEMA = 1
@@ -194,7 +194,7 @@ class MapVersions:
             if now is not None:
                 self._keep(grid.name, now, zones_before)
             elif seeds is not None:  # nobody reads them before the map is there
-                write_atomically(seed_file, _toml(seeds))
+                _store_seeds(seed_file, seeds)
             old_image = None if now is None else _own_image(file)
             write_atomically(file.with_name(files.image), files.image_bytes)
             write_atomically(file, (files.yaml + _extra(version)).encode())
@@ -203,7 +203,7 @@ class MapVersions:
             raise MapError(file, f"it cannot be written ({error.strerror})", _REMEDY) from error
         with suppress(OSError):  # what is left does no harm
             if now is not None and seeds is not None:
-                write_atomically(seed_file, _toml(seeds))
+                _store_seeds(seed_file, seeds)
             if old_image is not None and old_image.name != files.image:
                 old_image.unlink(missing_ok=True)
         self._tidy(grid.name, files.image)
@@ -294,6 +294,21 @@ def _schema(said: object) -> int | None:
     """Return the schema of an entry whose form is not known, None where it tells none."""
     schema = cast("dict[str, object]", said).get("schema") if isinstance(said, dict) else None
     return schema if type(schema) is int else None
+
+
+def _store_seeds(file: Path, zones: Sequence[Zone]) -> None:
+    """Write the zones beside a map; a file there that cannot be read is set aside.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    try:
+        parse(read_file(file), ZoneFile)
+    except FileNotFoundError:
+        pass
+    except (Unreadable, OSError) as error:
+        keep_unreadable(file, error)
+    write_atomically(file, _toml(zones))
 
 
 def _toml(zones: Sequence[Zone]) -> bytes:

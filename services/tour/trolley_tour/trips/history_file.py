@@ -77,10 +77,11 @@ def read_trips(
     Where they would not fit into `max_bytes` of JSON, the older ones are left out. Trips that began
     without a known time count only where no `since` is asked for.
     """
-    path = folder / FILE
-    if not path.exists():
-        return Outcome()
-    return _with_recovery(path, lambda path: _select(path, since, limit, max_bytes))
+
+    def act(path: Path) -> Outcome:
+        return _select(path, since, limit, max_bytes) if path.exists() else Outcome()
+
+    return _with_recovery(folder / FILE, act)
 
 
 def _with_recovery(path: Path, act: Callable[[Path], Outcome]) -> Outcome:
@@ -114,8 +115,8 @@ def _opened(path: Path) -> Generator[sqlite3.Connection]:
     """
     if not path.exists():
         _make(path)
-    elif path.stat().st_size == 0:
-        raise sqlite3.DatabaseError("the file is empty")
+    elif not path.is_file() or path.stat().st_size == 0:
+        raise sqlite3.DatabaseError("it is empty, or no file")
     with _connected(path) as connection:
         _check(connection)
         yield connection

@@ -1,6 +1,7 @@
 """Who is let in, and who has to go, by a clock of the test's own."""
 
 import random
+from pathlib import Path
 
 import pytest
 
@@ -117,6 +118,46 @@ def test_entries_are_rationed_and_a_proven_guest_gives_its_own_back() -> None:
     admission.prove(let_in[0], 0.0)
     assert len(let_all_in(admission, 0.0)) == 1
     assert len(let_all_in(admission, 1.0)) == 1
+
+
+def test_one_address_fills_no_more_than_its_share_of_handshakes() -> None:
+    usual = Limits()
+    admission = Admission()
+    for _ in range(usual.guests_per_address):
+        greeted(admission, HOSTILE, 0.0)
+    assert len(let_all_in(admission, 0.0)) == usual.unproven_per_address < usual.burst
+    lawful = greeted(admission, LAWFUL, 0.0)
+    assert admission.let_in(0.0) is lawful
+
+
+def test_handshakes_that_fail_are_rationed_in_all() -> None:
+    """From any number of addresses, and however soon each fails."""
+    usual, seconds = Limits(), 10
+    admission = Admission()
+    num_let_in = 0
+    for tick in range(100 * seconds + 1):
+        now_s = 0.01 * tick
+        greeted(admission, f"10.0.{tick // 250}.{tick % 250}", now_s)
+        greeted(admission, f"10.1.{tick // 250}.{tick % 250}", now_s)
+        for guest in let_all_in(admission, now_s):
+            num_let_in += 1
+            admission.leave(guest)
+    assert num_let_in == pytest.approx(usual.burst + usual.entries_per_s * seconds, abs=2)
+
+
+def test_the_page_tells_the_limits() -> None:
+    page = (Path(__file__).resolve().parents[4] / "docs" / "network.md").read_text("utf-8")
+    usual = Limits()
+    for row in (
+        f"{usual.guests_per_address}, {usual.guests:,}",
+        f"{usual.inside_per_address}, {usual.inside}",
+        f"{usual.unproven_per_address} from one address",
+        f"{usual.burst} at once, then {usual.entries_per_s:.0f} a second in all",
+        f"{usual.hello_s:.0f} s each",
+        f"{usual.idle_s:.0f} s",
+    ):
+        assert f"| {row} |" in page
+    assert usual.hello_s == usual.proof_s
 
 
 def test_one_that_hangs_inside_makes_room_after_a_while() -> None:
