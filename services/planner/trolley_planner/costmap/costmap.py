@@ -25,7 +25,7 @@ from trolley_planner.costmap.inflation import (
     measure_box,
     replace_mask,
     update_distances,
-    weigh_box,
+    weigh_boxes,
 )
 from trolley_planner.costmap.obstacle_layer import ObstacleLayer
 from trolley_planner.costmap.social_layer import SocialLayer
@@ -195,13 +195,12 @@ class Costmap:
         if len(flipped) <= COSTMAP.most_flipped:
             edge_m, reach_m = self.resolution_m, self._reach_m
             around = update_distances(self.distance_m, self._stands, flipped, edge_m, reach_m)
-            boxes += [(row, end, col, end_col) for row, end, col, end_col in around.tolist()]
         else:
-            boxes.append(self._measure(flipped))
-        for box in boxes:
-            self._weigh(box)
-        close_border(self.weights)
-        return len(boxes) > 0
+            around = np.array([self._measure(flipped)])
+        if boxes:
+            around = np.concatenate([np.array(boxes), around])
+        self._weigh(around)
+        return len(around) > 0
 
     def recompute(self) -> None:
         """Compute distances and weights with what the lidar has seen, whatever has changed."""
@@ -210,10 +209,9 @@ class Costmap:
         compose_into(self._stands, self._layers(), (0, 0), not self.unknown_is_free)
         self.distance_m = distance_transform(self._stands, self.resolution_m, self._reach_m)
         """Distance to the nearest obstacle, up to the inflation's reach [m]."""
-        self.weights = np.empty(self.shape, dtype=np.uint8)
-        """Weights by that distance, and where people walk."""
-        self._weigh((0, self.shape[0], 0, self.shape[1]))
-        close_border(self.weights)
+        self.weights = np.full(self.shape, LETHAL, dtype=np.uint8)
+        """Weights by that distance, and where people walk; the outermost cells are lethal."""
+        self._weigh(np.array([(0, self.shape[0], 0, self.shape[1])]))
 
     def _measure(self, flipped: NDArray[np.int64]) -> tuple[int, int, int, int]:
         """Compute the distances anew around all of many cells (n, 2); return the box of them."""
@@ -226,13 +224,14 @@ class Costmap:
         measure_box(self.distance_m, self._stands, np.array(box), reach, edge_m, reach_m)
         return box
 
-    def _weigh(self, box: tuple[int, int, int, int]) -> None:
-        """Bring the weights up to date in a box: first and end row, first and end column."""
-        weigh_box(self.weights, self.distance_m, self._table, TABLE_STEP_M, box)
+    def _weigh(self, boxes: NDArray[np.int64]) -> None:
+        """Bring the weights up to date in boxes (n, 4): first and end row, first and end column."""
+        weigh_boxes(self.weights, self.distance_m, self._table, TABLE_STEP_M, boxes)
         if self._social_layer.is_anyone_walking:
-            part = np.s_[box[0] : box[1], box[2] : box[3]]
-            weights, walked = self.weights[part], self._social_layer.weights[part]
-            np.maximum(weights, walked, out=weights, where=weights != LETHAL)
+            for row, end_row, col, end_col in boxes.tolist():
+                part = np.s_[row:end_row, col:end_col]
+                weights, walked = self.weights[part], self._social_layer.weights[part]
+                np.maximum(weights, walked, out=weights, where=weights != LETHAL)
 
     def squeeze_weights(
         self, weights: NDArray[np.uint8], distance_m: NDArray[np.float32]
