@@ -102,9 +102,7 @@ def group(
 
 
 @kernel
-def pieces_of(
-    points: Floats, begins: NDArray[np.bool_]
-) -> tuple[Floats, NDArray[np.int64]]:
+def pieces_of(points: Floats, begins: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
     """Return points (n, 2) so that no piece is cut, and where each piece ends (m,)."""
     count, last = points.shape[0], points.shape[0] - 1
     while last > 0 and not begins[last]:
