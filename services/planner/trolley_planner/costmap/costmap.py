@@ -61,9 +61,9 @@ class Costmap:
     """One grid of everything that is in the way.
 
     All arrays have the shape (rows, cols) and lie in frame `grid`; `frame_T_grid` places them in
-    the frame of the goals. Two sets of weights are kept: of the map and its zones alone, and
-    with what the lidar has seen, the latter brought up to date by `refresh` only where
-    something changed.
+    the frame of the goals, `grid_T_frame` is its inverse. Two sets of weights are kept: of the
+    map and its zones alone, and with what the lidar has seen, the latter brought up to date by
+    `refresh` only where something changed.
 
     Args:
         grid: the map; its origin is `frame_T_grid`.
@@ -77,6 +77,7 @@ class Costmap:
     ) -> None:
         self.resolution_m = grid.resolution
         self.frame_T_grid = grid.origin
+        self.grid_T_frame = grid.origin.inverse()
         self.footprint = footprint
         self.unknown_is_free = unknown_is_free
         self.shape = grid.rows, grid.cols
@@ -116,7 +117,7 @@ class Costmap:
         Args:
             lines: points of each in the frame of the goals [m].
         """
-        self._suspects = line_segments(lines, self.frame_T_grid.inverse())
+        self._suspects = line_segments(lines, self.grid_T_frame)
 
     def set_position(self, x: float, y: float) -> None:
         """Update where the robot is: a keep-out zone around it may be crossed until it has left.
@@ -130,7 +131,7 @@ class Costmap:
 
     def add_scan(self, sweep: Sweep, now_ns: int) -> None:
         """Clear and mark by one scan, whose poses are in the frame of the goals."""
-        grid_T_frame = self.frame_T_grid.inverse()
+        grid_T_frame = self.grid_T_frame
         in_grid = Sweep(
             sweep.ranges_m,
             sweep.shape,
@@ -264,7 +265,7 @@ class Costmap:
 
     def to_grid(self, pose: Pose2D) -> Pose2D:
         """Return a pose of the frame of the goals in frame `grid`."""
-        return self.frame_T_grid.inverse() @ pose
+        return self.grid_T_frame @ pose
 
     def contains(self, x_grid: float, y_grid: float) -> bool:
         """Say whether a point of `grid` [m] lies on the costmap and not on its outermost cells."""
