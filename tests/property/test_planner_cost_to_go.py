@@ -8,6 +8,7 @@ from bench.planner.best_paths import grid_cost, taut_length
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from trolley_planner.control.local_costmap import LOCAL, seeds_along
 from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.paths.corridor import TILE, Corridor, Terrain, open_path, reload, rewind
 from trolley_planner.paths.cost_to_go import CostToGo
@@ -246,3 +247,22 @@ def test_a_tile_is_as_passable_as_its_best_line(seed, rows, cols, share) -> None
     kept = tiles.weights.copy()
     retile_changes(tiles, changed)
     np.testing.assert_array_equal(tiles.weights, kept)
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_a_path_along_a_border_of_cells_counts_for_both_rows(seed: int, on_borders: bool) -> None:
+    rng = np.random.default_rng(seed)
+    size, edge_m, price = int(rng.integers(3, 40)), 0.05, 2720.0
+    corner = float(rng.uniform(-3.0, 3.0)), float(rng.uniform(-3.0, 3.0))
+    cells = rng.uniform(-3.0, size + 3.0, (int(rng.integers(0, 60)), 2))
+    points = (np.round(cells) if on_borders else cells) * edge_m + corner
+    remaining_m = rng.uniform(0.0, 9.0, len(points))
+    weights = np.ones((size, size), np.uint8)
+    found = seeds_along(points, remaining_m, price, weights, corner, edge_m)
+    plain: list[tuple[int, int]] = []
+    for (x, y), left_m in zip(((points - corner) / edge_m).tolist(), remaining_m, strict=True):
+        for beside in (-LOCAL.border_cells, LOCAL.border_cells):
+            col, row = math.floor(x + beside), math.floor(y + beside)
+            if 1 <= col <= size - 2 and 1 <= row <= size - 2:
+                plain.append((row * size + col, round(float(left_m) * price)))
+    assert [tuple(seed) for seed in found.tolist()] == plain

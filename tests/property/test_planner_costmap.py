@@ -22,6 +22,7 @@ from trolley_planner.costmap.obstacle_grid import (
     clear_inside_robot,
     lift_cells,
     lift_echoes,
+    seen_lately,
     trace_ray,
 )
 from trolley_planner.costmap.social_layer import spread_walk
@@ -230,3 +231,24 @@ def test_the_way_of_who_walks_is_dear(
             if weights[row, col] > 5:
                 assert box[0] <= row <= box[1]
                 assert box[2] <= col <= box[3]
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.floats(-50.0, 900.0))
+def test_floor_beside_what_stands_is_known_by_a_cell_beside_it(
+    seed: int, first_scan: int, first_ticks: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    shape = int(rng.integers(1, 12)), int(rng.integers(1, 12))
+    layer = full_layer(seed)._replace(
+        observed=rng.integers(0, 41, shape).astype(np.int32),
+        evidence=(rng.random(shape) < 0.1).astype(np.uint8),
+        stood_ticks=(rng.integers(0, 900, shape) * (rng.random(shape) < 0.1)).astype(np.int32),
+    )
+    walls = (rng.random(shape) < 0.1).astype(np.uint8)
+    rows, cols = (rng.integers(0, size, 20) for size in shape)
+    found = seen_lately(layer, walls, rows, cols, (first_scan, first_ticks))
+    fresh = (layer.observed >= first_scan) | (layer.stood_ticks > max(first_ticks, 0.0))
+    stands = (layer.evidence != 0) | (walls != 0)
+    for row, col, known in zip(rows, cols, found, strict=True):
+        near = np.s_[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]
+        assert known == (fresh[row, col] or (fresh[near].any() and stands[near].any()))

@@ -27,6 +27,7 @@ from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
+from trolley_planner.costmap.obstacle_grid import seen_lately
 from trolley_planner.costmap.social_layer import SocialLayer
 from trolley_planner.fleet.right_of_way import Passages
 from trolley_planner.fleet.stepping_aside import Surroundings
@@ -73,6 +74,9 @@ def warm_up() -> None:
     SocialLayer(context.costmap.shape, EDGE_M, 0.1).update(
         [walker], context.costmap.obstacle_layer.grid
     )
+    cell, since = np.zeros(1, dtype=np.int64), (1, 0.0)
+    layer, walls = context.costmap.obstacle_layer, context.costmap.static.walls
+    seen_lately(layer.grid, walls, cell, cell, since)
     were_passed(np.zeros((1, 2)), np.zeros(2), np.array([0.0, 1.0]), np.ones(2))
     context.planner.optimistic_weights()
     Passages(context.costmap.static.distance_m, EDGE_M, 0.4)
@@ -143,6 +147,7 @@ def _watch() -> None:
         corner = np.full(len(angles), 0.2)
         beams = [corner, corner, np.cos(angles), np.sin(angles), ranges, ranges]
         tracker.update(step * 100_000_000, np.column_stack(beams), no_walls, EDGE_M)
+    tracker.tracks()
 
 
 def _navigator() -> Navigator:

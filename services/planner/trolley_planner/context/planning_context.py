@@ -389,13 +389,12 @@ def _square_around(
 
     One that would be too large is around the first pose only.
     """
-    points = np.array([(pose.x, pose.y) for pose in poses])
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = max(config.odom_size_m, float((high - low).max()) + 2.0 * edge_m + 1.0)
+    xs, ys = [pose.x for pose in poses], [pose.y for pose in poses]
+    extent = max(max(xs) - min(xs), max(ys) - min(ys))
+    size = max(config.odom_size_m, extent + 2.0 * edge_m + 1.0)
     if size > max(MANAGER.largest_m, config.odom_size_m):
         return poses[0], config.odom_size_m
-    x, y = (0.5 * (low + high)).tolist()
-    return Pose2D(x, y, 0.0), size
+    return Pose2D(0.5 * (min(xs) + max(xs)), 0.5 * (min(ys) + max(ys)), 0.0), size
 
 
 def _is_within(context: PlanningContext, pose: Pose2D, edge_m: float) -> bool:

@@ -1,7 +1,6 @@
 """The local costmap: exact distances around the robot, and the cost-to-go along the path."""
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +25,7 @@ from trolley_planner.paths.search import STEP, UNREACHED, Queue, cost_to_go_into
 from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
 
 
-@dataclass(frozen=True, slots=True)
-class LocalCostmapParams:
+class LocalCostmapParams(NamedTuple):
     """Cells and costs of the local costmap; all by hand."""
 
     fine_m: float = 0.03
@@ -179,18 +177,11 @@ class LocalCostmap:
                 those outside the local costmap are left out.
             remaining_m: (n,) cost of the path from each point on [m of free floor].
         """
-        # A path along the border of two rows of cells counts for both.
-        points, remaining_m = np.repeat(points, 2, axis=0), np.repeat(remaining_m, 2)
-        beside = np.resize((-LOCAL.border_cells, LOCAL.border_cells), len(points))[:, None]
-        on_window = (points - (self.fine_grid.x, self.fine_grid.y)) / self.coarse_m + beside
-        cells = np.floor(on_window).astype(np.int32)
-        weights, size = self._coarse.weights, len(self._coarse.weights)
-        inside = ((cells > 0) & (cells < size - 1)).all(axis=1)
-        cells = cells[inside]
+        corner = self.fine_grid.x, self.fine_grid.y
         price = self._price_of_path * self.cost_of_metre
-        prices = np.rint(remaining_m[inside] * price).astype(np.int32)
-        blocked = np.flatnonzero(weights[cells[:, 1], cells[:, 0]] == LETHAL)
-        flat = np.stack([cells[:, 1] * size + cells[:, 0], prices], axis=1)
+        weights, coarse_m = self._coarse.weights, self.coarse_m
+        flat = seeds_along(points, remaining_m, price, weights, corner, coarse_m)
+        blocked = np.flatnonzero(weights.reshape(-1)[flat[:, 0]] == LETHAL)
         if blocked.size == 0:
             return self._spread(flat)
         if self._spread(flat[blocked[-1] + 1 :]):
@@ -256,6 +247,41 @@ def _make_coarse_cells(size: int) -> CoarseCells:
         cost_m=np.zeros((size, size), dtype=np.float32),
         queue=make_queue(size**2),
     )
+
+
+@kernel
+def seeds_along(
+    points: NDArray[np.float64],
+    remaining_m: NDArray[np.float64],
+    price: float,
+    weights: NDArray[np.uint8],
+    corner: tuple[float, float],
+    coarse_m: float,
+) -> NDArray[np.int32]:
+    """Return flat coarse cells along a path and their costs, (n, 2), without the outermost cells.
+
+    A path along the border of two rows of cells counts for both.
+
+    Args:
+        points: (n, 2) in `grid` [m].
+        remaining_m: (n,) cost of the path from each point on [m of free floor].
+        price: of one metre.
+        weights: (rows, cols) of the cells, as many of both.
+        corner: of the cells, in `grid` [m].
+        coarse_m: edge of a cell [m].
+    """
+    size, count = weights.shape[0], 0
+    seeds = np.empty((2 * points.shape[0], 2), np.int32)
+    for index in range(points.shape[0]):
+        x = (points[index, 0] - corner[0]) / coarse_m
+        y = (points[index, 1] - corner[1]) / coarse_m
+        for beside in (-LOCAL.border_cells, LOCAL.border_cells):
+            col, row = math.floor(x + beside), math.floor(y + beside)
+            if 0 < col < size - 1 and 0 < row < size - 1:
+                seeds[count, 0] = row * size + col
+                seeds[count, 1] = np.rint(remaining_m[index] * price)
+                count += 1
+    return seeds[:count]
 
 
 @kernel

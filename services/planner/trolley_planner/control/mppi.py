@@ -126,7 +126,8 @@ class Mppi:
         scene = Scene(local_costmap.field, local_costmap.body, limits, target)
         start = state_of(motion)
         self._controls = _shifted(self._controls, elapsed_s / DT_S)
-        cost = optimize(self._controls, self._samples, self._next_noise(limits), start, scene)
+        noise, deviations = self._next_noise(), _deviations(limits)
+        cost = optimize(self._controls, self._samples, noise, deviations, start, scene)
         self.trajectory = np.empty((self._steps + 1, 3), dtype=np.float32)
         trace_into(self.trajectory, self._controls, start, DT_S)
         if cost >= ROLLOUT.collision_cost:
@@ -134,12 +135,16 @@ class Mppi:
             return None
         return first_step(motion, self._controls, elapsed_s)
 
-    def _next_noise(self, limits: Limits) -> NDArray[np.float64]:
-        """Return the noise (samples, steps, 2) of this cycle."""
-        scale = np.array([MPPI.speed_noise * limits.max_speed, MPPI.turn_noise * limits.max_turn])
+    def _next_noise(self) -> NDArray[np.float64]:
+        """Return the noise (samples, steps, 2) of this cycle, of unit deviation."""
         first = self._cycle * 61 % MPPI.noise_sequences
         self._cycle += 1
-        return self._noise[first : first + self._num_samples] * scale
+        return self._noise[first : first + self._num_samples]
+
+
+def _deviations(limits: Limits) -> tuple[float, float]:
+    """Return the deviations of the sampled speeds [m/s] and turn rates [rad/s]."""
+    return MPPI.speed_noise * limits.max_speed, MPPI.turn_noise * limits.max_turn
 
 
 def _smooth_noise(rng: np.random.Generator, count: int, steps: int) -> NDArray[np.float64]:
@@ -166,6 +171,7 @@ def optimize(
     controls: NDArray[np.float64],
     samples: NDArray[np.float64],
     noise: NDArray[np.float64],
+    deviations: tuple[float, float],
     start: NDArray[np.float64],
     scene: Scene,
 ) -> float:
@@ -174,13 +180,14 @@ def optimize(
     Args:
         controls: (steps, 2) the last solution, shifted by the time that passed; replaced.
         samples: (samples, steps, 2), overwritten.
-        noise: (samples, steps, 2).
+        noise: (samples, steps, 2) of unit deviation.
+        deviations: of the sampled speeds [m/s] and turn rates [rad/s].
         start: (5,) state.
         scene: what rollouts need.
     """
     descent = np.empty_like(controls)
     descent_cost = best_plain_into(descent, start, scene)
-    generate_samples(samples, controls, descent, noise)
+    generate_samples(samples, controls, descent, noise, deviations)
     costs = np.empty(samples.shape[0])
     rollouts_into(costs, samples, start, scene)
     return update_control_sequence(controls, samples, costs, descent, descent_cost, start, scene)
@@ -192,14 +199,15 @@ def generate_samples(
     last: NDArray[np.float64],
     descent: NDArray[np.float64],
     noise: NDArray[np.float64],
+    deviations: tuple[float, float],
 ) -> None:
     """Write one half of the samples around the last solution, the other around the descent."""
     half = noise.shape[0] // 2
     for index in range(noise.shape[0]):
         centre = last if index < half else descent
         for step in range(noise.shape[1]):
-            out_samples[index, step, 0] = centre[step, 0] + noise[index, step, 0]
-            out_samples[index, step, 1] = centre[step, 1] + noise[index, step, 1]
+            out_samples[index, step, 0] = centre[step, 0] + deviations[0] * noise[index, step, 0]
+            out_samples[index, step, 1] = centre[step, 1] + deviations[1] * noise[index, step, 1]
 
 
 @kernel

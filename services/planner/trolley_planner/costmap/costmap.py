@@ -25,7 +25,7 @@ from trolley_planner.costmap.inflation import (
     measure_box,
     replace_mask,
     update_distances,
-    weigh_box,
+    weigh_boxes,
 )
 from trolley_planner.costmap.obstacle_layer import ObstacleLayer
 from trolley_planner.costmap.social_layer import SocialLayer
@@ -61,9 +61,9 @@ class Costmap:
     """One grid of everything that is in the way.
 
     All arrays have the shape (rows, cols) and lie in frame `grid`; `frame_T_grid` places them in
-    the frame of the goals. Two sets of weights are kept: of the map and its zones alone, and
-    with what the lidar has seen, the latter brought up to date by `refresh` only where
-    something changed.
+    the frame of the goals, `grid_T_frame` is its inverse. Two sets of weights are kept: of the
+    map and its zones alone, and with what the lidar has seen, the latter brought up to date by
+    `refresh` only where something changed.
 
     Args:
         grid: the map; its origin is `frame_T_grid`.
@@ -77,6 +77,7 @@ class Costmap:
     ) -> None:
         self.resolution_m = grid.resolution
         self.frame_T_grid = grid.origin
+        self.grid_T_frame = grid.origin.inverse()
         self.footprint = footprint
         self.unknown_is_free = unknown_is_free
         self.shape = grid.rows, grid.cols
@@ -116,7 +117,7 @@ class Costmap:
         Args:
             lines: points of each in the frame of the goals [m].
         """
-        self._suspects = line_segments(lines, self.frame_T_grid.inverse())
+        self._suspects = line_segments(lines, self.grid_T_frame)
 
     def set_position(self, x: float, y: float) -> None:
         """Update where the robot is: a keep-out zone around it may be crossed until it has left.
@@ -130,7 +131,7 @@ class Costmap:
 
     def add_scan(self, sweep: Sweep, now_ns: int) -> None:
         """Clear and mark by one scan, whose poses are in the frame of the goals."""
-        grid_T_frame = self.frame_T_grid.inverse()
+        grid_T_frame = self.grid_T_frame
         in_grid = Sweep(
             sweep.ranges_m,
             sweep.shape,
@@ -195,13 +196,12 @@ class Costmap:
         if len(flipped) <= COSTMAP.most_flipped:
             edge_m, reach_m = self.resolution_m, self._reach_m
             around = update_distances(self.distance_m, self._stands, flipped, edge_m, reach_m)
-            boxes += [(row, end, col, end_col) for row, end, col, end_col in around.tolist()]
         else:
-            boxes.append(self._measure(flipped))
-        for box in boxes:
-            self._weigh(box)
-        close_border(self.weights)
-        return len(boxes) > 0
+            around = np.array([self._measure(flipped)])
+        if boxes:
+            around = np.concatenate([np.array(boxes), around])
+        self._weigh(around)
+        return len(around) > 0
 
     def recompute(self) -> None:
         """Compute distances and weights with what the lidar has seen, whatever has changed."""
@@ -210,10 +210,9 @@ class Costmap:
         compose_into(self._stands, self._layers(), (0, 0), not self.unknown_is_free)
         self.distance_m = distance_transform(self._stands, self.resolution_m, self._reach_m)
         """Distance to the nearest obstacle, up to the inflation's reach [m]."""
-        self.weights = np.empty(self.shape, dtype=np.uint8)
-        """Weights by that distance, and where people walk."""
-        self._weigh((0, self.shape[0], 0, self.shape[1]))
-        close_border(self.weights)
+        self.weights = np.full(self.shape, LETHAL, dtype=np.uint8)
+        """Weights by that distance, and where people walk; the outermost cells are lethal."""
+        self._weigh(np.array([(0, self.shape[0], 0, self.shape[1])]))
 
     def _measure(self, flipped: NDArray[np.int64]) -> tuple[int, int, int, int]:
         """Compute the distances anew around all of many cells (n, 2); return the box of them."""
@@ -226,13 +225,14 @@ class Costmap:
         measure_box(self.distance_m, self._stands, np.array(box), reach, edge_m, reach_m)
         return box
 
-    def _weigh(self, box: tuple[int, int, int, int]) -> None:
-        """Bring the weights up to date in a box: first and end row, first and end column."""
-        weigh_box(self.weights, self.distance_m, self._table, TABLE_STEP_M, box)
+    def _weigh(self, boxes: NDArray[np.int64]) -> None:
+        """Bring the weights up to date in boxes (n, 4): first and end row, first and end column."""
+        weigh_boxes(self.weights, self.distance_m, self._table, TABLE_STEP_M, boxes)
         if self._social_layer.is_anyone_walking:
-            part = np.s_[box[0] : box[1], box[2] : box[3]]
-            weights, walked = self.weights[part], self._social_layer.weights[part]
-            np.maximum(weights, walked, out=weights, where=weights != LETHAL)
+            for row, end_row, col, end_col in boxes.tolist():
+                part = np.s_[row:end_row, col:end_col]
+                weights, walked = self.weights[part], self._social_layer.weights[part]
+                np.maximum(weights, walked, out=weights, where=weights != LETHAL)
 
     def squeeze_weights(
         self, weights: NDArray[np.uint8], distance_m: NDArray[np.float32]
@@ -265,7 +265,7 @@ class Costmap:
 
     def to_grid(self, pose: Pose2D) -> Pose2D:
         """Return a pose of the frame of the goals in frame `grid`."""
-        return self.frame_T_grid.inverse() @ pose
+        return self.grid_T_frame @ pose
 
     def contains(self, x_grid: float, y_grid: float) -> bool:
         """Say whether a point of `grid` [m] lies on the costmap and not on its outermost cells."""

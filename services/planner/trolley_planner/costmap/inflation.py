@@ -255,17 +255,24 @@ def weigh_into(
 
 
 @kernel
-def weigh_box(
+def weigh_boxes(
     weights: NDArray[np.uint8],
     distance_m: NDArray[np.float32],
     table: NDArray[np.uint8],
     step_m: float,
-    box: tuple[int, int, int, int],
+    boxes: NDArray[np.int64],
 ) -> None:
-    """Write the weights in a box: first and end row, first and end column; see `weigh_into`."""
-    row, end_row, col, end_col = box
-    rows, cols = slice(row, end_row), slice(col, end_col)
-    weigh_into(weights[rows, cols], distance_m[rows, cols], table, step_m)
+    """Write the weights in boxes (n, 4): first and end row, first and end column.
+
+    See `weigh_into`; the outermost cells of the grid are lethal.
+    """
+    rows, cols = weights.shape
+    for index in range(boxes.shape[0]):
+        row, end_row = max(boxes[index, 0], 1), min(boxes[index, 1], rows - 1)
+        col, end_col = max(boxes[index, 2], 1), min(boxes[index, 3], cols - 1)
+        if row < end_row and col < end_col:
+            box = slice(row, end_row), slice(col, end_col)
+            weigh_into(weights[box], distance_m[box], table, step_m)
 
 
 @kernel

@@ -316,6 +316,45 @@ def clear_inside_robot(
 
 
 @kernel
+def seen_lately(
+    grid: ObstacleGrid,
+    walls: NDArray[np.uint8],
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    since: tuple[int, float],
+) -> NDArray[np.bool_]:
+    """Say of cells (n,) whether beams passed lately, or beside what stands, in a cell beside them.
+
+    Args:
+        grid: what was seen.
+        walls: (rows, cols), set where rays end for certain.
+        rows: of the cells.
+        cols: of the cells.
+        since: number of the scan since which beams must have passed, and robot time after which the
+            robot must have stood there else, in `OBSTACLES.tick_s`.
+    """
+    observed, stood_ticks, evidence = grid.observed, grid.stood_ticks, grid.evidence
+    first_scan, first_ticks = since[0], max(since[1], 0.0)
+    last_row, last_col = walls.shape[0] - 1, walls.shape[1] - 1
+    seen = np.empty(rows.shape[0], np.bool_)
+    for index in range(rows.shape[0]):
+        row, col = rows[index], cols[index]
+        is_seen = observed[row, col] >= first_scan or stood_ticks[row, col] > first_ticks
+        if not is_seen:
+            stands, is_beside = False, False
+            for near_row in range(max(row - 1, 0), min(row + 1, last_row) + 1):
+                for near_col in range(max(col - 1, 0), min(col + 1, last_col) + 1):
+                    stands |= evidence[near_row, near_col] != 0 or walls[near_row, near_col] != 0
+                    is_beside |= (
+                        observed[near_row, near_col] >= first_scan
+                        or stood_ticks[near_row, near_col] > first_ticks
+                    )
+            is_seen = stands and is_beside
+        seen[index] = is_seen
+    return seen
+
+
+@kernel
 def off_trail(walker: NDArray[np.float64], x: float, y: float, trail_s: float) -> float:
     """Return how far a point is from where a person was within the last `trail_s` [m].
 

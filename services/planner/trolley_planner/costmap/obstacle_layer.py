@@ -15,6 +15,7 @@ from trolley_planner.costmap.obstacle_grid import (
     lift_cells,
     lift_echoes,
     mark_echoes,
+    seen_lately,
     trace_beams,
 )
 from trolley_planner.sensing.beams import (
@@ -165,21 +166,12 @@ class ObstacleLayer:
             within_s: what counts as lately, at most `OBSTACLES.kept_s`,
             stood_s: and where the robot stood.
         """
-        observed, stood_ticks = self.grid.observed, self.grid.stood_ticks
         if self.looks_all_round:
-            return observed[rows, cols] != 0
-        last_row, last_col = observed.shape[0] - 1, observed.shape[1] - 1
-        around = np.array([-1, 0, 1])
-        near_rows = np.clip(rows[:, None, None] + around[:, None], 0, last_row)
-        near_cols = np.clip(cols[:, None, None] + around, 0, last_col)
+            return self.grid.observed[rows, cols] != 0
         since_ns = self._scans_ns[-1] - within_s * 1e9 if self._scans_ns else 0.0
         num_recent = sum(time_ns >= since_ns for time_ns in self._scans_ns)
-        oldest = self._scan_number - num_recent + 1
-        stood_since = max(self._now_ticks - stood_s / OBSTACLES.tick_s, 0.0)
-        near = near_rows, near_cols
-        known = (observed[near] >= oldest) | (stood_ticks[near] > stood_since)
-        stands = (self.grid.evidence[near] != 0) | (self._walls[near] != 0)
-        return known[:, 1, 1] | (stands.any(axis=(1, 2)) & known.any(axis=(1, 2)))
+        since = self._scan_number - num_recent + 1, self._now_ticks - stood_s / OBSTACLES.tick_s
+        return seen_lately(self.grid, self._walls, rows, cols, since)
 
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long."""

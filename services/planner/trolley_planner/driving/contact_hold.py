@@ -64,9 +64,11 @@ class ContactHold:
         came = [one.points for one in people if self._is_within(CONTACT.came_m, one.points, pose)]
         if came:
             self._came_ns, self._came = now_ns, np.concatenate(came)
-        seen = beams[beams[:, ECHO] > 0.0]
-        points = seen[:, [X, Y]] + seen[:, ECHO, None] * seen[:, [DX, DY]]
-        self._is_touched = self._is_within(CONTACT.touch_m, self._of_who_came(points), pose)
+        self._is_touched = False
+        if len(self._came) > 0:
+            seen = beams[beams[:, ECHO] > 0.0]
+            points = seen[:, [X, Y]] + seen[:, ECHO, None] * seen[:, [DX, DY]]
+            self._is_touched = self._is_within(CONTACT.touch_m, self._of_who_came(points), pose)
         if not self._is_touched:
             self._since_ns = None
         elif self._since_ns is None and self._has_come(now_ns):
@@ -79,8 +81,6 @@ class ContactHold:
 
     def _of_who_came(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return those of some points (n, 2) in `grid` where somebody came to the robot."""
-        if len(self._came) == 0:
-            return self._came
         first, last = self._came.min(axis=0), self._came.max(axis=0)
         near = points >= first - CONTACT.same_m
         return points[(near & (points <= last + CONTACT.same_m)).all(axis=1)]

@@ -106,7 +106,7 @@ class GivingWay:
             others: in the frame of the goals.
             now_ns: robot time.
         """
-        grid_T_frame = context.costmap.frame_T_grid.inverse()
+        grid_T_frame = context.costmap.grid_T_frame
         self.others = [moved_into(other, grid_T_frame) for other in others]
         context.costmap.moving.set_robots(
             [one.track for one in self.others if len(one.track)], now_ns

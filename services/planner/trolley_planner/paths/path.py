@@ -67,8 +67,8 @@ class PlannedPath:
     def ahead(self, first: int, length_m: float) -> int:
         """Return the index of the last point at most `length_m` on from index `first`."""
         wanted = self.remaining_m[first] - length_m
-        beyond = int(np.searchsorted(-self.remaining_m, -float(wanted), side="right"))
-        return max(first, beyond - 1)
+        nearer = int(np.searchsorted(self.remaining_m[::-1], float(wanted)))  # from the end
+        return max(first, len(self.remaining_m) - nearer - 1)
 
     def headings(self, goal_yaw: float) -> NDArray[np.float64]:
         """Return the direction of travel at each point [rad], at the end that of the goal."""

@@ -1,6 +1,7 @@
 """Where the beams of a scan passed, and the echoes that are not of the map."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +47,42 @@ class View(NamedTuple):
 def was_free(view: View, points: Floats) -> NDArray[np.bool_]:
     """Say of points (n, 2) whether beams of an earlier scan passed there."""
     return were_passed(np.ascontiguousarray(points), view.origin, view.angles, view.clear_m)
+
+
+class Views(NamedTuple):
+    """What is kept of some scans, one after the other."""
+
+    origins: Floats
+    """(n, 2) middle place of the lidar in each [m]."""
+    ends: NDArray[np.int64]
+    """(n,) where the beams of each end."""
+    angles: Floats
+    """(k,) of all beams, rising in each [rad]."""
+    clear_m: Floats
+    """(k,) how far all beams about each saw that it was free."""
+
+
+def views_of(views: Sequence[View]) -> Views:
+    """Return scans as arrays; at least one."""
+    return Views(
+        np.array([view.origin for view in views]),
+        np.array([len(view.angles) for view in views]).cumsum(),
+        np.concatenate([view.angles for view in views]),
+        np.concatenate([view.clear_m for view in views]),
+    )
+
+
+@kernel
+def was_free_in_any(views: Views, points: Floats, least: float) -> bool:
+    """Say whether beams of any one of some scans passed so many of some points (n, 2)."""
+    first = 0
+    for index in range(views.ends.shape[0]):
+        beams = slice(first, views.ends[index])
+        first = views.ends[index]
+        angles, clear_m = views.angles[beams], views.clear_m[beams]
+        if np.sum(were_passed(points, views.origins[index], angles, clear_m)) >= least:
+            return True
+    return False
 
 
 @kernel

@@ -51,16 +51,23 @@ def longer_track(track: Floats, elapsed_s: float, place: Floats, points: Floats)
     return longer
 
 
-def motion_along(track: Floats) -> tuple[Floats, float] | None:
-    """Return the velocity along a track and its standard deviation, None if it is too short.
+@kernel
+def track_on(
+    track: Floats, elapsed_s: float, place: Floats, points: Floats
+) -> tuple[Floats, float, float, float]:
+    """Return a track with where it is now, see `longer_track`, and the motion along it.
 
     A straight line is fitted, over a longer time where the track was straight for that long; what
     the track strays from it says how sure its slope is.
+
+    Returns:
+        (m, 5), velocity and its standard deviation [m/s], infinite if the track is too short.
     """
-    if track[0, 0] > -TRACKS.least_s:
-        return None
-    vx, vy, std = fit_motion(track)
-    return None if math.isinf(std) else (np.array([vx, vy]), std)
+    longer = longer_track(track, elapsed_s, place, points)
+    if longer[0, 0] > -TRACKS.least_s:
+        return longer, 0.0, 0.0, math.inf
+    vx, vy, std = fit_motion(longer)
+    return longer, vx, vy, std
 
 
 @kernel

@@ -57,20 +57,72 @@ def segments_of(points: Floats, origin: Floats, step_rad: float) -> list[Segment
     """
     if len(points) < 2:
         return []
-    begins = begins_of(points, origin, step_rad)
-    ends = np.flatnonzero(begins[1:]) + 1
-    pieces = [points[begin:end] for begin, end in pairwise([0, *ends.tolist(), len(points)])]
+    ordered, ends, places = group(points, origin, step_rad)
+    firsts = [0, *ends.tolist()]
+    return [
+        Segment(ordered[first:end], place)
+        for (first, end), place in zip(pairwise(firsts), places, strict=True)
+    ]
+
+
+@kernel
+def group(
+    points: Floats, origin: Floats, step_rad: float
+) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Return the points of all segments one after the other, where each ends, and its middle.
+
+    Args:
+        points: (n, 2) in the order of the beams.
+        origin: (2,) of the beams.
+        step_rad: angle between two beams.
+
+    Returns:
+        (k, 2), (m,) and (m, 2).
+    """
+    ring, ends = pieces_of(points, begins_of(points, origin, step_rad))
+    parts = with_both_legs(ring, ends, without_edges(ring, ends))
+    ordered, places = np.empty_like(ring), np.empty((parts.shape[0], 2))
+    segment_ends, count, at = np.empty(parts.shape[0], np.int64), 0, 0
+    for index in range(parts.shape[0]):
+        one = piece(ring, ends, parts[index, 0])
+        other = piece(ring, ends, parts[index, 1]) if parts[index, 1] >= 0 else one
+        if size_of_both(one, other) > SEGMENTS.largest_m:
+            continue
+        ordered[at : at + one.shape[0]] = one
+        at += one.shape[0]
+        x, y = middle_behind(one, origin)
+        if parts[index, 1] >= 0:
+            ordered[at : at + other.shape[0]] = other
+            at += other.shape[0]
+            other_x, other_y = middle_behind(other, origin)
+            x, y = (x + other_x) / 2.0, (y + other_y) / 2.0
+        segment_ends[count], places[count, 0], places[count, 1] = at, x, y
+        count += 1
+    return ordered[:at].copy(), segment_ends[:count].copy(), places[:count].copy()
+
+
+@kernel
+def pieces_of(points: Floats, begins: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
+    """Return points (n, 2) so that no piece is cut, and where each piece ends (m,)."""
+    count, last = points.shape[0], points.shape[0] - 1
+    while last > 0 and not begins[last]:
+        last -= 1
     # The scan begins and ends in the middle of something.
-    if len(pieces) > 1 and not begins[0]:
-        pieces[0] = np.concatenate([pieces.pop(), pieces[0]])
-    found: list[Segment] = []
-    for parts in _with_both_legs(_without_edges(pieces)):
-        together = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        if size_of(together) <= SEGMENTS.largest_m:
-            middles = [_middle(part, origin) for part in parts]
-            place = middles[0] if len(middles) == 1 else np.mean(middles, axis=0)
-            found.append(Segment(together, place))
-    return found
+    shift = count - last if last > 0 and not begins[0] else 0
+    ring, ends, num = np.empty_like(points), np.empty(count, np.int64), 0
+    ring[:shift], ring[shift:] = points[count - shift :], points[: count - shift]
+    for index in range(1, count - shift):
+        if begins[index]:
+            ends[num] = shift + index
+            num += 1
+    ends[num] = count
+    return ring, ends[: num + 1]
+
+
+@kernel
+def piece(ring: Floats, ends: NDArray[np.int64], index: int) -> Floats:
+    """Return the points of a piece."""
+    return ring[ends[index - 1] if index > 0 else 0 : ends[index]]
 
 
 @kernel
@@ -86,23 +138,23 @@ def begins_of(points: Floats, origin: Floats, step_rad: float) -> NDArray[np.boo
     return begins
 
 
-def _without_edges(pieces: list[Floats]) -> list[Floats]:
-    """Return pieces without single echoes from the edge of the piece before or behind."""
-    kept: list[Floats] = []
-    for index, piece in enumerate(pieces):
-        beside = pieces[max(index - 1, 0)], pieces[(index + 1) % len(pieces)]
-        is_edge = len(piece) == 1 and any(
-            len(other) >= SEGMENTS.body_points and gap_between(piece, other) <= SEGMENTS.edge_m
-            for other in beside
-        )
+@kernel
+def without_edges(ring: Floats, ends: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the pieces that are not a single echo from the edge of the piece before or behind."""
+    num, count = ends.shape[0], 0
+    kept = np.empty(num, np.int64)
+    for index in range(num):
+        here = piece(ring, ends, index)
+        is_edge = False
+        if here.shape[0] == 1:
+            for beside in (max(index - 1, 0), (index + 1) % num):
+                other = piece(ring, ends, beside)
+                is_body = other.shape[0] >= SEGMENTS.body_points
+                is_edge |= is_body and gap_between(here, other) <= SEGMENTS.edge_m
         if not is_edge:
-            kept.append(piece)
-    return kept
-
-
-def _middle(part: Floats, origin: Floats) -> Floats:
-    """Return the middle (2,) of what is seen from one side: it lies behind the points (k, 2)."""
-    return np.array(middle_behind(part, origin))
+            kept[count] = index
+            count += 1
+    return kept[:count]
 
 
 @kernel
@@ -116,7 +168,7 @@ def centre_of(points: Floats) -> tuple[float, float]:
 
 @kernel
 def middle_behind(part: Floats, origin: Floats) -> tuple[float, float]:
-    """Return the same as two numbers."""
+    """Return the middle of what is seen from one side: it lies behind the points (k, 2)."""
     x, y = centre_of(part)
     away_x, away_y = x - origin[0], y - origin[1]
     length = max(math.hypot(away_x, away_y), 1e-6)
@@ -129,29 +181,37 @@ def middle_behind(part: Floats, origin: Floats) -> tuple[float, float]:
     return x + behind * away_x, y + behind * away_y
 
 
-def _with_both_legs(pieces: list[Floats]) -> list[list[Floats]]:
-    """Return the parts of each segment: pieces that may be the two legs of one person together."""
-    joined: list[list[Floats]] = []
-    legs: list[int] = []
-    for piece in pieces:
-        if size_of(piece) > SEGMENTS.leg_m:
-            joined.append([piece])
-            continue
-        # Between two legs something farther away may be seen.
-        for index in reversed(legs):
-            other = joined[index][0]
-            # Most are far from each other: two of their points show that at little cost.
-            if math.dist(other[0], piece[0]) > SEGMENTS.pair_m:
+@kernel
+def with_both_legs(
+    ring: Floats, ends: NDArray[np.int64], pieces: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the parts (m, 2) of each segment: a piece, and -1 or the other leg of its person."""
+    parts, count = np.full((pieces.shape[0], 2), -1, np.int64), 0
+    is_leg = np.zeros(pieces.shape[0], np.bool_)  # one that stands alone so far
+    for index in pieces:
+        here = piece(ring, ends, index)
+        if size_of(here) <= SEGMENTS.leg_m:
+            # Between two legs something farther away may be seen.
+            before = count - 1
+            while before >= 0 and not (
+                is_leg[before] and are_a_pair(piece(ring, ends, parts[before, 0]), here)
+            ):
+                before -= 1
+            if before >= 0:
+                parts[before, 1], is_leg[before] = index, False
                 continue
-            both = np.concatenate([other, piece])
-            if size_of(both) <= SEGMENTS.pair_m and gap_between(other, piece) <= SEGMENTS.stride_m:
-                joined[index].append(piece)
-                legs.remove(index)
-                break
-        else:
-            legs.append(len(joined))
-            joined.append([piece])
-    return joined
+            is_leg[count] = True
+        parts[count, 0] = index
+        count += 1
+    return parts[:count]
+
+
+@kernel
+def are_a_pair(one: Floats, other: Floats) -> bool:
+    """Say whether two legs (n, 2) and (m, 2) may be those of one person."""
+    if size_of_both(one, other) > SEGMENTS.pair_m:
+        return False
+    return gap_between(one, other) <= SEGMENTS.stride_m
 
 
 @kernel
@@ -168,5 +228,16 @@ def gap_between(one: Floats, other: Floats) -> float:
 @kernel
 def size_of(points: Floats) -> float:
     """Return the diagonal of the box around points (n, 2)."""
-    width = points[:, 0].max() - points[:, 0].min()
-    return math.hypot(width, points[:, 1].max() - points[:, 1].min())
+    return size_of_both(points, points)
+
+
+@kernel
+def size_of_both(one: Floats, other: Floats) -> float:
+    """Return the diagonal of the box around points (n, 2) and others (m, 2)."""
+    left = right = one[0, 0]
+    low = high = one[0, 1]
+    for points in (one, other):
+        for index in range(points.shape[0]):
+            left, right = min(left, points[index, 0]), max(right, points[index, 0])
+            low, high = min(low, points[index, 1]), max(high, points[index, 1])
+    return math.hypot(right - left, high - low)

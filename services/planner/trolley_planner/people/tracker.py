@@ -14,8 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_planner.people.free_space import View, take_apart, was_free
-from trolley_planner.people.motion import TRACKS, longer_track, motion_along
+from trolley_planner.people.free_space import (
+    View,
+    Views,
+    take_apart,
+    views_of,
+    was_free,
+    was_free_in_any,
+)
+from trolley_planner.people.motion import TRACKS, track_on
 from trolley_planner.people.segments import Segment, segments_of, size_of
 from trolley_planner.sensing.beams import X, Y
 
@@ -160,13 +167,14 @@ class PeopleTracker:
             for one in self._views
             if TRACKS.least_s <= one.age_s(stamp_ns) <= TRACKING.most_ago_s
         ]
+        before_now = views_of(earlier) if earlier else None
         self._views.append(view)
         spread = max(float(angles[-1] - angles[0]), 1e-3)
         segments = segments_of(loose, view.origin, spread / (len(angles) - 1))
         before = _origins(segments, self._trails, stamp_ns)
         hidden = self._now_hidden(segments, set(before), view)
         self._trails = [
-            self._trail(segment, None if origin < 0 else self._trails[origin], view, earlier)
+            self._trail(segment, None if origin < 0 else self._trails[origin], view, before_now)
             for segment, origin in zip(segments, before, strict=True)
         ] + hidden
         return self._people(stamp_ns)
@@ -192,7 +200,7 @@ class PeopleTracker:
         ]
 
     def _trail(
-        self, segment: Segment, before: Trail | None, view: View, earlier: list[View]
+        self, segment: Segment, before: Trail | None, view: View, earlier: Views | None
     ) -> Trail:
         """Return the trail of a segment, which goes on from one before."""
         if before is None:
@@ -201,9 +209,9 @@ class PeopleTracker:
         else:
             number, is_known = before.number, before.person is not None
             track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
-        track = longer_track(track, elapsed_s, segment.place, segment.points)
-        motion = motion_along(track)
-        person = _person(segment, track, motion, view, None if is_known else earlier)
+        track, vx, vy, std = track_on(track, elapsed_s, segment.place, segment.points)
+        motion = None if math.isinf(std) else (np.array([vx, vy]), std)
+        person = _person(segment, track, motion, view, earlier, is_known=is_known)
         return Trail(number, view.stamp_ns, segment, track, motion, person)
 
     def _now_hidden(self, segments: list[Segment], taken: set[int], view: View) -> list[Trail]:
@@ -270,7 +278,9 @@ def _person(
     track: Floats,
     motion: tuple[Floats, float] | None,
     view: View,
-    earlier: list[View] | None,
+    earlier: Views | None,
+    *,
+    is_known: bool,
 ) -> TrackedPerson | None:
     """Return a segment as a person; None if it stands, or may have been hidden before.
 
@@ -279,20 +289,21 @@ def _person(
         track: where it was.
         motion: along it.
         view: the newest scan.
-        earlier: scans to compare with; None for what is known to move.
+        earlier: scans to compare with, None if there are none.
+        is_known: whether it was seen to move before.
     """
-    slowest = TRACKING.lingering_mps if earlier is None else TRACKING.slowest_mps
+    slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
     if motion is None or math.hypot(*motion[0].tolist()) < slowest:
         return None
-    if earlier is None or _came(segment.points, earlier) or _left(track, view):
+    if is_known or _came(segment.points, earlier) or _left(track, view):
         return TrackedPerson(*segment, *motion)
     return None
 
 
-def _came(points: Floats, earlier: list[View]) -> bool:
+def _came(points: Floats, earlier: Views | None) -> bool:
     """Say whether points (n, 2) stand where earlier beams passed."""
-    least = max(TRACKING.least_points, TRACKING.least_share * len(points))
-    return any(np.count_nonzero(was_free(before, points)) >= least for before in earlier)
+    least = max(float(TRACKING.least_points), TRACKING.least_share * len(points))
+    return earlier is not None and was_free_in_any(earlier, points, least)
 
 
 def _left(track: Floats, view: View) -> bool:
