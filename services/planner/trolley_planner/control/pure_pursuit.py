@@ -1,7 +1,7 @@
 """Regulated pure pursuit: the cheap controller, with plain motions where it would collide.
 
 Source:
-    Macenski, Singh, Martin, Gines, Regulated Pure PurePursuit for Robot Path Tracking (2023).
+    Macenski, Singh, Martin, Gines, Regulated Pure Pursuit for Robot Path Tracking (2023).
     Deviation: the carrot lies down the local costmap's cost-to-go, which leads around what stands
     on the path, and the speed beside obstacles is that of the rollouts.
 """
