@@ -1,6 +1,7 @@
 """What one scan does to the costmap."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -247,3 +248,15 @@ def test_another_costmap_takes_over_what_was_seen(corner: tuple[float, float], s
             grid.add_scan(through, (2 + number) * SECOND_NS)
     if corner == (0.0, 0.0):
         assert marked(after) == marked(before)
+
+
+def test_where_it_stood_before_it_forgot_everything_is_no_longer_known_to_be_free() -> None:
+    # As base, which begins anew without a memory, and would hold it there.
+    ahead = ScanShape(-0.5 * math.pi, math.pi / BEAMS, 0.05, 8.0)
+    grid, there, elsewhere = costmap(), np.array([60]), Pose2D(4.5, 3.0, 0.0)
+    for number, pose in enumerate((HERE, elsewhere)):
+        grid.add_scan(replace(sweep({180: 1.02}, pose), shape=ahead), (1 + number) * SECOND_NS)
+    assert grid.obstacle_layer.is_known_free(there, there, 0.1).all()
+    grid.forget_all()
+    grid.add_scan(replace(sweep({180: 1.02}, elsewhere), shape=ahead), 3 * SECOND_NS)
+    assert not grid.obstacle_layer.is_known_free(there, there, 0.1).any()

@@ -186,8 +186,9 @@ class ObstacleLayer:
         forget_near(self.grid, x_grid * scale, y_grid * scale, radius_m * scale)
 
     def forget_all(self) -> None:
-        """Forget everything that was seen, as after a jump of the pose."""
-        for array in (self.grid.evidence, self.grid.hits, self.grid.observed):
+        """Forget what was seen and where the robot stood, as after a jump of the pose."""
+        grid = self.grid
+        for array in (grid.evidence, grid.hits, grid.observed, grid.stood_ticks):
             array.fill(0)
         self.mark_all_dirty()
         self.beams = self.static_beams = np.empty((0, 6), dtype=np.float64)
