@@ -515,19 +515,22 @@ class Navigator:
 
     def _set_off(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
         """Begin to drive along a first path."""
-        self.execution = GoalExecution(
-            validated.goal, context, self._config, validated.path, now_ns
-        )
+        self._begin(validated, context, now_ns)
         self._set_off_ns = now_ns
-        self._giving_way.forget()
-        self._stepping_aside.forget()
         self._blind = None
         self._over_ns = None
         self._trouble_since_ns = None
+        self._report("driving", "", now_ns)
+
+    def _begin(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
+        """Execute a goal; what it knows of its surroundings must not wait for the next scan."""
+        execution = GoalExecution(validated.goal, context, self._config, validated.path, now_ns)
+        self.execution = execution
+        self._giving_way.forget()
+        self._stepping_aside.forget()
         motion = self._motion_state.motion()
         if motion is not None:
-            self.execution.update(motion, now_ns)
-        self._report("driving", "", now_ns)
+            execution.update(motion, now_ns)
 
     def _rebuild_costmap(self, now_ns: int, goals: Sequence[Pose2D] = ()) -> None:
         """Make the costmap anew if map, zones or robot changed, and plan on it."""
@@ -558,11 +561,7 @@ class Navigator:
             blocked = refusal.details.get("blocked", [])
             self._end("failed", refusal.code, now_ns, refusal.message, blocked)
         else:
-            self.execution = GoalExecution(
-                validated.goal, context, self._config, validated.path, now_ns
-            )
-            self._giving_way.forget()
-            self._stepping_aside.forget()
+            self._begin(validated, context, now_ns)
 
     # What is reported.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 import pytest
-from support.flatland import Flatland, empty_room, two_rooms, with_block
+from support.flatland import BOX, Flatland, empty_room, two_rooms, with_block
 
 from trolley import codes
 from trolley.codes import Refused
@@ -14,6 +14,8 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, wrap_angle
 from trolley.messages import BaseState, Zone
 from trolley.messages.request_params import SendGoal, WhichGoal
+from trolley_planner.context.planning_context import PlanningContext
+from trolley_planner.costmap.footprint import Footprint
 
 MakeRide = Callable[..., "object"]
 START = Pose2D(1.0, 3.0, 0.0)
@@ -68,6 +70,29 @@ def test_it_goes_round_what_is_not_on_the_map(ride) -> None:
     assert drive.until_over().state == "arrived"
     assert errors(drive, goal)[0] <= 0.05
     assert world.touches == 0
+
+
+def test_it_knows_what_stands_around_it_as_soon_as_the_map_was_loaded_anew(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.step(30)
+    navigator = drive.navigator
+    here = drive.world.pose
+    known_m = navigator.execution.context.seen_clearance(here, 1.0)
+    speed = drive.world.twist.vx
+    navigator.inputs.map = msgspec.structs.replace(drive.world.map())
+    # Another goal is only looked at: that makes the costmap anew before the next scan comes.
+    asked = SendGoal(pose=drive.world.grid.origin @ Pose2D(5.0, 1.0, 0.0))
+    navigator.preview(asked, drive.now_ns)
+    assert navigator.execution.context.seen_clearance(here, 1.0) == pytest.approx(known_m, abs=0.05)
+    twist = navigator.command(drive.now_ns)
+    assert twist.vx >= speed > 0.2
+
+
+def test_where_nothing_was_looked_at_yet_nothing_is_free() -> None:
+    footprint = Footprint.from_polygon(BOX)
+    context = PlanningContext(empty_room(), footprint, PlannerConfig(), 0.5)
+    assert context.seen_clearance(START, 1.0) < 0.0
 
 
 def test_a_large_robot_passes_a_door_of_80_cm(ride) -> None:

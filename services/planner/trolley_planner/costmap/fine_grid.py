@@ -47,9 +47,10 @@ class FineGrid:
         self._distances = np.zeros(0, dtype=np.float32)
         self.x = self.y = 0.0
         """Corner in `grid` [m]."""
-        self.mask: NDArray[np.uint8] = np.zeros((0, 0), dtype=np.uint8)
+        # Before the first look nothing is known to be free; look-ups need two cells each way.
+        self.mask: NDArray[np.uint8] = np.ones((2, 2), dtype=np.uint8)
         """(rows, cols) set where something stands."""
-        self.distance_m: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
+        self.distance_m: NDArray[np.float32] = np.zeros((2, 2), dtype=np.float32)
         """(rows, cols) to the nearest obstacle."""
 
     def update(self, first: tuple[int, int], size: tuple[int, int], has_seen: bool = True) -> None:
