@@ -1,31 +1,12 @@
 """A page whose viewer comes back as another: what it shows is old until it was told anew."""
 
-from collections.abc import Iterator
-
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Page, expect
 from support.waiting import wait_until
 
-from .scripted import NOW_MS, Viewer, page_of, scripted_viewer
+from .viewer import NOW_MS, Viewer
 
 pytestmark = pytest.mark.browser
-
-
-@pytest.fixture(scope="module", autouse=True)
-def settled() -> None:
-    """No robot is here."""
-
-
-@pytest.fixture
-def viewer() -> Iterator[Viewer]:
-    with scripted_viewer() as viewer:
-        yield viewer
-
-
-@pytest.fixture
-def page(browser: Browser, viewer: Viewer) -> Iterator[Page]:
-    with page_of(browser, viewer) as page:
-        yield page
 
 
 def come_back_as_another(page: Page, viewer: Viewer) -> None:

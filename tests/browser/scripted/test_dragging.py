@@ -1,34 +1,15 @@
 """A list whose entries are dragged to another place."""
 
-from collections.abc import Iterator
-
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Page, expect
 from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
 
-from .scripted import Viewer, page_of, scripted_viewer
+from .viewer import Viewer
 
 pytestmark = pytest.mark.browser
 NAMES = ("1  hall", "2  kitchen", "3  porch")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def settled() -> None:
-    """No robot is here."""
-
-
-@pytest.fixture
-def viewer() -> Iterator[Viewer]:
-    with scripted_viewer() as viewer:
-        yield viewer
-
-
-@pytest.fixture
-def page(browser: Browser, viewer: Viewer) -> Iterator[Page]:
-    with page_of(browser, viewer) as page:
-        yield page
 
 
 @pytest.fixture

@@ -1,35 +1,16 @@
 """The page with a viewer that only plays its part: long names, letter keys, another release."""
 
-from collections.abc import Iterator
-
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Page, expect
 from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
 
-from .scripted import Viewer, page_of, scripted_viewer
+from .viewer import Viewer
 
 pytestmark = pytest.mark.browser
 
 LONG = "Raum mit sehr langem Namen " * 2 + "am Ende"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def settled() -> None:
-    """No robot is here."""
-
-
-@pytest.fixture
-def viewer() -> Iterator[Viewer]:
-    with scripted_viewer() as viewer:
-        yield viewer
-
-
-@pytest.fixture
-def page(browser: Browser, viewer: Viewer) -> Iterator[Page]:
-    with page_of(browser, viewer) as page:
-        yield page
 
 
 def test_a_long_name_makes_no_tall_button(page: Page, viewer: Viewer) -> None:
