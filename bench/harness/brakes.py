@@ -239,7 +239,10 @@ def nearest_gap(out_pair: Floats, outline: Floats, segments: Floats, circles: Fl
     edge, pair = np.empty(4), np.empty(4)
     count = outline.shape[0]
     for i in range(count):
-        edge[:2], edge[2:] = outline[i], outline[(i + 1) % count]
+        # Element by element: numba takes seconds to compile assignments of slices.
+        to = (i + 1) % count
+        edge[0], edge[1] = outline[i, 0], outline[i, 1]
+        edge[2], edge[3] = outline[to, 0], outline[to, 1]
         for j in range(segments.shape[0]):
             thing = segments[j]
             near = math.inf
@@ -256,7 +259,8 @@ def nearest_gap(out_pair: Floats, outline: Floats, segments: Floats, circles: Fl
             gap = -near if _cross(edge, thing) else near
             if gap < best:
                 best = gap
-                out_pair[:] = pair
+                for k in range(4):
+                    out_pair[k] = pair[k]
         for j in range(circles.shape[0]):
             bx, by = circles[j, 0], circles[j, 1]
             ax, ay = _foot(bx, by, edge)
@@ -364,12 +368,14 @@ def _measure(
     laser = scene[1]
     for fired in range(first, behind):
         part = (fired - first + 0.5) / (behind - first)
-        at = poses[0] + part * (poses[1] - poses[0])
-        cos, sin = math.cos(at[2]), math.sin(at[2])
-        x = at[0] + cos * laser[0] - sin * laser[1]
-        y = at[1] + sin * laser[0] + cos * laser[1]
+        at_x = poses[0][0] + part * (poses[1][0] - poses[0][0])
+        at_y = poses[0][1] + part * (poses[1][1] - poses[0][1])
+        yaw = poses[0][2] + part * (poses[1][2] - poses[0][2])
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        x = at_x + cos * laser[0] - sin * laser[1]
+        y = at_y + sin * laser[0] + cos * laser[1]
         angle = (fired % abs(turn)) * 2.0 * math.pi / turn - math.pi
-        distance = _cast(x, y, at[2] + laser[2] + angle, scene[2], scene[3])
+        distance = _cast(x, y, yaw + laser[2] + angle, scene[2], scene[3])
         out_ranges[fired % out_ranges.shape[0]] = distance
 
 
@@ -406,7 +412,7 @@ def advance(
     for step in range(steps):
         before = state.copy()
         motion = _move(state, commands[step], plant)
-        out_twists[step] = motion[3:]
+        out_twists[step, 0], out_twists[step, 1] = motion[3], motion[4]
         cos, sin = math.cos(state[2]), math.sin(state[2])
         for i in range(outline.shape[0]):
             x, y = scene[0][i, 0], scene[0][i, 1]
@@ -419,7 +425,8 @@ def advance(
             if closing > COUNTS_ABOVE:
                 return smallest, closing
             if closing > 0.0:  # it rubs, and is held
-                state[:3] = before[:3]
+                for i in range(3):
+                    state[i] = before[i]
         last = first + (behind - first) * (step + 1) // steps
         at = first + (behind - first) * step // steps
         _measure(out_ranges, (at, last, turn), (before, state), scene)
