@@ -33,8 +33,8 @@ FAILED = StopResult(
     name="kitchen",
     state="failed",
     code=codes.BLOCKED,
-    started_at="2026-11-21T10:00:20Z",
-    seconds=10.0,
+    started_at="2026-11-21T10:00:05Z",
+    seconds=5.0,
 )
 TRIP = TourStatus(stamp_ns=0, name="round", trip="t1", state="driving", stop=0)
 
@@ -208,9 +208,9 @@ def test_who_looks_back_sees_where_the_robot_was_and_that_it_is_the_past(stage: 
 
 
 def test_each_page_looks_at_a_time_of_its_own(stage: "Stage") -> None:
+    drive(stage, 20.0)
     for number in range(4):
         stage.browse(number)
-    drive(stage, 20.0)
     for number in range(1, 4):
         open_past(stage, number)
         look_back(stage, 4.0 * number, number)
@@ -221,8 +221,8 @@ def test_each_page_looks_at_a_time_of_its_own(stage: "Stage") -> None:
 
 
 def test_it_plays_and_ends_with_now(stage: "Stage") -> None:
-    stage.browse()
     drive(stage, 30.0)
+    stage.browse()
     page = open_past(stage)
     look_back(stage, 20.0)
     before = page.value("Time of day")
@@ -384,13 +384,13 @@ def test_who_only_looks_may_look_back(stage: "Stage") -> None:
 
 # Trips.
 def take_trip(stage: "Stage", tour: PretendTour) -> None:
-    """Drive a trip whose second stop fails after 30 s, and wait until it is written."""
-    for _ in range(10):
+    """Drive a trip whose second stop fails after 10 s, and wait until it is written."""
+    for _ in range(5):
         tour.say()
-        drive(stage, 3.0)
-    tour.say(seconds=30.0, results=[FAILED])
-    drive(stage, 20.0)
-    tour.say(state="failed", seconds=50.0, results=[FAILED])
+        drive(stage, 2.0)
+    tour.say(seconds=10.0, results=[FAILED])
+    drive(stage, 10.0)
+    tour.say(state="failed", seconds=20.0, results=[FAILED])
     stage.runtime.run(AFTER_TRIP_NS * 1e-9 + 2.0)
     past = PastTrip(
         trip="t1",
@@ -412,7 +412,7 @@ def test_a_failed_stop_leads_to_its_moment(stage: "Stage", tour: PretendTour) ->
     page.press_lead("Show the moment")
     stage.runtime.run(0.5)
     assert "kitchen not reached" in browser.state.sentence.headline
-    assert ghost(stage).position[0] == pytest.approx(1.5 + 30 * 0.2, abs=0.4)
+    assert ghost(stage).position[0] == pytest.approx(1.5 + 10 * 0.2, abs=0.4)
     page.press_lead("Look at it")
     stage.runtime.run(0.5)
     assert ghost(stage).position[0] == pytest.approx(1.5, abs=0.4)
@@ -443,15 +443,15 @@ def test_a_trip_is_found_after_the_viewer_was_restarted(
 def test_a_failure_that_was_not_noted_is_found_by_its_times(
     stage: "Stage", tour: PretendTour
 ) -> None:
-    stage.browse()
     stage.runtime.run(1.0)
     take_trip(stage, tour)
+    stage.browse()
     recorded = stage.viz.past._recorders["trolley"].trip
     assert recorded is not None
     recorded.record.failures.clear()
     stage.session.past.show_trip(tour.past[0], FAILED)
     stage.runtime.run(0.5)
-    assert ghost(stage).position[0] == pytest.approx(1.5 + 30 * 0.2, abs=0.5)
+    assert ghost(stage).position[0] == pytest.approx(1.5 + 10 * 0.2, abs=0.5)
 
 
 def files(folder: Path) -> list[Path]:
