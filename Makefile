@@ -41,9 +41,10 @@ else
 	@$(BIN)/python -m pytest $(ARGS)
 endif
 
+# Each worker collects all tests, which takes it ten seconds and more: one for each core.
 unit: setup ## The quick tests, while you work: no whole drives, no other programs, no browser, no lint.
-	@$(BIN)/python -m pytest -m "not slow and not programs and not drives" --numprocesses 4 --dist worksteal \
-		tests/unit tests/rules $(ARGS)
+	@$(BIN)/python -m pytest -m "not slow and not programs and not drives" \
+		--numprocesses "$$(nproc)" --dist worksteal tests/unit tests/rules $(ARGS)
 
 slow: setup ## The tests that take longer: whole drives, more seeds, most of the browser's.
 	@$(BIN)/python tests/parts.py slow
