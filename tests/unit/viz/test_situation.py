@@ -1,11 +1,13 @@
 """The one sentence about what the robot is doing."""
 
+import msgspec
 import pytest
 
 from trolley.geometry import Pose2D
 from trolley.messages import (
     BaseState,
     GoalStatus,
+    Link,
     MappingStatus,
     PoseEstimate,
     SavedPose,
@@ -24,6 +26,13 @@ IDLE = GoalStatus(stamp_ns=1, id=None, state="idle")
 
 def base(mode: str, reason: str = "", message: str = "", source: str | None = None) -> BaseState:
     return BaseState(stamp_ns=1, mode=mode, reason=reason, message=message, source=source)  # type: ignore[arg-type]
+
+
+def silent(state: str, message: str) -> BaseState:
+    """A stop that holds while the motor board is in a state of its connection."""
+    board = Link(name="chassis", state=state, message=message)  # type: ignore[arg-type]
+    lidar = Link(name="lidar", state="down", message="The lidar is unplugged.")
+    return msgspec.structs.replace(base("stopped", "button"), links=[lidar, board])
 
 
 def goal(state: str, goal_id: str = "a", **fields: object) -> GoalStatus:
@@ -91,6 +100,16 @@ CASES = [
         known(base=base("stopped", "new_code", "A wheel came off.")),
         "Stopped: a wheel came off. Press “Drive on” to let it drive again.",
     ),
+    (
+        known(base=silent("down", "The motor board does not answer.")),
+        "Told to stop, but nobody knows whether it stands: the motor board does not answer.",
+    ),
+    (
+        known(base=silent("searching", "")),
+        "Told to stop, but nobody knows whether it stands: the connection to the motor board is "
+        "down.",
+    ),
+    (known(base=silent("up", "")), "Stopped. Press “Drive on” to let it drive again."),
     (
         known(base=base("fault", "link_lost")),
         "The robot cannot drive: the connection to the motor board is down.",
