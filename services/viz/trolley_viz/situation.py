@@ -10,7 +10,6 @@ from trolley.geometry.frames import MAP
 from trolley.messages import (
     BaseState,
     GoalStatus,
-    Link,
     MappingStatus,
     PoseEstimate,
     SavedPose,
@@ -24,6 +23,7 @@ from trolley_viz.sentences import (
     DRIVING,
     EXPLORES_WELL,
     STALE_S,
+    UNCONFIRMED,
     UNDER_WAY,
     StatusLine,
     age_text,
@@ -41,8 +41,6 @@ ASKING = StatusLine("Asking the robot what it is doing …", "busy")
 READY = StatusLine("Ready.", "good")
 LEFT_M = 1.0
 """Farther than that from where it arrived it is somewhere else [m]."""
-CHASSIS = "chassis"
-"""What `base` calls the connection to the motor board."""
 STOPPED_REASONS = {
     codes.BUTTON: "Stopped",
     codes.BATTERY: "Stopped: the battery is too low",
@@ -101,22 +99,14 @@ def _base(known: RobotState) -> StatusLine | None:
     base = known.base
     if base is None or base.mode in ("ok", "held"):
         return None
-    if base.mode == "stopped" and (board := _silent_board(base)) is not None:
-        because = board.message or codes.SENTENCES[codes.LINK_LOST]
-        return StatusLine(
-            f"Told to stop, but nobody knows whether it stands: {_behind_colon(because)}.", "bad"
-        )
+    if base.is_stop_unconfirmed:
+        return StatusLine(base.message or UNCONFIRMED, "bad")
     if base.mode == "stopped":
         why = STOPPED_REASONS.get(base.reason) or f"Stopped: {_reason_of(base)}"
         return StatusLine(f"{why}. Press “Drive on” to let it {_what_then(known)}.", "bad")
     if base.reason == codes.DOES_NOT_OBEY:
         return StatusLine(base.message, "bad")
     return StatusLine(f"The robot cannot drive: {_reason_of(base)}.", "bad")
-
-
-def _silent_board(base: BaseState) -> Link | None:
-    """Return the connection to the motor board where nothing is heard of it."""
-    return next((one for one in base.links if one.name == CHASSIS and one.state != "up"), None)
 
 
 def _what_then(known: RobotState) -> str:
@@ -367,12 +357,7 @@ def _reason_of(status: BaseState | GoalStatus | TourStatus | MappingStatus) -> s
     """The reason in words, to be put behind a colon."""
     reason = "" if isinstance(status, MappingStatus) else status.reason
     why = status.message or codes.SENTENCES.get(reason, reason)
-    return _behind_colon(why) if why else "no reason was given"
-
-
-def _behind_colon(sentence: str) -> str:
-    """Turn a sentence into one that continues another."""
-    return sentence[:1].lower() + sentence[1:].rstrip(".")
+    return why[:1].lower() + why[1:].rstrip(".") if why else "no reason was given"
 
 
 def _age(age_s: float) -> str:

@@ -30,9 +30,9 @@ def base(mode: str, reason: str = "", message: str = "", source: str | None = No
 
 def silent(state: str, message: str) -> BaseState:
     """A stop that holds while the motor board is in a state of its connection."""
-    board = Link(name="chassis", state=state, message=message)  # type: ignore[arg-type]
+    board = Link(name="chassis", state=state)  # type: ignore[arg-type]
     lidar = Link(name="lidar", state="down", message="The lidar is unplugged.")
-    return msgspec.structs.replace(base("stopped", "button"), links=[lidar, board])
+    return msgspec.structs.replace(base("stopped", "button", message), links=[lidar, board])
 
 
 def goal(state: str, goal_id: str = "a", **fields: object) -> GoalStatus:
@@ -101,13 +101,12 @@ CASES = [
         "Stopped: a wheel came off. Press “Drive on” to let it drive again.",
     ),
     (
-        known(base=silent("down", "The motor board does not answer.")),
-        "Told to stop, but nobody knows whether it stands: the motor board does not answer.",
+        known(base=silent("down", "A stop holds, but whether the robot stands is not known.")),
+        "A stop holds, but whether the robot stands is not known.",
     ),
     (
         known(base=silent("searching", "")),
-        "Told to stop, but nobody knows whether it stands: the connection to the motor board is "
-        "down.",
+        "A stop holds, but the motor board is silent: whether the robot stands is not known.",
     ),
     (known(base=silent("up", "")), "Stopped. Press “Drive on” to let it drive again."),
     (
