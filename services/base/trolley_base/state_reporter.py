@@ -17,8 +17,8 @@ STATE_S = 1.0
 """Longest pause between two states; what changes is published at once."""
 NO_ECHO_MESSAGE = (
     "The lidar reports open floor all around, with hardly an echo: that is not believed. Does it "
-    "look into the air, or is its window off? In a hall wider than its reach, creep by hand towards "
-    "a wall."
+    "look into the air, or is its window off? In a hall wider than its reach, creep by hand "
+    "towards a wall."
 )
 
 

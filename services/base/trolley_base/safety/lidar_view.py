@@ -143,7 +143,7 @@ class LidarView:
         self.share = 0.0
         """Share of the newest scan's beams that see something, or that nothing is in reach."""
         self.lacks_echoes = False
-        """Whether the newest scan says that nothing is in reach, with hardly an echo to prove it."""
+        """Whether the newest scan says that nothing is in reach, with hardly an echo as proof."""
 
     @property
     def shares(self) -> dict[str, float]:
