@@ -46,6 +46,7 @@ def test_robot_stands_within_half_a_second_of_a_killed_planner(demo: Demo) -> No
             ),
             "the robot stands",
         )
+        assert stood is not None
         # Commands are good for 0.5 s at most; then comes the way to brake from 0.5 m/s. The robot's
         # clock judges; the planner may have begun anew meanwhile.
         last_ns = max(at_ns for at_ns in commands if at_ns <= stood.stamp_ns)
