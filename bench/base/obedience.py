@@ -27,6 +27,8 @@ from trolley_base.safety.motion_supervision import PARAMS, MotionSupervision
 LIMITS = MotionLimits(0.5, 1.5, 0.8, 1.0, 4.0)
 STEP_S, CONTROL_STEPS = 0.005, 4
 BROKEN_AT_S = 8.0
+OFTEN_S = 0.05
+"""Boards that report at least so often are judged sooner [s]."""
 
 
 @dataclass(frozen=True)
@@ -255,9 +257,11 @@ def longest_s(robot: Robot, *, is_measured: bool) -> float:
     delay_s = max(min(delay_s, PARAMS.delay_ns * 1e-9), PARAMS.least_delay_ns * 1e-9)
     slower = PARAMS.braking_share * LIMITS.deceleration
     speed = PARAMS.standing_speed + robot.tick_m / (PARAMS.smooth_ns * 1e-9)
-    way_m = PARAMS.braking_excess_m + 4.0 * robot.tick_m
+    way_m = PARAMS.braking_excess_m + PARAMS.ticks * robot.tick_m
     apart_s = (speed + math.sqrt(speed * speed + 2.0 * slower * way_m)) / slower
-    return delay_s + apart_s + 3.0 * robot.period_s + robot.late_s + 0.04
+    # At 10 reports a second a slow robot has stopped braking before two of them say so.
+    num_reports = 2.25 if robot.period_s <= OFTEN_S else 3.2
+    return delay_s + apart_s + num_reports * robot.period_s + robot.late_s + 0.04
 
 
 @dataclass(frozen=True)

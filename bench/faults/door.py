@@ -54,8 +54,12 @@ OWN_OFTEN = Crowd(SAME, "again", "from its own address, coming again whenever se
 CROWDS = {how: (ONCE, OFTEN, OWN_OFTEN) if how == "hello" else (ONCE, OFTEN) for how in HOWS}
 
 
-def strangers() -> list[Outcome]:
-    """Hang at the door in all ways, from a legitimate host's own address and from four others."""
+def strangers(named: str = "") -> list[Outcome]:
+    """Hang at the door in all ways, from a legitimate host's own address and from four others.
+
+    Args:
+        named: only in those ways whose name contains this.
+    """
     outcomes: list[Outcome] = []
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -71,6 +75,8 @@ def strangers() -> list[Outcome]:
         for how, words in HOWS.items():
             for crowd in CROWDS[how]:
                 outcome = Outcome(f"{MANY} connections {words}, {crowd.words}", "")
+                if named not in outcome.fault:
+                    continue
                 try:
                     _hang(rig, outcome, port, person, how, crowd)
                 except Missing as missing:

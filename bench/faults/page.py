@@ -2,6 +2,7 @@
 
 import os
 import platform
+import re
 from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
@@ -25,26 +26,33 @@ def keep_outcomes(group: str, outcomes: Sequence[Outcome]) -> None:
 
 
 def write_page(groups: Sequence[str]) -> None:
-    """Write the table of all groups that were tried."""
-    rows: list[str] = []
-    loads: list[float] = []
-    days: list[str] = []
+    """Write what the groups found in place of the rows of the same faults; others stay."""
+    old = _between(PAGE)
+    rows = {line.split(" | ")[0]: line for line in old.splitlines() if line.startswith("| ")}
+    rows.pop(f"| {HEADS[0]}", None)
+    days = [*map(date.fromisoformat, re.findall(r"\d{4}-\d\d-\d\d", old))]
+    loads = [float(load) for pair in re.findall(r"load of (\d+) to (\d+)", old) for load in pair]
     for group in groups:
         file = KEPT / f"{group}.json"
         if not file.exists():
             continue
         kept = msgspec.json.decode(file.read_bytes())
         loads.append(kept["load"])
-        days.append(kept["day"])
+        days.append(date.fromisoformat(kept["day"]))
         for one in msgspec.convert(kept["outcomes"], list[Outcome]):
             cells = [*one.cells[:-1], "yes" if not (one.wrong or one.lost) else one.cells[-1]]
-            rows.append("| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |")
+            row = "| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |"
+            rows[row.split(" | ")[0]] = row
     words = (
-        f"Measured {max(days)} on {os.cpu_count()} cores ({platform.machine()}), at a load of "
-        f"{min(loads):.0f} to {max(loads):.0f}, including the load that the faults cause."
+        f"Measured {min(days)} to {max(days)} on {os.cpu_count()} cores ({platform.machine()}), at "
+        f"a load of {min(loads):.0f} to {max(loads):.0f}, including the load that the faults cause."
     )
     head = "| " + " | ".join(HEADS) + " |\n" + "|---" * len(HEADS) + "|"
-    put_between(PAGE, f"{words}\n\n{head}\n" + "\n".join(rows), BEGIN, END)
+    put_between(PAGE, f"{words}\n\n{head}\n" + "\n".join(rows.values()), BEGIN, END)
+
+
+def _between(page: Path) -> str:
+    return page.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
 
 
 def put_between(page: Path, text: str, begin: str, end: str) -> None:

@@ -5,6 +5,7 @@ empty, of another kind, or written by a newer Trolley is `Unreadable`: a program
 empty list would overwrite it with one.
 """
 
+import stat
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ import msgspec
 import tomli_w
 from msgspec import Struct
 
-from trolley.files import BROKEN, NEWER, keep_aside
+from trolley.files import BROKEN, NEWER, keep_aside, read_file, write_atomically
 
 S = TypeVar("S", bound=Struct)
 
@@ -98,7 +99,16 @@ class _Said(Struct):
 
 
 def parse_encoded(content: bytes, kind: type[S], decode: Callable[..., Any]) -> S:
-    """The content of a state file in JSON or msgpack, whose struct has a field `schema`.
+    """The content of a state file in JSON or msgpack, as `parse_encoded_any_schema`."""
+    return cast("S", parse_encoded_any_schema(content, kind, decode).value)
+
+
+def parse_encoded_any_schema(
+    content: bytes, kind: type[Struct], decode: Callable[..., Any]
+) -> Read:
+    """The content of a state file in JSON or msgpack, and which schema it was in.
+
+    Its struct has a field `schema`, which a file of the first schema may lack.
 
     Args:
         content: of the file.
@@ -110,8 +120,10 @@ def parse_encoded(content: bytes, kind: type[S], decode: Callable[..., Any]) -> 
     """
     fields = {field.name: field for field in msgspec.structs.fields(kind)}
     try:
-        _refuse_newer(decode(content, type=_Said).schema, fields[_SCHEMA].default)
-        return decode(content, type=kind)
+        schema, known = decode(content, type=_Said).schema, fields[_SCHEMA].default
+        _refuse_newer(schema, known)
+        value = decode(content, type=kind)
+        return Read(msgspec.structs.replace(value, **{_SCHEMA: known}), schema)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise Unreadable(str(error) if content else "it is empty") from error
 
@@ -123,6 +135,32 @@ def keep_unreadable(path: Path, why: Exception) -> Path:
         OSError: It cannot be renamed.
     """
     return keep_aside(path, NEWER if isinstance(why, Newer) else BROKEN)
+
+
+def read_encoded(path: Path, kind: type[S], decode: Callable[..., Any]) -> S:
+    """Read a state file in JSON or msgpack; of one of an older schema keep the original beside it.
+
+    Raises:
+        FileNotFoundError: There is none.
+        OSError: It cannot be read, or its original not be kept.
+        Unreadable: As `parse` does.
+    """
+    content = read_file(path)
+    found = parse_encoded_any_schema(content, kind, decode)
+    if found.schema < found.value.schema:
+        keep_original(path, content, found.schema)
+    return cast("S", found.value)
+
+
+def keep_original(path: Path, content: bytes, schema: int) -> Path:
+    """Keep a file of an older schema beside the one that will take its place.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    original = path.with_name(f"{path.name}.schema-{schema}")
+    write_atomically(original, content, stat.S_IMODE(path.stat().st_mode))
+    return original
 
 
 def render(value: Struct) -> bytes:

@@ -262,8 +262,9 @@ def test_a_younger_one_and_a_stranger_are_ignored(keeper: Process, bus: ZenohBus
     younger = Run(started_ms=10**15, host="younger", pid=78)
     for run in (str(younger), "nonsense", "a-b-c", f"x-1-{'9' * 5000}"):
         bus.declare_token(topics.ALIVE.key("tester", "tour", run))
-    time.sleep(0.5)
-    wait_for_service(bus, "tour")
+    reports: list[Sample] = []
+    bus.subscribe(topics.HEALTH.key("tester", "tour"), reports.append)
+    wait_until(lambda: len(reports) >= 2, "two reports of its health, one second apart")
     assert keeper.is_running
 
 

@@ -57,6 +57,10 @@ class Room:
     def wait_for(self, happened: Callable[[Twist2D], bool], what: str) -> None:
         wait_until(lambda: happened(self.twist()), what)
 
+    def keeps_standing(self) -> bool:
+        """Whether it stands for half a second of its own."""
+        return self._driven.keeps_standing(0.5)
+
     def wait_until_it_stands(self) -> None:
         self._driven.wait_until_it_stands()
 
@@ -241,8 +245,7 @@ def test_stands_where_the_keys_are_lost(
     if way == "unreachable":
         terminal.is_reachable = True
         terminal.type(A_REPEAT)  # still held, but it was let go for safety
-        time.sleep(0.5)
-        assert stands(room.twist())
+        assert room.keeps_standing()
         drive_until(terminal, lambda: room.twist().wz > 0.5, "it turns again", A)
 
 
@@ -284,8 +287,7 @@ def test_says_that_nobody_is_there_and_does_not_set_off_by_itself(
     terminal.wait_for("NOT CONNECTED")
     room.start_base()
     wait_until(lambda: terminal.last_line == "Ready.", "base is back")
-    time.sleep(0.5)
-    assert stands(room.twist())
+    assert room.keeps_standing()
     room.base.kill()
     wait_until(lambda: "NOT CONNECTED" in terminal.last_line, "base is gone")
     terminal.type("p\x1b[112;1:1;112u")

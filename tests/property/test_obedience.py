@@ -37,6 +37,17 @@ def test_an_ignored_stop_is_found_as_soon_as_the_page_says(name: str, is_measure
         assert found.after_s <= longest_s(robot, is_measured=is_measured), robot
 
 
+@pytest.mark.parametrize("name", ["ignores a stop at 0.5 m/s", "ignores a stop at 0.3 m/s"])
+def test_a_board_that_reports_often_and_ignores_a_stop_is_found_in_half_a_second(name: str) -> None:
+    robots = {seed: draw(np.random.default_rng(seed)) for seed in range(120)}
+    often = [s for s, one in robots.items() if one.period_s <= 0.05 and one.tick_m <= 0.001]
+    assert len(often) > 30
+    for seed in often:
+        found = run(seed, 10.0, BREAKS[name])
+        assert found is not None
+        assert found.after_s <= 0.5, robots[seed]
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_a_robot_whose_delay_was_measured_is_not_accused(seed: int) -> None:
     assert run(seed, 30.0, is_measured=True) is None

@@ -72,6 +72,8 @@ class Latest:
     def __init__(self, bus: ZenohBus, robot: str) -> None:
         self.truth: Truth | None = None
         self.tour: TourStatus | None = None
+        self.truths: list[Truth] = []
+        """All that came."""
         self.trip_states: list[str] = []
         self._subscribe(bus, robot, topics.SIM_TRUTH, "truth")
         self._subscribe(bus, robot, topics.TOUR, "tour")
@@ -80,6 +82,8 @@ class Latest:
         def take(sample: Sample) -> None:
             message = codec.decode(topic.message, sample.payload, sample.encoding)
             setattr(self, field, message)
+            if isinstance(message, Truth):
+                self.truths.append(message)
             if isinstance(message, TourStatus):
                 self.trip_states.append(message.state)
 
@@ -89,8 +93,17 @@ class Latest:
     def speed(self) -> float:
         """True speed of the robot [m/s], turning counted at 0.2 m."""
         assert self.truth is not None
-        twist = self.truth.twist
-        return abs(twist.vx) + 0.2 * abs(twist.wz)
+        return speed_of(self.truth)
+
+    def fastest_within(self, seconds: float) -> float:
+        """Watch for so long by the robot's clock; the highest speed meanwhile [m/s]."""
+        assert self.truth is not None
+        begun_ns, begin = self.truth.stamp_ns, len(self.truths) - 1
+        wait_until(
+            lambda: self.truths[-1].stamp_ns >= begun_ns + round(seconds * 1e9),
+            "the robot's time goes on",
+        )
+        return max(map(speed_of, self.truths[begin:]))
 
     def wait_for_driving(self) -> None:
         """Wait until the trip is under way and the robot moves."""
@@ -109,3 +122,8 @@ class Latest:
         wait_until(lambda: self.tour and self.tour.state == state, lambda: f"the trip is {state}")
         assert self.tour is not None
         return self.tour
+
+
+def speed_of(truth: Truth) -> float:
+    """True speed of a robot [m/s], turning counted at 0.2 m."""
+    return abs(truth.twist.vx) + 0.2 * abs(truth.twist.wz)

@@ -24,6 +24,7 @@ class HandDriven:
         self._truth = robot.subscribe(topics.SIM_TRUTH)
         self._twist = Twist2D.zero()
         self._stands_since_ns: int | None = None
+        self._last_ns = 0
         self._commanded_ns = 0
         self._closer = robot.connection.listen(topics.COMMAND.key(robot.name, SOURCE), self._hear)
 
@@ -34,7 +35,7 @@ class HandDriven:
     def twist(self) -> Twist2D:
         """How the robot really moves."""
         while (arrival := self._truth.next(0.0)) is not None:
-            self._twist = arrival.message.twist
+            self._twist, self._last_ns = arrival.message.twist, arrival.message.stamp_ns
             if not stands(self._twist):
                 self._stands_since_ns = None
             elif self._stands_since_ns is None:
@@ -46,6 +47,14 @@ class HandDriven:
         wait_until(lambda: stands(self.twist()) and self._stands_since_ns, "it stands")
         assert self._stands_since_ns is not None
         assert (self._stands_since_ns - self._commanded_ns) * 1e-9 < STANDS_WITHIN_S
+
+    def keeps_standing(self, seconds: float) -> bool:
+        """Watch it for so long by the robot's clock, and say whether it stood all the time."""
+        self.twist()
+        begun_ns = self._last_ns
+        end_ns = begun_ns + round(seconds * 1e9)
+        wait_until(lambda: self.twist() and self._last_ns >= end_ns, "the robot's time goes on")
+        return self._stands_since_ns is not None and self._stands_since_ns <= begun_ns
 
     def _hear(self, sample: Sample) -> None:
         command = codec.decode(VelocityCommand, sample.payload, sample.encoding)

@@ -135,7 +135,7 @@ def problems(found: dict[str, Any]) -> list[str]:
         if service["runs"] and health is not None and health.state in ("failed", "degraded"):
             result.append(f"{name} is {health.state}: {health.message}")
     base: BaseState | None = found["base"]
-    if base is not None and base.not_stopped:
+    if base is not None and base.may_still_move:
         result.append(base.message)
     elif base is not None and base.mode in ("stopped", "fault"):
         result.append(f"the robot is {base.mode}: {base.message or base.reason}")

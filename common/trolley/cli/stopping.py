@@ -38,7 +38,7 @@ def stop_command(everybody: bool, as_json: bool) -> None:
             print_json(stopped)
         else:
             for name, state in sorted(stopped.items()):
-                say(f"{name}: {state.message if state.not_stopped else state.mode}")
+                say(f"{name}: {state.message if state.may_still_move else state.mode}")
         if missing or not stopped:
             raise RobotUnreachable(f"NOT STOPPED: no connection to {', '.join(missing) or 'any'}")
         return

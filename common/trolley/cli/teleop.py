@@ -159,7 +159,7 @@ def base_line(base: BaseState | None) -> tuple[str, str | None]:
         text, colour = why, _COLOURS["held"]
     elif base.mode != "ok":
         text = f"{base.mode.capitalize()}: {why}" if why else f"{base.mode.capitalize()}."
-    if base.not_stopped:
+    if base.may_still_move:
         text = base.message
     elif base.is_halted:
         text += " R lets it drive again."

@@ -148,7 +148,7 @@ def check_base(facts: RobotFacts) -> list[Finding]:
             found.append(
                 problem("base", text.strip(), "Check its cable; `trolley detect` looks for it.")
             )
-    if base.not_stopped:
+    if base.may_still_move:
         found.append(problem("base", why, "Then look at what the sentence names."))
     elif base.mode == "fault":
         found.append(problem("base", f"The robot cannot drive: {why}", LOG))

@@ -9,6 +9,8 @@ from trolley.geometry.pose import Finite, Pose2D, Twist2D
 from trolley.messages.types import NonNegative, Point, Point3, Positive, Share, StampNs
 
 PROTOCOL = 1
+CHASSIS = "chassis"
+"""What `base` calls the connection to the motor board in `BaseState.links`."""
 MAX_MESH_BYTES = 1 << 20
 MAX_RATE = 1e4
 """No clock runs faster: its time would soon overflow."""
@@ -144,6 +146,18 @@ class BaseState(Struct, frozen=True, kw_only=True):
     def is_halted(self) -> bool:
         """Whether only somebody's resume lets it drive again: stopped, or not obeying."""
         return self.mode == "stopped" or self.reason == codes.DOES_NOT_OBEY
+
+    @property
+    def is_stop_unconfirmed(self) -> bool:
+        """Whether a stop holds that the silent motor board cannot confirm; `message` says why."""
+        return self.mode == "stopped" and any(
+            link.name == CHASSIS and link.state != "up" for link in self.links
+        )
+
+    @property
+    def may_still_move(self) -> bool:
+        """Whether "stopped" would be wrong, or a guess: programs show `message` instead."""
+        return self.not_stopped or self.is_stop_unconfirmed
 
     def is_from_before(self, asked_ns: int) -> bool:
         """Whether it was published before something that was asked for at this robot time.

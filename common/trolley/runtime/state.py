@@ -1,7 +1,6 @@
 """State that outlives a process: readable TOML files, set aside when broken."""
 
 import os
-import stat
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -21,6 +20,7 @@ from trolley.files import (
 from trolley.runtime.log import Log
 from trolley.state_file import (
     Unreadable,
+    keep_original,
     keep_unreadable,
     parse_any_schema,
     render,
@@ -123,14 +123,9 @@ class StateFolder:
     def _keep_original(self, name: str, content: bytes, schema: int) -> None:
         """Keep a file of an older schema beside the one that will take its place."""
         path = self.path / name
-        original = path.with_name(f"{path.name}.schema-{schema}")
-
-        def keep() -> Path:
-            write_atomically(original, content, stat.S_IMODE(path.stat().st_mode))
-            return original
-
+        keep = partial(keep_original, path, content, schema)
         try:
-            keep()
+            original = keep()
         except OSError as error:
             self._unkept[name] = keep
             self._log.error(

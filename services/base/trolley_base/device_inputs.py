@@ -138,11 +138,13 @@ class DeviceInputs:
         self._is_frozen = self._frozen.update(scan, track.odom_T_base)
         if self._is_frozen:
             return
-        self._space.update(self.view.update(scan, track.odom_T_base), track)
+        seen = self.view.update(scan, track.odom_T_base)
+        self._space.update(seen, track)
         # A covered lidar measures nothing valid, which is as good as silence.
         self._is_covered = not np.any(scan.ranges > 0.0)
         if not self._is_covered:
-            self._near_echoes.update(scan, track)
+            # What stood near is not gone because of beams that prove nothing.
+            self._near_echoes.update(seen if self.view.lacks_echoes else scan, track)
             self._scan_arrived_ns = now_ns
 
     def _publish_odometry(self) -> None:

@@ -15,6 +15,11 @@ COMMAND_S = 0.1
 """Period of the command that is driven."""
 STATE_S = 1.0
 """Longest pause between two states; what changes is published at once."""
+NO_ECHO_MESSAGE = (
+    "The lidar reports open floor all around, with hardly an echo: that is not believed. Does it "
+    "look into the air, or is its window off? In a hall wider than its reach, creep by hand "
+    "towards a wall."
+)
 
 
 class StateReporter:
@@ -87,6 +92,8 @@ class StateReporter:
         is_lost = decision.reason in (codes.SCAN_LOST, codes.LINK_LOST)
         if decision.mode == "fault" or (has_begun and is_lost):
             self._service.set_health("degraded", decision.message)
+        elif view.lacks_echoes:
+            self._service.set_health("degraded", NO_ECHO_MESSAGE)
         elif view.closed:
             sides = " and ".join(view.closed)
             self._service.set_health(

@@ -7,11 +7,11 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from trolley.files import make_folder, read_file, write_atomically
+from trolley.files import make_folder, write_atomically
 from trolley.messages import Zone
 from trolley.messages.mapping import MapName
 from trolley.runtime.service import Service
-from trolley.state_file import Unreadable, keep_unreadable, parse_encoded
+from trolley.state_file import Unreadable, keep_unreadable, read_encoded
 from trolley_mapper.slam.estimate import Anchor
 
 FILE = "mapping.bin"
@@ -114,9 +114,8 @@ def _write(folder: Path, make: Callable[[], Checkpoint]) -> str | None:
 
 def read(folder: Path) -> Checkpoint | str | None:
     """Read the checkpoint: None if there is none, a sentence if it cannot be used."""
-    file = folder / FILE
     try:
-        return parse_encoded(read_file(file), Checkpoint, msgspec.msgpack.decode)
+        return read_encoded(folder / FILE, Checkpoint, msgspec.msgpack.decode)
     except FileNotFoundError:
         return None
     except (Unreadable, OSError) as error:

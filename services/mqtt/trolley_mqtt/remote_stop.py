@@ -44,7 +44,7 @@ class RemoteStop:
     def _update_reply(self, reply: object) -> None:
         if not isinstance(reply, Refused):
             self._until_ns = None
-            if isinstance(reply, BaseState) and reply.not_stopped:
+            if isinstance(reply, BaseState) and reply.may_still_move:
                 self._report.answer(reply.message)
             else:
                 self._report.answer("Stop: done.")

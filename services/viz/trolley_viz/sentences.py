@@ -67,6 +67,7 @@ def refusal(reply: Refused) -> str:
     return reply.message or codes.SENTENCES.get(reply.code, reply.code)
 
 
+UNCONFIRMED = "A stop holds, but the motor board is silent: whether the robot stands is not known."
 STOPPED = "The robot is stopped. Press “Drive on” first."
 """As the page calls it: “resume” is the word of programs."""
 AWAY = StatusLine("Away", "bad", "No contact with the robot. It is switched off or out of range.")
@@ -154,6 +155,8 @@ def base_line(base: BaseState | None) -> StatusLine | None:
     match base.mode:
         case "ok":
             return StatusLine("Creeping", "warn", why)
+        case "stopped" if base.is_stop_unconfirmed:
+            return StatusLine("Stop not confirmed", "bad", why)
         case "stopped":
             return StatusLine(
                 "Stopped", "bad", _join(why, "Press “Drive on” to let it drive again.")

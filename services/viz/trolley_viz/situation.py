@@ -23,6 +23,7 @@ from trolley_viz.sentences import (
     DRIVING,
     EXPLORES_WELL,
     STALE_S,
+    UNCONFIRMED,
     UNDER_WAY,
     StatusLine,
     age_text,
@@ -98,6 +99,8 @@ def _base(known: RobotState) -> StatusLine | None:
     base = known.base
     if base is None or base.mode in ("ok", "held"):
         return None
+    if base.is_stop_unconfirmed:
+        return StatusLine(base.message or UNCONFIRMED, "bad")
     if base.mode == "stopped":
         why = STOPPED_REASONS.get(base.reason) or f"Stopped: {_reason_of(base)}"
         return StatusLine(f"{why}. Press “Drive on” to let it {_what_then(known)}.", "bad")

@@ -84,6 +84,42 @@ def test_by_hand_it_creeps_where_the_lidar_sees_nothing(
     assert "creep" in rig.state.message
 
 
+@pytest.mark.parametrize(("source", "limit"), [("teleop", CREEP), ("planner", 0.0)])
+def test_a_lidar_that_reports_open_floor_all_around_is_not_believed(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, source: str, limit: float
+) -> None:
+    rig = make_rig()
+    healths: list[Health] = rig.lockstep.record(topics.HEALTH, "base")
+    rig.run(1.0)
+    spoil(rig, monkeypatch, all_round, math.inf)
+    rig.drive(1.5, 0.0)  # what was seen before still counts for a moment
+    since = len(rig.truths)
+    rig.drive(3.0, 0.5, source=source)
+    assert fastest(rig, since) <= limit + 0.005
+    assert rig.state.reason == codes.BLIND
+    assert healths[-1].state == "degraded"
+    assert "open floor all around" in healths[-1].message
+    assert healths[-1].figures["lidar/seen"] == 0.0
+
+
+def test_in_a_hall_where_few_beams_reach_a_wall_it_drives_as_told(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig()
+    healths: list[Health] = rig.lockstep.record(topics.HEALTH, "base")
+
+    def far(scan: LidarScan) -> NDArray[np.bool_]:
+        angles = scan.angle_min + np.arange(len(scan.ranges)) * scan.angle_increment
+        return np.abs(angles - math.radians(90.0)) > math.radians(4.0)
+
+    spoil(rig, monkeypatch, far, math.inf)
+    rig.run(1.0)
+    since = len(rig.truths)
+    rig.drive(2.0, 0.5, source="planner")
+    assert fastest(rig, since) == pytest.approx(0.5, abs=0.01)
+    assert healths[-1].state == "ok"
+
+
 @pytest.mark.parametrize("which", BLINDED.values(), ids=BLINDED.keys())
 @pytest.mark.parametrize("source", ["planner", pytest.param("calibrate", marks=SLOW)])
 def test_a_program_is_held_where_the_lidar_sees_nothing(

@@ -5,7 +5,7 @@ from trolley.cli.robot_sentence import robot_sentence
 from trolley.cli.status import problems
 from trolley.cli.teleop import base_line
 from trolley.doctor.robot import RobotFacts, check_base
-from trolley.messages import BaseState
+from trolley.messages import BaseState, Link
 
 SENTENCE = "NOT STOPPED: the motor board does not obey: told to stand, it goes on at 0.30 m/s."
 MOVES = BaseState(
@@ -39,3 +39,19 @@ def test_only_a_resume_ends_it() -> None:
     assert MOVES.is_halted
     assert STANDS.is_halted
     assert not BaseState(stamp_ns=1, mode="fault", reason="collision").is_halted
+
+
+UNKNOWN = "A stop holds, but whether the robot stands is not known: the cable is unplugged."
+UNCONFIRMED = BaseState(
+    stamp_ns=1,
+    mode="stopped",
+    reason=codes.BUTTON,
+    message=UNKNOWN,
+    links=[Link(name="chassis", state="searching")],
+)
+
+
+def test_a_stop_that_the_silent_board_cannot_confirm_is_not_called_stopped() -> None:
+    assert problems({"services": {}, "base": UNCONFIRMED, "pose": None}) == [UNKNOWN]
+    assert base_line(UNCONFIRMED)[0].startswith(UNKNOWN)
+    assert robot_sentence(UNCONFIRMED, None, None, None) == UNKNOWN

@@ -175,10 +175,10 @@ IMPATIENT_S = 0.9
 def test_a_child_that_hangs_is_killed_and_comes_back(module: Callable) -> None:
     said: list[str] = []
     environment = module("hangs", HANGS)
+    began_s = time.monotonic()
     with Supervisor(
         {"one": "hangs"}, environment, said.append, watchdog_s=IMPATIENT_S
     ) as supervisor:
-        began_s = time.monotonic()
         wait_until(lambda: supervisor.children["one"].restarts == 1, "it is started again")
         assert time.monotonic() - began_s > 1.5  # not before it fell silent
     assert said[:2] == ["one hangs; killing it", "one was killed by SIGKILL; starting it again"]

@@ -8,6 +8,7 @@ from trolley.messages import (
     BaseState,
     Candidate,
     GoalStatus,
+    Link,
     PoseEstimate,
     SavedPose,
     Stop,
@@ -67,6 +68,12 @@ def test_nothing_is_said_of_a_base_that_drives() -> None:
     assert base_line(None) is None
     creeping = BaseState(stamp_ns=1, mode="ok", reason="blind", message="It sees nothing.")
     assert base_line(creeping) == StatusLine("Creeping", "warn", "It sees nothing.")
+
+
+def test_a_stop_that_the_silent_board_cannot_confirm_is_not_called_stopped() -> None:
+    board = Link(name="chassis", state="searching")
+    base = BaseState(stamp_ns=1, mode="stopped", message="Not known.", links=[board])
+    assert base_line(base) == StatusLine("Stop not confirmed", "bad", "Not known.")
 
 
 def test_a_stopped_base_says_why_and_what_to_do() -> None:

@@ -1,11 +1,13 @@
 """The one sentence about what the robot is doing."""
 
+import msgspec
 import pytest
 
 from trolley.geometry import Pose2D
 from trolley.messages import (
     BaseState,
     GoalStatus,
+    Link,
     MappingStatus,
     PoseEstimate,
     SavedPose,
@@ -24,6 +26,13 @@ IDLE = GoalStatus(stamp_ns=1, id=None, state="idle")
 
 def base(mode: str, reason: str = "", message: str = "", source: str | None = None) -> BaseState:
     return BaseState(stamp_ns=1, mode=mode, reason=reason, message=message, source=source)  # type: ignore[arg-type]
+
+
+def silent(state: str, message: str) -> BaseState:
+    """A stop that holds while the motor board is in a state of its connection."""
+    board = Link(name="chassis", state=state)  # type: ignore[arg-type]
+    lidar = Link(name="lidar", state="down", message="The lidar is unplugged.")
+    return msgspec.structs.replace(base("stopped", "button", message), links=[lidar, board])
 
 
 def goal(state: str, goal_id: str = "a", **fields: object) -> GoalStatus:
@@ -91,6 +100,15 @@ CASES = [
         known(base=base("stopped", "new_code", "A wheel came off.")),
         "Stopped: a wheel came off. Press “Drive on” to let it drive again.",
     ),
+    (
+        known(base=silent("down", "A stop holds, but whether the robot stands is not known.")),
+        "A stop holds, but whether the robot stands is not known.",
+    ),
+    (
+        known(base=silent("searching", "")),
+        "A stop holds, but the motor board is silent: whether the robot stands is not known.",
+    ),
+    (known(base=silent("up", "")), "Stopped. Press “Drive on” to let it drive again."),
     (
         known(base=base("fault", "link_lost")),
         "The robot cannot drive: the connection to the motor board is down.",

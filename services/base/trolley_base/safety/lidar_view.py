@@ -3,6 +3,11 @@
 A cover, dirt or a cable turns with the robot; a black cupboard or a window does not. So a side is
 closed where its beams all failed at once though the robot hardly moved, or go on failing though it
 has turned or driven on.
+
+A beam without an echo says that nothing is in reach, or that it looks into the air, through a
+window that is off, or at nothing because its receiver is dead: only other beams' echoes tell. Hence
+a scan with hardly any echo sees nothing, as laser scanners for protection switch off where they
+measure nothing in a wide angle.
 """
 
 import dataclasses
@@ -39,6 +44,9 @@ class LidarViewParams:
     lidar of 0.1 m is as near over more than 0.63 rad [rad]."""
     body_m: float = 0.02
     """An echo farther inside the footprint is the robot's own body, as for the stop field [m]."""
+    least_echoes: float = 0.01
+    """If a smaller share of the beams has an echo, no beam is believed: in the largest hall, a
+    stretch of a wall or a person is in reach, and stray light makes fewer echoes than this."""
     fine: float = 0.5
     """A side is open if this share of its beams sees something."""
     closed: float = 0.1
@@ -134,6 +142,8 @@ class LidarView:
         self._sides = [_Side() for _ in SIDES]
         self.share = 0.0
         """Share of the newest scan's beams that see something, or that nothing is in reach."""
+        self.lacks_echoes = False
+        """Whether the newest scan says that nothing is in reach, with hardly an echo as proof."""
 
     @property
     def shares(self) -> dict[str, float]:
@@ -146,12 +156,20 @@ class LidarView:
         return [name for name, side in zip(SIDES, self._sides, strict=True) if side.is_closed]
 
     def update(self, scan: LidarScan, odom_T_base: Pose2D) -> LidarScan:
-        """Take a new scan without what met a cover; return it without echoes of the own body."""
+        """Take a new scan without what met a cover; return what it sees.
+
+        That is without echoes of the own body, and nothing at all if hardly a beam has an echo.
+        """
         count = len(scan.ranges)
         angles = self._yaw + scan.angle_min + np.arange(count) * scan.angle_increment
         part = np.floor(angles * (len(self._body) / (2.0 * math.pi))).astype(np.int64)
         # What hides in the robot's own outline hides what lies behind it, too.
         sees = scan.ranges > np.maximum(0.0, self._body[part % len(self._body)] - PARAMS.body_m)
+        echoes = sees & np.isfinite(scan.ranges)
+        is_bare = np.count_nonzero(echoes) < PARAMS.least_echoes * count
+        self.lacks_echoes = bool(is_bare and (sees & ~echoes).any())
+        if self.lacks_echoes:
+            sees = echoes
         side = np.rint(angles * (len(SIDES) / (2.0 * math.pi))).astype(np.int64) % len(SIDES)
         of_side = np.bincount(side, minlength=len(SIDES))
         seeing = np.bincount(side[sees], minlength=len(SIDES))

@@ -39,17 +39,17 @@ class MotionSupervisionParams:
     [ns]. The allowed excess makes up for 0.3 s."""
     least_delay_ns: int = 100_000_000
     """Shortest delay that is believed, however short the measured one [ns]."""
-    braking_share: float = 0.5
+    braking_share: float = 0.7
     """Share of the configured deceleration with which the robot brakes at least."""
-    turn_braking_share: float = 0.5
+    turn_braking_share: float = 0.6
     """The same for its turn rate, whose braking nobody measures."""
     standing_speed: float = 0.015
     """A slower robot counts as standing, given encoders and backlash [m/s]."""
     standing_wz: float = 0.05
     """The same for turning [rad/s]."""
-    braking_excess_m: float = 0.006
+    braking_excess_m: float = 0.004
     """A robot that goes this much farther than its braking distance does not brake [m]."""
-    braking_excess_rad: float = 0.025
+    braking_excess_rad: float = 0.02
     """The same for turning [rad]."""
     smooth_ns: int = 100_000_000
     """Its speed when it was told to brake is the mean over this time [ns]."""

@@ -10,12 +10,12 @@ from msgspec import Struct
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.files import make_folder, read_file, write_atomically
+from trolley.files import make_folder, write_atomically
 from trolley.geometry import Pose2D
 from trolley.messages import PoseEstimate, SavedPose, Tour, Zone, Zones
 from trolley.messages.request_params import LoadMap, Named
 from trolley.runtime.service import Service
-from trolley.state_file import Unreadable, keep_unreadable, parse_encoded
+from trolley.state_file import Unreadable, keep_unreadable, read_encoded
 from trolley_mapper.edit.map_versions import MapVersions
 
 PLAN_FILE = "map_edit.json"
@@ -76,7 +76,7 @@ def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
     """
     file = state / PLAN_FILE
     try:
-        plan = parse_encoded(read_file(file), SwitchPlan, msgspec.json.decode)
+        plan = read_encoded(file, SwitchPlan, msgspec.json.decode)
     except FileNotFoundError:
         return None
     except (Unreadable, OSError) as error:

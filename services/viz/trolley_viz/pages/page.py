@@ -17,7 +17,7 @@ from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
 from trolley_viz.pages.known import now_line, robot_state, state_lines, under_way
 from trolley_viz.pages.language import in_language
 from trolley_viz.panels.console import Console
-from trolley_viz.robots.stop_presses import DISOBEYED
+from trolley_viz.robots.stop_presses import DISOBEYED, UNCONFIRMED
 from trolley_viz.robots.view import View
 from trolley_viz.scene.overlays import OverlayLayer
 from trolley_viz.sentences import refusal
@@ -220,6 +220,8 @@ class Page:
         stop = self._hub.stops.line(view.robot_name, view.now_ns)
         if stop is None and base is not None and base.not_stopped:
             stop = DISOBEYED
+        elif stop is None and base is not None and base.is_stop_unconfirmed:
+            stop = UNCONFIRMED
         state = PageState(
             robot=view.robot_name,
             title=view.robot_name if view.robot is None else view.robot.title or view.robot_name,

@@ -34,6 +34,8 @@ class StopLine:
 
 DISOBEYED = StopLine("NOT STOPPED: the motor board does not obey", is_alarm=True)
 """`base` has answered, and the robot moves all the same."""
+UNCONFIRMED = StopLine("STOP NOT CONFIRMED: the motor board is silent", is_alarm=True)
+"""`base` has answered, and nobody knows whether the robot moves."""
 
 
 class StopPresses:
