@@ -27,14 +27,14 @@ ACTIVE = ("planning", "driving", "recovering", "paused")
 
 @dataclass(frozen=True, slots=True)
 class PassageParams:
-    """When a robot at its goal is in everybody's way; by hand."""
+    """When a robot at its goal blocks a passage; by hand."""
 
     person_m: float = 0.22
-    """Half the width that somebody needs who walks past."""
+    """Half the width that a person needs to walk past."""
     window_m: float = 1.5
-    """What is looked at: this far from the goal along both axes."""
+    """Distance from the goal along both axes within which the floor is checked."""
     leads_on_m: float = 1.2
-    """A part of the floor that reaches farther than this leads on; others are niches."""
+    """Distance that a part of the floor must reach to lead on; shorter ones are niches."""
 
 
 PASSAGE = PassageParams()

@@ -47,9 +47,9 @@ from trolley_planner.sensing.inputs import Inputs
 SETTLED_S = 1.5
 """A source that drove already when the goal came may fall silent within this time."""
 STOPPING_S = 0.5
-"""Zero is commanded for this long after a goal is over."""
+"""Time for which zero is commanded after a goal is over."""
 IDLE_SCAN_S = 0.2
-"""Without a goal, a scan this often keeps the costmap up to date."""
+"""Time between two scans that update the costmap while there is no goal."""
 BLIND_S = 30.0
 """A goal that is blocked so soon after base was held because the lidar sees nothing is blind."""
 OWN_SOURCE = "planner"

@@ -30,22 +30,22 @@ from trolley_planner.warmup import warm_up
 
 R = TypeVar("R")
 VALID_S = 0.15
-"""How long a command is valid: three control periods, and short enough that a robot whose planner
-dies stands within half a second, braking from full speed included."""
+"""Time for which a command is valid [s]: three control periods, and short enough that a robot whose
+planner dies stands within half a second, braking from full speed included."""
 STATUS_S = 0.2
-"""Period of the goal's status."""
+"""Period of the goal's status [s]."""
 COSTMAP_S = 0.5
-"""Period of the costmap while a goal is active."""
+"""Period of the costmap while a goal is active [s]."""
 IDLE_COSTMAP_S = 2.0
-"""Period of the costmap without a goal."""
+"""Period of the costmap without a goal [s]."""
 TRAJECTORY_S = 0.1
-"""Least time between two trajectories."""
+"""Least time between two trajectories [s]."""
 ODOMETRY_S = 2.0
-"""Odometry that is kept to place scans."""
+"""Time for which odometry is kept to place scans [s]."""
 MAX_SCAN_PERIOD_NS = 200_000_000
-"""The next scan is expected no later than this after the last."""
+"""Longest time after a scan at which the next one is expected [ns]."""
 WAIT_SHARE = 0.4
-"""Nearer to the next scan than this share of the control period, odometry gives no command."""
+"""Share of the control period before the next scan within which odometry gives no command."""
 
 
 def command_period_ns(config: PlannerConfig) -> int:

@@ -18,9 +18,9 @@ class MotionStateParams:
     """Where commands start from; by hand."""
 
     most_elapsed_s: float = 0.1
-    """Longer gaps between commands than this count as this."""
+    """Longest time between two commands that is reckoned with; longer gaps count as this."""
     spinning_mps: float = 0.15
-    """Highest speed during a spin."""
+    """Highest speed at which a turn still counts as a spin."""
 
 
 MOTION = MotionStateParams()

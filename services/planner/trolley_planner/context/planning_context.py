@@ -36,9 +36,9 @@ WINDOW_MARGIN_M = 0.4
 SPEEDS = ("max_speed_mps", "max_turn_radps", "slow_speed_mps", "unsure_speed_mps")
 """Settings that each command reads anew: a change of others takes a new context."""
 SEEN_M = 0.8
-"""Distances to what stands around are computed up to this, where ways are searched."""
+"""Distances to obstacles are computed up to this where maneuvers are searched [m]."""
 TURN_STEP_RAD = 0.1
-"""Turns are checked in steps of this angle."""
+"""Angle between the poses at which a turn is checked [rad]."""
 
 
 class PlanningContext:
@@ -190,7 +190,7 @@ class CostmapManagerParams:
     """Upkeep of the costmap; by hand."""
 
     fade_s: float = 1.0
-    """Time between two looks for what can be forgotten."""
+    """Time between two passes that forget old obstacles."""
     edge_share: float = 0.25
     """In frame `odom` the costmap moves when the robot comes this near to its edge, as a share
     of `odom_size_m`."""

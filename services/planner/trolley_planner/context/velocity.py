@@ -8,14 +8,15 @@ from trolley.geometry import Twist2D
 
 @dataclass(frozen=True, slots=True)
 class VelocityParams:
-    """How far wheels may be from what they were told; by hand."""
+    """How far the wheels may differ from the commands; by hand."""
 
     lag_s: float = 0.5
-    """Wheels show by now what they were told at some time within this."""
+    """Longest time that the wheels take to follow a command."""
     differs_mps: float = 0.15
-    """Wheels that differ by more than this"""
+    """Difference from every recent command above which the wheels' speed counts as not following.
+    """
     differs_radps: float = 0.5
-    """or this from all of that do not follow it."""
+    """Difference from every recent command above which the turn rate counts as not following."""
 
 
 VELOCITY = VelocityParams()

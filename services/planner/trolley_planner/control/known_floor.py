@@ -16,9 +16,9 @@ from trolley_planner.costmap.obstacle_grid import OBSTACLES
 from trolley_planner.paths.hybrid_astar.room import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
 
 BACK_STEPS_M = (0.05, 0.1, 0.15)
-"""To back up, the robot must know what is this far behind it [m]."""
+"""Distances behind the robot at which the floor must be known before it backs up [m]."""
 MIDDLE_CELLS = 0.25
-"""Nearer to the middle of a cell than this along both axes is in its middle."""
+"""Distance from a cell's centre, along both axes, within which a point is in its middle [cells]."""
 
 
 class KnownFloor:

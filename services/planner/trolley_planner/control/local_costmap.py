@@ -35,22 +35,22 @@ class LocalCostmapParams(NamedTuple):
     unreached_m: float = 100.0
     """Cost-to-go of places from which no path leads on."""
     edge_rise_m: float = 0.5
-    """Beside reached places the cost-to-go rises by this much from cell to cell,"""
+    """Rise of the cost-to-go from cell to cell beside the cells that the search reached."""
     edge_cells: int = 3
-    """over this many cells."""
+    """Number of cells beside the reached ones over which the cost-to-go rises."""
     border_cells: float = 0.02
-    """Points of the path this near to the border of two cells belong to both."""
+    """Distance from a border within which a point of the path belongs to both cells."""
     escape_m: float = 0.3
-    """Within this radius around the robot lethal cells are passable,"""
+    """Radius around the robot within which lethal cells are passable, so that it can leave them."""
     escape_weight: int = 240
-    """at this weight."""
+    """Weight of lethal cells within `escape_m` of the robot."""
     tight_weight: int = 80
     """Weight of places with less than the usual clearance, where they may be passed at all."""
     narrow_m: float = 0.08
-    """With less room than this beside the robot"""
+    """Clearance at the robot below which a metre of the path counts `narrow_factor` times."""
     narrow_factor: float = 3.0
-    """a metre of the path counts this much: getting on must be worth driving close to walls,
-    and backwards too."""
+    """Weight of a metre of the path in narrow places: progress must be worth driving close to
+    walls, and backwards."""
 
 
 LOCAL = LocalCostmapParams()
@@ -63,7 +63,7 @@ class InflationTables(NamedTuple):
 
     usual: NDArray[np.uint8]
     tight: NDArray[np.uint8]
-    """Where places with less than the usual clearance may be passed."""
+    """Used where places with less than the usual clearance may be passed."""
 
 
 class CoarseCells(NamedTuple):

@@ -39,11 +39,11 @@ class PursuitParams(NamedTuple):
     """Lookahead and regulation; by hand."""
 
     lookahead_s: float = 1.0
-    """The carrot lies this far ahead in time,"""
+    """Time that the carrot lies ahead of the robot at its present speed."""
     least_lookahead_m: float = 0.35
-    """but at least this far"""
+    """Least distance from the robot to the carrot."""
     most_lookahead_m: float = 1.2
-    """and at most this far."""
+    """Greatest distance from the robot to the carrot."""
     turn_in_place_rad: float = 0.7
     """The robot turns before it drives if the carrot is farther off its heading than this."""
     tight_radius_m: float = 0.6
@@ -52,7 +52,7 @@ class PursuitParams(NamedTuple):
 
 PURSUIT = PursuitParams()
 LOOKAHEAD_SHARES = (1.0, 0.6, 0.35)
-"""A nearer carrot is tried where the drive towards the usual one would collide."""
+"""Shares of the lookahead distance that are tried in turn until a drive would not collide."""
 
 
 class PurePursuit:

@@ -122,39 +122,51 @@ class Lanes(NamedTuple):
     sequence: NDArray[np.int64]
     """(lanes,) which control sequence each follows."""
     values: NDArray[np.float64]
-    """(11, lanes) all that follows:"""
+    """(11, lanes) storage of the eleven arrays `x` to `cost`, which are its rows."""
     x: NDArray[np.float64]
+    """(lanes,) position in `grid` [m]."""
     y: NDArray[np.float64]
+    """(lanes,) [m]."""
     cos: NDArray[np.float64]
-    """of the heading;"""
+    """(lanes,) cosine of the heading."""
     sin: NDArray[np.float64]
+    """(lanes,) sine of the heading."""
     v: NDArray[np.float64]
+    """(lanes,) speed [m/s]."""
     w: NDArray[np.float64]
+    """(lanes,) turn rate [rad/s]."""
     old_v: NDArray[np.float64]
-    """a step before;"""
+    """(lanes,) speed one step before [m/s]."""
     old_w: NDArray[np.float64]
+    """(lanes,) turn rate one step before [rad/s]."""
     clearance: NDArray[np.float64]
+    """(lanes,) distance from the footprint to the nearest obstacle [m]."""
     near: NDArray[np.float64]
-    """what `proximity_cost` says;"""
+    """(lanes,) result of `proximity_cost`."""
     cost: NDArray[np.float64]
-    """so far."""
+    """(lanes,) cost so far, in metres of free floor."""
     is_marked: NDArray[np.bool_]
-    """(lanes,) scratch."""
+    """(lanes,) scratch: which lanes are selected."""
     scratch: NDArray[np.float64]
-    """(lanes,) the speed allowed, then the cost before this step."""
+    """(lanes,) scratch: the speed allowed, then the cost before this step."""
     close: NDArray[np.int64]
-    """(lanes,) the lanes that are close to something, and for these:"""
+    """(lanes,) indices of the lanes that are close to an obstacle."""
     col: NDArray[np.float64]
+    """(lanes,) column of each close lane [cells]."""
     row: NDArray[np.float64]
+    """(lanes,) row of each close lane [cells]."""
     cos_by_cell: NDArray[np.float64]
+    """(lanes,) cosine of each close lane's heading, per edge of a cell."""
     sin_by_cell: NDArray[np.float64]
+    """(lanes,) sine of each close lane's heading, per edge of a cell."""
     least: NDArray[np.float64]
-    """distance so far [m]."""
+    """(lanes,) least distance found so far for each close lane [m]."""
     look_ups: LookUps
 
 
 MOST_LANES, MOST_LOOK_UPS = 256, 512
-"""More would not stay in the processor's near memory; found by bench/planner/rollouts."""
+"""Most lanes of a batch and most look-ups at once that stay in the cache; found by
+bench/planner/rollouts."""
 NUM_VALUES = 11
 CRITICS = CriticWeights()
 ROLLOUT = RolloutParams()

@@ -42,7 +42,7 @@ class CostmapParams:
     padding_m: float = 0.02
     """Added to the inscribed radius: cells round an obstacle's place to half their edge."""
     tight_cells: float = 0.3
-    """What is seen lies in its cell up to this much farther away than the cell's centre."""
+    """Most that a seen obstacle lies farther away than the centre of its cell."""
     squeeze_weight: int = 60 * WEIGHT_UNIT
     """Weight of cells where the robot fits only if all lies well in its cells."""
     beside_m: float = 0.15

@@ -25,23 +25,24 @@ class ObstacleParams(NamedTuple):
     mark_evidence: int = 3
     """Evidence that each scan with an echo adds; one that sees through takes away 1."""
     person_margin_m: float = 0.05
-    """Echoes this near to a person's disc are theirs [m],"""
+    """Distance from a person's disc within which echoes belong to that person."""
     trail_s: float = 0.5
-    """and so is what was seen where they were within this time, if it is seen no more [s]."""
+    """Time for which obstacles seen where a person was are taken for that person once unseen."""
     widest_gap_rad: float = 0.06
-    """Nothing is known between neighbouring beams farther apart than this."""
+    """Angle between neighbouring beams above which the floor between them stays unknown."""
     all_round_rad: float = 1.95 * math.pi
-    """A lidar that covers less does not look all round."""
+    """Field of view from which on a lidar counts as seeing all round."""
     sight_scans: int = 3
-    """Such a lidar looks where one of so many of the newest scans saw floor."""
+    """Number of newest scans that count as the present view of a lidar that does not see all round.
+    """
     recent_s: float = 15.0
-    """What it saw free is free for this long out of its view,"""
+    """Time for which floor seen free stays free out of the lidar's view."""
     kept_s: float = SIGHT.memory_s - 3.0
-    """and to the end of what was begun in time for this long: at `base`'s creep that is 1.2 m. A
-    little later `base` lets nobody drive there."""
+    """Time for which floor seen free stays free for a drive that began within `recent_s`: 1.2 m at
+    `base`'s creep speed. A little later `base` lets nobody drive there."""
     stood_s: float = SIGHT.trail_s - 20.0
-    """Where the robot stood is free out of its view for this long: it leaves a dead end as it came;
-    `base` lets it for 20 s more."""
+    """Time for which floor that the robot stood on stays free out of view, so that it can leave a
+    dead end as it came; 20 s less than `base`'s own limit."""
 
 
 OBSTACLES = ObstacleParams()

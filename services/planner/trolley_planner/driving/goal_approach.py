@@ -19,9 +19,9 @@ class AlignmentParams:
     start_m: float = 0.3
     """The alignment takes over this near to the goal."""
     least_mps: float = 0.03
-    """Slower commands than this"""
+    """Speed below which a command does not move a real robot."""
     least_radps: float = 0.12
-    """or this do not move a real robot."""
+    """Turn rate below which a command does not move a real robot."""
     speed_gain: float = 2.2
     """Speed per distance that is left [1/s]."""
     turn_gain: float = 3.0
@@ -133,9 +133,9 @@ class ApproachParams:
     turn_as_m: float = 0.3
     """A turn by one radian that is left at the goal counts as this distance."""
     goal_clearance_m: float = 0.005
-    """At a tight goal at least this clearance is left;"""
+    """Least clearance of the final pose at a tight goal."""
     beside_m: float = 0.02
-    """beside one with less, the nearest place with this."""
+    """Least clearance of the pose that replaces a goal with less than `goal_clearance_m`."""
     window_edge_m: float = 0.6
     """The goal is checked once it lies this far inside the local costmap."""
 

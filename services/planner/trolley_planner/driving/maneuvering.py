@@ -33,60 +33,62 @@ class ManeuverParams:
     """Where maneuvers are searched; all by hand."""
 
     room_m: float = 0.08
-    """A place is tight with less room than this on both sides,"""
+    """Clearance on both sides below which a place is tight."""
     aside_m: float = 0.08
-    """which more room this far beside the path puts right."""
+    """Distance beside the path at which more clearance makes a place no longer tight."""
     turn_room_m: float = 0.02
-    """A turn on the spot is tight with less room than this."""
+    """Clearance below which a turn on the spot is tight."""
     begin_m: float = 0.5
-    """A maneuver is searched once a tight place is this near,"""
+    """Distance to a tight place at which a maneuver is searched."""
     begin_goal_m: float = 2.2
-    """or a goal with little room,"""
+    """Distance to a goal with little room at which a maneuver is searched."""
     beyond_m: float = 0.25
-    """to where the footprint has been out of it for this long."""
+    """Length of path behind a tight place that the maneuver still covers, so that the footprint is
+    out of it."""
     least_m: float = 0.9
-    """It leads at least this far along the path,"""
+    """Least length of path that a maneuver covers."""
     reach_m: float = 1.6
-    """and at most this far;"""
+    """Greatest length of path that a maneuver covers."""
     go_on_m: float = 0.5
-    """the next one is searched this far before its end,"""
+    """Distance to the end of a maneuver at which the next one is searched."""
     farther_m: float = 0.25
-    """if that leads this much farther along the path,"""
+    """Length of path that the next maneuver must cover beyond the present one."""
     longer_m: float = 0.3
-    """and is taken if it is not longer than this one by more than this, turns counted."""
+    """Most by which the next maneuver may be longer than what is left, turns counted."""
     near_goal_m: float = 0.4
-    """One that ends this near to the goal leads to it."""
+    """Distance to the goal within which a maneuver leads to the goal itself."""
     half_m: float = 2.4
-    """It keeps within this distance of the robot, along both axes."""
+    """Half the edge of the square around the robot that a maneuver keeps within."""
     loose_m: float = 0.1
-    """The place at which a maneuver ends on the path may be missed by this much,"""
+    """Tolerance of the position at which a maneuver ends on the path."""
     loose_rad: float = 0.2
-    """and the heading there by this,"""
+    """Tolerance of the heading at the end of a maneuver where the robot cannot turn."""
     free_rad: float = 0.9
-    """or by this where it can turn."""
+    """Tolerance of the heading at the end of a maneuver where the robot can turn."""
     standing_mps: float = 0.1
-    """A maneuver begins where a robot faster than this can stand,"""
+    """Speed above which a maneuver begins where the robot will have stopped."""
     delay_s: float = 0.15
-    """which it begins to do after this time;"""
+    """Time from the decision to the begin of the braking."""
     lead_step_m: float = 0.025
-    """and leads there in steps no longer than this."""
+    """Greatest distance between two poses of the way to where the robot will have stopped."""
     brisk: float = 1.3
-    """A maneuver with the clearance that is wanted is driven so much faster beside obstacles than a
-    path: it is known how near they come;"""
+    """Factor on the speed beside obstacles where the maneuver keeps the wanted clearance: it is
+    known how near they come."""
     wary: float = 0.5
-    """and so much slower where by what is measured nothing is left beside it."""
+    """Factor on the speed beside obstacles where the measurements leave no clearance."""
     begin_people_m: float = 0.8
-    """No maneuver is begun while somebody moves this near to the robot,"""
+    """Distance to a moving person within which no maneuver begins."""
     stand_people_m: float = 0.3
-    """and while they do this near it stands."""
+    """Distance to a moving person within which the robot stands still."""
     retry_s: float = 1.0
-    """Time between two searches that find nothing."""
+    """Time between two searches after one that found nothing."""
     blocked_scans: int = 3
-    """A maneuver is given up when so many scans in a row showed something on it,"""
+    """Number of scans in a row that must show an obstacle on a maneuver before it is given up."""
     blocked_m: float = 0.01
-    """by more than this: nearly a fine cell, and what is out of view errs."""
+    """Depth by which an obstacle must reach into a maneuver: nearly a fine cell, and poses out of
+    view err."""
     aside_rad: float = 0.5
-    """A robot that looks so far past its path must turn before it drives along."""
+    """Angle between heading and path above which the robot must turn first."""
 
 
 MANEUVER = ManeuverParams()

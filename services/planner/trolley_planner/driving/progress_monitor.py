@@ -17,19 +17,19 @@ class PatienceParams:
     """When the robot waits, and when it tries to get free; all by hand."""
 
     no_path_s: float = 0.7
-    """Recovery begins when the local costmap has held no path for this long."""
+    """Time without a path in the local costmap after which recovery begins."""
     standing_mps: float = 0.03
-    """A robot slower than this,"""
+    """Speed below which the robot may count as standing."""
     standing_radps: float = 0.1
-    """and turning slower than this, counts as standing."""
+    """Turn rate below which the robot may count as standing."""
     on_goal_m: float = 0.1
-    """Nearer to an occupied goal than this the robot does not wait: it has only to turn."""
+    """Distance to an occupied goal within which the robot does not wait: it has only to turn."""
     wait_at_goal_m: float = 0.5
-    """The robot waits this far before an occupied goal, measured from its outline."""
+    """Distance from the robot's outline to an occupied goal at which it waits."""
     goal_patience: float = 4.0
     """It waits there for this many times the usual patience."""
     yield_m: float = 0.8
-    """Somebody moving this near to the outline may be why the robot stands."""
+    """Distance from the outline within which a moving person may be why the robot stands."""
 
 
 PATIENCE = PatienceParams()

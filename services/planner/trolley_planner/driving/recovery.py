@@ -16,15 +16,16 @@ class RecoveryParams:
     """Bounds of recovery; by hand."""
 
     free_after_m: float = 0.5
-    """A robot that got this much nearer to the goal than ever is free: the actions start over."""
+    """Progress beyond the best so far after which the behaviours start over."""
     detour_m: float = 2.0
-    """A new path longer by this is a detour, on which progress is measured anew,"""
+    """Extra length from which on a new path is a detour; progress is then measured anew."""
     most_detours: int = 2
-    """at most this often."""
+    """Number of detours per goal on which progress is measured anew."""
     most_actions: int = 15
-    """Actions for one goal; then it has failed."""
+    """Number of recovery behaviours per goal after which the goal fails."""
     excused_factor: int = 5
-    """After this many times `give_up_s` the goal fails, even if the robot only stood for people."""
+    """Multiple of `give_up_s` after which the goal fails even if the robot only stood for people.
+    """
 
 
 RECOVERY = RecoveryParams()
@@ -49,9 +50,9 @@ RECOVERY_SEQUENCE = (
     RecoveryAction.REROUTE,
     RecoveryAction.WAIT_LONGER,
 )
-"""The order in which they are tried; the last is repeated."""
+"""Recovery behaviours in the order in which they are tried; the last is repeated."""
 MOVES = (RecoveryAction.BACK_UP, RecoveryAction.TURN, RecoveryAction.REROUTE)
-"""These are left out where they are not possible."""
+"""Recovery behaviours that are skipped where the robot has no room for them."""
 
 
 class Recovery:

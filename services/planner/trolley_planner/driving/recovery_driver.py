@@ -17,32 +17,32 @@ from trolley_planner.driving.route import Route
 
 @dataclass(frozen=True, slots=True)
 class BehaviorParams:
-    """How the robot moves meanwhile; all by hand."""
+    """How the robot moves during recovery; all by hand."""
 
     crumb_m: float = 0.03
     """Distance between two remembered poses of the robot's track."""
     track_m: float = 3.0
     """Length of the track that is remembered."""
     settle_s: float = 0.5
-    """A wait, or a second look, lasts at least this long: time for two scans or so."""
+    """Least duration of a wait or of clearing the costmap: time for about two scans."""
     backing_mps: float = 0.12
-    """Speed of backing up."""
+    """Speed when backing up."""
     lookback_m: float = 0.12
-    """Backing up steers for the track this far behind."""
+    """Distance behind the robot of the point on its track that it backs up towards."""
     spin_radps: float = 0.7
     """Turn rate of a spin."""
     stalled_s: float = 1.0
-    """A motion that was held up for this long is over,"""
+    """Time without motion after which a behaviour ends."""
     longest_s: float = 12.0
-    """and each is after this long."""
+    """Longest duration of a behaviour."""
     standing_mps: float = 0.02
-    """A motion is held up while the robot is slower than this"""
+    """Speed below which the robot may count as held up."""
     standing_radps: float = 0.1
-    """and turns slower than this."""
+    """Turn rate below which the robot may count as held up."""
     forget_radius_m: float = 1.5
-    """What the lidar saw this near is forgotten when the robot looks again."""
+    """Radius around the robot within which obstacles are cleared from the costmap."""
     closed_radius_m: float = 0.2
-    """Radius of the place on the path that is closed where the robot did not get through."""
+    """Radius of the part of the path that is closed where the robot did not get through."""
 
 
 BEHAVIORS = BehaviorParams()

@@ -26,27 +26,27 @@ class RouteParams:
     replan_blocked_s: float = 0.3
     """Time between two plans while the path is blocked."""
     detour_factor: float = 1.5
-    """A path is a detour if it is longer than this many times the old one"""
+    """Multiple of the old length above which a path may be a detour."""
     detour_m: float = 2.0
-    """and this much more."""
+    """Extra length above which such a path is a detour."""
     better_share: float = 0.9
-    """A new path is taken if it costs less than this share of the old one."""
+    """Share of the old cost below which a new path is taken."""
     strayed_m: float = 0.7
-    """Farther from its path than this the robot needs another."""
+    """Distance from the path beyond which the robot needs a new one."""
     reach_m: float = 1.0
-    """The robot is looked for at most this far along the path since the last time."""
+    """Length of path ahead of the last match within which the robot's place is found."""
     own_place_m: float = 0.4
-    """The path this near to the robot,"""
+    """Distance from the robot within which its path may be tight."""
     goal_place_m: float = 0.2
-    """and this near to the goal, may be tight and still be right."""
+    """Distance from the goal within which the path may be tight."""
     tight_ahead_m: float = 0.8
-    """This far before a tight place"""
+    """Distance before a tight place at which the robot accepts the clearance that there is."""
     tight_behind_m: float = 0.5
-    """and behind it the robot keeps the clearance that there is."""
+    """Distance behind a tight place up to which the robot accepts the clearance that there is."""
     off_map_m: float = 1.0
-    """So much more than there should be of a way may be off the map: maps have holes."""
+    """Extra length of a path that may lie off the map, since maps have holes."""
     horizon_m: float = 12.0
-    """Only obstacles this near along the path call for a new one."""
+    """Distance along the path up to which obstacles call for replanning."""
 
 
 ROUTE = RouteParams()

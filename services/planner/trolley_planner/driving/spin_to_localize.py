@@ -15,14 +15,14 @@ from trolley_planner.sensing.inputs import Inputs
 
 @dataclass(frozen=True, slots=True)
 class SpinParams:
-    """The spin of a robot that looks for its pose; by hand."""
+    """The spin of a robot that has lost its pose; by hand."""
 
     room_m: float = 0.1
-    """This much more than the robot's own circle must be free."""
+    """Free distance needed around the robot's circumscribed circle."""
     full_turn_rad: float = 6.4
-    """Angle of the whole turn."""
+    """Angle of the whole spin."""
     acceleration_radps2: float = 1.0
-    """The turn begins gently."""
+    """Angular acceleration of the spin, which begins gently."""
 
 
 SPIN = SpinParams()

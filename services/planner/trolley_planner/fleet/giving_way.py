@@ -27,25 +27,25 @@ class GivingWayParams:
     """How long robots wait for each other; all by hand."""
 
     facing_s: float = 1.5
-    """Two that have stood face to face for this long stay there unless one steps aside."""
+    """Time face to face after which one of two standing robots has to step aside."""
     passed_s: float = 0.6
-    """The path must have been free for this long before the robot drives on."""
+    """Time for which the path must have been free before the robot drives on."""
     idle_s: float = 12.0
-    """A robot that has the right of way and within this time"""
+    """Time within which a robot with the right of way must move `idle_m` to keep it."""
     idle_m: float = 0.2
-    """does not move this far leaves it to the other,"""
+    """Distance that it must move within `idle_s`."""
     turn_s: float = 15.0
-    """for this long."""
+    """Time for which the other robot has the right of way instead."""
     look_s: float = 1.0
     """Time between two searches for a better place to wait."""
     standing_mps: float = 0.03
-    """A robot slower than this"""
+    """Speed below which a robot may count as standing."""
     standing_radps: float = 0.1
-    """and turning slower than this stands."""
+    """Turn rate below which a robot may count as standing."""
     most_waits: float = 5.0
-    """After this many times the time to give up it stops waiting."""
+    """Multiple of the time to give up after which the robot stops waiting."""
     blocking_m: float = 2.0
-    """A robot that stands on the path within this distance is named."""
+    """Distance within which a robot that stands on the path is named."""
 
 
 GIVING_WAY = GivingWayParams()

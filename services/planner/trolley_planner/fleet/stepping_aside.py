@@ -26,51 +26,52 @@ from trolley_planner.sensing.beams import wrapped
 
 
 class AsideParams(NamedTuple):
-    """When the robot makes room, and where; all by hand."""
+    """When the robot yields to people in narrow places, and where it waits; all by hand."""
 
     half_m: float = 5.0
-    """People and places this near to the robot count, along both axes."""
+    """Half the edge of the square around the robot in which people and waiting places count."""
     ahead_m: float = 4.0
-    """This much of the route is checked."""
+    """Length of the route that is checked."""
     ahead_s: float = 8.0
-    """People are taken to walk on for this long."""
+    """Time for which people are predicted to walk on."""
     step_s: float = 0.1
-    """Time between two of their places."""
+    """Time between two predicted positions."""
     wall_m: float = 0.2
-    """Their middle keeps this far from walls."""
+    """Least distance from a predicted position to a wall."""
     person_m: float = 0.25
-    """Radius of a person: where a robot fits on both sides of them"""
+    """Radius of a person."""
     narrow_m: float = 1.5
-    """along so much of the route before and behind where they meet, the controller passes."""
+    """Length of route before and behind the meeting point that must be wide enough for the
+    controller to pass."""
     beside_m: float = 0.05
-    """Elsewhere it does where it fits beside who comes with this to spare:"""
+    """Clearance beside a person with which the controller passes them elsewhere."""
     room_m: float = 0.5
-    """free floor beside the route, as near as this to where they meet, is room to pass"""
+    """Distance from the meeting point within which free floor beside the route is room to pass."""
     before_m: float = 1.0
-    """all along this much of the route before that place,"""
+    """Length of route before the meeting point along which there must be room to pass."""
     behind_m: float = 0.5
-    """and this much behind it."""
+    """Length of route behind the meeting point along which there must be room to pass."""
     keep_m: float = 0.12
-    """Left between them and the robot that waits; it looks for another place if there is none."""
+    """Least distance between people and the waiting robot; with less it looks for another place."""
     moves_m: float = 0.3
-    """A place no farther than this from the one before is the same."""
+    """Distance within which two waiting places count as the same."""
     pace: float = 0.85
-    """The robot gets on at this share of its speed,"""
+    """Share of its speed at which the robot is predicted to drive."""
     turn_radps: float = 1.2
-    """and turns at this rate before it sets off [rad/s]."""
+    """Rate at which the robot is predicted to turn before it sets off [rad/s]."""
     early_s: float = 0.3
-    """It is anywhere so much earlier than they are."""
+    """Time by which the robot must be at a place before people are."""
     look_s: float = 0.3
-    """Time between two looks."""
+    """Time between two checks."""
     passed_s: float = 0.8
-    """It drives on when nobody has been coming for this long,"""
+    """Time without anybody coming after which the robot drives on."""
     late_s: float = 0.7
-    """and not before those who came should have been past for this long: in a niche it does not
-    see them come."""
+    """Time after the predicted passing that the robot still waits: from a niche it does not see
+    people come."""
     most_s: float = 12.0
-    """It waits no longer than this [s]"""
+    """Longest time that the robot waits [s]."""
     rest_s: float = 6.0
-    """and does not begin again before this time has passed."""
+    """Time after a wait before the next one may begin [s]."""
 
 
 ASIDE = AsideParams()

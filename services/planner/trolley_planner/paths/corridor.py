@@ -35,9 +35,9 @@ class Terrain(NamedTuple):
     distance_m: NDArray[np.float32]
     """(rows, cols) to the nearest obstacle."""
     discs: NDArray[np.float64]
-    """(n, 3) x, y, radius [cells]: within them lethal cells where nothing stands are passable,"""
+    """(n, 3) x, y, radius [cells]: lethal cells within them that hold no obstacle are passable."""
     price: int
-    """at this weight."""
+    """Weight of the lethal cells that are passable within `discs`."""
 
 
 @kernel

@@ -44,17 +44,18 @@ class CorridorParams(NamedTuple):
     """How far around the coarse path cells are searched; by hand."""
 
     near_cells: int = 400
-    """Paths to targets no farther away than this keep to 16 directions, unless said otherwise,"""
+    """Distance to the target up to which paths may use 16 directions, unless the caller says
+    otherwise."""
     even_share: float = 0.6
-    """where at least this share of the tiles is free floor far from everything: there nothing but
-    the direction makes one path dearer than another. In houses it is a third, and paths along
-    8 directions cost no more (bench/planner/paths)."""
+    """Share of tiles of free floor, far from obstacles, from which on 16 directions are used: there
+    only the direction makes one path dearer than another. Houses have a third, and paths along 8
+    directions cost no more there (bench/planner/paths)."""
     reach_tiles: int = 1
-    """The corridor is at least this much wider than the coarse path on either side,"""
+    """Least distance by which the corridor is wider than the coarse path on either side."""
     wide_tiles: int = 20
-    """and more where that is short: its length in tiles times the reach is at least this,"""
+    """Least product of the corridor's length and its reach, so that short corridors are wider."""
     reach_most_tiles: int = 3
-    """if the reach is no more than this."""
+    """Greatest distance by which the corridor is wider than the coarse path on either side."""
     slack_cells: int = 40
     """A search goes on this far beyond the robot, so that the result serves where it drives
     next."""

@@ -23,27 +23,28 @@ class FootprintCheckParams(NamedTuple):
     around: int = 2
     """The heading at a point is that between the points this many before and after it."""
     start_m: float = 0.5
-    """Places this near to the start"""
+    """Distance from the start within which the path may be tight [m]."""
     end_m: float = 0.4
-    """and this near to the end may be tight and still be right [m]."""
+    """Distance from the end within which the path may be tight [m]."""
     lead_m: float = 3.0
-    """Another way is looked for from this far before a tight place to this far behind it [m], or
-    from where the robot can turn to where it can turn again,"""
+    """Length of path before and behind a tight place that a detour may replace, unless the robot
+    can turn only farther away [m]."""
     margin_m: float = 0.8
-    """and this far to the sides of the path, from the outline [m]."""
+    """Distance from the path's outline to the edge of the area in which the detour is searched [m].
+    """
     give_cells: float = 0.25
-    """A first look lets obstacles reach this far into the footprint: what is seen lies anywhere in
-    its cell."""
+    """Depth by which obstacles may reach into the footprint in a first check, since they lie
+    anywhere in their cells."""
     leeway_rad: float = 0.15
-    """The robot need not look exactly along its path."""
+    """Angle by which the robot's heading may differ from its path's."""
     end_xy_m: float = 0.1
-    """Another way may end this far beside the path [m],"""
+    """Distance from the path at which a detour may end [m]."""
     end_rad: float = 0.3
-    """and this far from looking along it."""
+    """Angle between the path and the heading at the end of a detour."""
     exact_m: float = 0.03
-    """At the goal this far from it [m],"""
+    """Distance from the goal at which a detour may end there [m]."""
     exact_rad: float = 0.05
-    """and from its heading."""
+    """Angle between the goal's heading and the heading at the end of a detour there."""
     wanted_m: float = 0.05
     """Clearance that it keeps where there is room [m]."""
 

@@ -25,15 +25,15 @@ class GlobalPlannerParams:
     escape_weight: int = 60 * WEIGHT_UNIT
     """Weight of lethal cells from which the robot must find a way out."""
     optimistic_weight: int = 30 * WEIGHT_UNIT
-    """Weight of what the lidar saw in the way, for a plan that hopes it will be gone."""
+    """Weight of seen obstacles for a plan that hopes that they will be gone."""
     start_escape_m: float = 0.5
-    """Lethal cells this near to the start may be crossed,"""
+    """Distance from the start within which lethal cells may be crossed."""
     goal_escape_m: float = 0.15
-    """and this near to the goal."""
+    """Distance from the goal within which lethal cells may be crossed."""
     most_narrow_places: int = 8
-    """After this many places that prove too narrow there is no path."""
+    """Number of places that may prove too narrow before there is no path."""
     narrow_m: float = 0.12
-    """Least radius that is closed at such a place."""
+    """Least radius of the area that is closed at such a place."""
 
 
 PLANNING = GlobalPlannerParams()

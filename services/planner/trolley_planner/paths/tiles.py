@@ -22,11 +22,11 @@ class Coarse(NamedTuple):
     cost: NDArray[np.int32]
     """(tiles,) cost-to-go."""
     queue: Queue
-    """What waits of the search for it."""
+    """Cells that the search of tiles has still to expand."""
     seen: NDArray[np.uint8]
-    """(rows, cols) the cells' weights that the tiles were made of,"""
+    """(rows, cols) weights of the cells that the tiles were made of, except in stale rows."""
     is_stale: NDArray[np.uint8]
-    """(tile rows,) but for these rows of tiles: 1."""
+    """(tile rows,) 1 where a row of tiles was not yet made of the present weights."""
 
 
 @kernel

@@ -14,15 +14,15 @@ class MotionParams(NamedTuple):
     """How velocities are measured; found by hand in simulated drives among people."""
 
     kept_s: float = 1.2
-    """Where something was this long ago is remembered."""
+    """Time for which past positions are remembered."""
     least_s: float = 0.08
-    """Scans nearer to each other in time than this tell nothing of motion."""
+    """Time between scans below which they say nothing about motion."""
     track_s: float = 0.6
-    """A velocity is measured over this time: legs swing."""
+    """Time over which a velocity is measured, since legs swing."""
     straight: float = 1.2
-    """It is measured over `kept_s` if the track scatters no more than this many times as much."""
+    """Factor on the scatter up to which the velocity is measured over all of `kept_s`."""
     track_noise_m: float = 0.03
-    """Places of a track err by this much at least, whatever its own scatter says."""
+    """Least error of a position of the track, whatever its own scatter says."""
 
 
 TRACKS = MotionParams()

@@ -9,13 +9,13 @@ from trolley_planner.people.tracker import PeopleTracker, Track, TrackedPerson, 
 
 Floats = NDArray[np.float64]
 SAME_M = 0.15
-"""A person tracked this near to where a robot says it is, is that robot."""
+"""Distance from a robot's reported position within which a tracked person is that robot [m]."""
 GROWTH_MPS = 0.02, 0.15
-"""People are taken for discs that grow this fast at least and at most [m/s]."""
+"""Least and greatest rate at which the discs that stand for people grow [m/s]."""
 MAX_AGE_S = 0.5
-"""Nobody is extrapolated for longer than this after the last scan."""
+"""Longest time after the last scan for which people are extrapolated [s]."""
 ROBOT_DT_S = 0.1
-"""Time between two places of what robots say of where they will be."""
+"""Time between two positions of a robot's predicted trajectory [s]."""
 NOBODY = np.empty((0, 6))
 """Nobody walks."""
 NO_ROBOTS = np.empty((0, 1, 3))

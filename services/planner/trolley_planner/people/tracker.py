@@ -31,27 +31,27 @@ class PeopleTrackerParams(NamedTuple):
     """Who counts as moving; found by hand in simulated drives among people."""
 
     pause_s: float = 0.06
-    """Scans that follow sooner than this are skipped: little moves meanwhile."""
+    """Time between scans below which the later one is skipped: little moves meanwhile."""
     most_ago_s: float = 0.45
-    """The newest scan is compared with scans at most this old."""
+    """Greatest age of the scans that the newest is compared with."""
     hidden_s: float = 1.0
-    """A person out of sight is taken to walk on for this long."""
+    """Time for which a person out of sight is taken to walk on."""
     slowest_mps: float = 0.2
-    """Slower is noise,"""
+    """Speed below which a new track is noise."""
     lingering_mps: float = 0.12
-    """but who was seen to walk may become as slow as this,"""
+    """Speed down to which a person who was seen to walk stays one."""
     fastest_mps: float = 2.5
-    """and faster two different things."""
+    """Speed above which two echoes are two different objects."""
     astray_m: float = 0.3
-    """A person with a known velocity is looked for this near to where it leads."""
+    """Distance from the predicted position within which a person is matched."""
     depth_m: float = 0.03
-    """A person is larger than what is seen by this much"""
+    """Extra radius of a person beyond the echoes."""
     body_m: float = 0.22
-    """and no smaller than this."""
+    """Least radius of a person."""
     least_points: int = 2
-    """At least this many points of a segment,"""
+    """Number of a segment's points that must lie where the floor was free."""
     least_share: float = 0.2
-    """and this share of them, must stand where it was free."""
+    """Share of a segment's points that must lie where the floor was free."""
 
 
 TRACKING = PeopleTrackerParams()
@@ -107,7 +107,7 @@ class Trail(NamedTuple):
     seen_ns: int
     """When it was seen last."""
     segment: Segment
-    """As it was seen last."""
+    """The segment of the scan that showed it last."""
     track: Floats
     """(m, 5) where it was, oldest first: time since `seen_ns` [s], its middle, and the middle of
     what was seen of it."""

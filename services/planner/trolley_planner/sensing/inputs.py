@@ -33,11 +33,11 @@ class InputParams:
     most_extrapolation_s: float = 0.2
     """Odometry is extrapolated for no longer than this."""
     smoothing: float = 0.25
-    """Share of a new correction that the smooth pose takes over at once."""
+    """Share of a new correction that the smoothed pose takes over at once."""
     jump_m: float = 0.3
-    """A correction larger than this"""
+    """Distance above which a correction of the pose is a jump, not noise."""
     jump_rad: float = 0.3
-    """or this is a new belief, not noise."""
+    """Angle above which a correction of the pose is a jump, not noise."""
 
 
 INPUTS = InputParams()

@@ -33,9 +33,10 @@ class ExpansionParams(NamedTuple):
     step_m: float = 0.0375
     """A straight line is checked in steps no longer than this."""
     swings: int = 6
-    """Curves to a place where there is room to turn end in so many headings to either side"""
+    """Number of headings to either side of the straight line in which curves to a place with room
+    to turn end."""
     swing_rad: float = 0.2
-    """of the straight line, this much apart."""
+    """Angle between two of these headings."""
 
 
 EXPANSION = ExpansionParams()
@@ -55,7 +56,7 @@ class Drive(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A curve, and a turn on the spot behind it where it does not end in the goal's heading."""
+    """A curve, followed by a turn on the spot where it does not end in the goal's heading."""
 
     cost: float
     """+inf where there is none."""
@@ -72,7 +73,7 @@ class Expansion(NamedTuple):
     curve: Curve
     """Ends in the goal's heading."""
     swing: Curve
-    """Ends in another."""
+    """Ends in another heading."""
 
 
 NO_CURVE = Curve(math.inf, 0, 0.0)

@@ -28,15 +28,15 @@ class HeuristicParams(NamedTuple):
     """How the rest is estimated; by hand where no source is given."""
 
     edge_m: float = 0.05
-    """Edge of its cells, about."""
+    """Approximate edge of the heuristic's cells."""
     octile: float = 0.9239
     """A straight line is at least this share of the shortest path along 8 directions: cosine of
     22.5 degrees."""
     greed: float = 2.5
-    """The rest counts this much: the maneuver found costs at most this much more than the cheapest,
-    and is found far sooner;"""
+    """Weight of the heuristic: the maneuver costs at most this many times the cheapest, and is
+    found far sooner."""
     last_greed: float = 3.0
-    """where there is no clearance, this much."""
+    """Weight of the heuristic where there is no clearance."""
 
 
 HEURISTIC = HeuristicParams()
@@ -54,9 +54,10 @@ class Query(NamedTuple):
     yaw_rad: float
     """How far its heading may be missed."""
     sense: int
-    """BACKWARDS where it is searched from its end: the robot drives the other way then."""
+    """BACKWARDS where the path is searched from its end, since the robot then drives the other way.
+    """
     begin_m: float
-    """How far the end may be missed of one that is searched from there."""
+    """Tolerance of the end of a path that is searched from its end."""
 
 
 class Heuristic(NamedTuple):

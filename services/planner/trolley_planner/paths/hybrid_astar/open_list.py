@@ -13,14 +13,14 @@ from trolley_planner.paths.hybrid_astar.motions import CELL_M, TURNING, Motions
 from trolley_planner.paths.hybrid_astar.room import Room, can_turn
 
 STATES = 2**18
-"""States that can be remembered, a power of two: 24 MB with the heap,"""
+"""Number of states that can be remembered, a power of two: 24 MB with the heap."""
 USABLE = int(0.75 * STATES)
-"""of which so many are used before a search ends without an answer."""
+"""Number of states after which a search ends without an answer."""
 GOAL_KEY = 2**62
 """Stands for the goal itself, at the end of a direct drive."""
 NONE = -1
 NUM_STATES, NUM_QUEUED, SEARCH_NUMBER = range(3)
-"""What is counted."""
+"""Indices of `Memory.counts`."""
 
 
 class Memory(NamedTuple):
@@ -35,11 +35,11 @@ class Memory(NamedTuple):
     places: NDArray[np.float32]
     """(STATES, 2) exact place."""
     costs: NDArray[np.float32]
-    """(STATES,) from the start."""
+    """(STATES,) cost from the start."""
     previous: NDArray[np.int32]
-    """(STATES,) where it was reached from."""
+    """(STATES,) state from which it was reached."""
     motions: NDArray[np.int8]
-    """(STATES,) how."""
+    """(STATES,) motion with which it was reached."""
     closed: NDArray[np.uint8]
     """(STATES,) whether the cheapest path to it is known."""
     heap: NDArray[np.float64]

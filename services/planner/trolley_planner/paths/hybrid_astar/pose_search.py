@@ -66,18 +66,18 @@ from trolley_planner.paths.hybrid_astar.smoothing import smoothed
 
 
 class PoseSearchParams(NamedTuple):
-    """How long it is searched, and how exactly the robot's own place is met; by hand."""
+    """How long a path is searched, and how exactly its start is met; by hand."""
 
     roomy_states: int = 4000
-    """A path with more clearance is looked for among this many states,"""
+    """Number of states searched for a path with more clearance."""
     driving_states: int = 10000
-    """and any path, where the robot waits for it, among this many."""
+    """Number of states searched for any path while the robot waits for it."""
     begin_share: float = 0.7
-    """A path that is searched from its end begins this share of what may be missed beside it."""
+    """Share of the tolerance within which a path that is searched from its end begins."""
     exact_m: float = 0.01
-    """A path that is searched from its end leads to the robot's own place this exactly,"""
+    """Tolerance of the robot's position for a path that is searched from its end."""
     exact_rad: float = 0.02
-    """and to its heading."""
+    """Tolerance of the robot's heading for a path that is searched from its end."""
 
 
 POSE_SEARCH = PoseSearchParams()

@@ -23,20 +23,21 @@ class PriceParams(NamedTuple):
     """What a metre costs more than a metre in open floor; by hand."""
 
     near: float = 2.0
-    """So much more where the footprint has less room than is wanted,"""
+    """Extra cost of a metre where the footprint has less clearance than is wanted."""
     beside: float = 6.0
-    """this much more where it comes right beside something:"""
+    """Extra cost of a metre where the footprint is nearer than `beside_m` to an obstacle."""
     beside_m: float = 0.026
-    """nearer than this, two fine cells;"""
+    """Clearance below which the footprint is right beside an obstacle: two fine cells."""
     touching: float = 12.0
-    """and this much more where it all but touches:"""
+    """Extra cost of a metre where the footprint is nearer than `touching_m`, so that the robot
+    keeps to the middle of a door, and straight."""
     touching_m: float = 0.016
-    """nearer than this, one fine cell. So the robot keeps to the middle of a door, and straight."""
+    """Clearance below which the footprint all but touches: one fine cell."""
     reverse: float = 0.8
-    """A metre backwards costs this much more: it is driven at half the speed."""
+    """Extra cost of a metre backwards, which is driven at half the speed."""
     creep: float = 4.0
-    """A metre backwards, or a turn, over what is out of sight costs this much more: `base` lets the
-    robot creep there only, at a fifth of its speed."""
+    """Extra cost of a metre backwards, or of a turn, over floor that is out of sight: `base` lets
+    the robot creep there only, at a fifth of its speed."""
 
 
 PRICES = PriceParams()

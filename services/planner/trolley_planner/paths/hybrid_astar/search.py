@@ -47,9 +47,9 @@ class SearchParams(NamedTuple):
     move_m: float = 0.0375
     """Length of a move: more than the diagonal of a cell, so that each leads into another one."""
     direct_m: float = 1.5
-    """A direct drive is tried from states this near to the goal [m],"""
+    """Distance to the goal within which a direct drive is tried [m]."""
     direct_every: int = 16
-    """from one of this many of them."""
+    """Number of such states per one from which it is tried."""
 
 
 SEARCH = SearchParams()

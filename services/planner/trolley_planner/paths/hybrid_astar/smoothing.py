@@ -24,9 +24,9 @@ class SmoothingParams(NamedTuple):
     """Which pieces are replaced; by hand."""
 
     states: int = 60
-    """A curve replaces at most so many states,"""
+    """Number of states that a curve replaces at most."""
     every: int = 3
-    """every third of which is tried as its end."""
+    """Number of states per one that is tried as the end of a curve."""
 
 
 SMOOTHING = SmoothingParams()
