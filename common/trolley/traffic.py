@@ -97,7 +97,7 @@ class Expected:
     high: float | None = None
     """At most so often; None: no limit is said."""
     is_each_scan: bool = False
-    """As often as `scan`."""
+    """Whether it is sent with each scan."""
 
     def __str__(self) -> str:
         """As it stands in a table."""

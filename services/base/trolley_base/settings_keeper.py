@@ -31,7 +31,7 @@ START_POSE = Name("start", "pose")
 MOST_SAVING = 4
 """A stop waits until its latch is saved: no flood of changes may stand before it."""
 MOST_SHOWN = 40
-"""Of a value that is not allowed, the refusal repeats this many characters."""
+"""Number of characters of a refused value that the refusal repeats."""
 SETTINGS_FILE = "base_settings.toml"
 
 

@@ -19,7 +19,7 @@ from trolley.messages.types import MAX_NAME_LENGTH
 MAX_CHARACTERS = 1_000_000
 """Of a file."""
 MAX_GOALS = 1000
-"""As many stops as a tour may have."""
+"""Number of stops that a tour may have."""
 _OPENERS, _CLOSERS = "([{", ")]}"
 
 

@@ -25,13 +25,13 @@ class VelocityLimiterParams:
     """How the velocity limiter judges what it does; set by hand."""
 
     max_dt: float = 0.1
-    """A longer time between two decisions counts as this: no leap in speed after a pause [s]."""
+    """Longest time between two decisions that counts: no leap in speed after a pause [s]."""
     standing_speed: float = 0.02
-    """Slower than this is standing, for the stop field as a reason [m/s]."""
+    """Speed below which the robot stands, for the stop field as a reason [m/s]."""
     standing_wz: float = 0.05
-    """The same for turning [rad/s]."""
+    """Turn rate below which the robot stands, for the stop field as a reason [rad/s]."""
     blocked_ns: int = 200_000_000
-    """What hinders the robot is named once it has done so for this long [ns]."""
+    """Time for which something must hinder the robot to be named [ns]."""
     lost_shown_ns: int = 5_000_000_000
     """How long a loss of commands is shown if none comes [ns]."""
     late_shown_ns: int = 1_000_000_000
