@@ -79,10 +79,10 @@ def see_through(grid: ObstacleGrid, row: int, col: int, scan_number: int) -> Non
     if grid.evidence[row, col] == 0 or grid.touched[row, col, 0] == scan_number:
         return
     grid.touched[row, col, 0] = scan_number
-    grid.evidence[row, col] -= 1
-    if grid.evidence[row, col] == 0:
-        grid.hits[row, col] = 0
-        mark_dirty(grid.dirty, row, col)
+    if grid.evidence[row, col] > 1:
+        grid.evidence[row, col] -= 1
+    else:
+        forget_cell(grid, row, col)
 
 
 @kernel
@@ -260,9 +260,7 @@ def fade(grid: ObstacleGrid, now_ticks: int, kept_ticks: tuple[int, int, int]) -
                 continue
             kept = min(least + per_hit * int(grid.hits[row, col]), most)
             if now_ticks - grid.seen_ticks[row, col] > kept:
-                grid.evidence[row, col] = 0
-                grid.hits[row, col] = 0
-                mark_dirty(grid.dirty, row, col)
+                forget_cell(grid, row, col)
 
 
 @kernel
@@ -274,9 +272,7 @@ def forget_near(grid: ObstacleGrid, x_cells: float, y_cells: float, radius_cells
         for col in range(left, right):
             near = is_in_disc(row, col, x_cells, y_cells, radius_cells)
             if near and grid.evidence[row, col] > 0:
-                grid.evidence[row, col] = 0
-                grid.hits[row, col] = 0
-                mark_dirty(grid.dirty, row, col)
+                forget_cell(grid, row, col)
 
 
 @kernel
@@ -311,9 +307,7 @@ def clear_inside_robot(
             x = grid.points[row, col, 0] / resolution_m
             y = grid.points[row, col, 1] / resolution_m
             if inside_polygon(polygon_cells, x, y):
-                grid.evidence[row, col] = 0
-                grid.hits[row, col] = 0
-                mark_dirty(grid.dirty, row, col)
+                forget_cell(grid, row, col)
 
 
 @kernel
@@ -417,9 +411,7 @@ def lift_cells(
                 trail_s = 0.0 if grid.touched[row, col, 1] == scan_number else OBSTACLES.trail_s
                 px, py = grid.points[row, col, 0], grid.points[row, col, 1]
                 if off_trail(walkers[index], px, py, trail_s) < OBSTACLES.person_margin_m:
-                    grid.evidence[row, col] = 0
-                    grid.hits[row, col] = 0
-                    mark_dirty(grid.dirty, row, col)
+                    forget_cell(grid, row, col)
 
 
 @kernel
@@ -429,3 +421,11 @@ def mark_dirty(dirty: NDArray[np.int64], row: int, col: int) -> None:
     dirty[1] = max(dirty[1], row)
     dirty[2] = min(dirty[2], col)
     dirty[3] = max(dirty[3], col)
+
+
+@kernel
+def forget_cell(grid: ObstacleGrid, row: int, col: int) -> None:
+    """Forget the obstacle seen in a cell."""
+    grid.evidence[row, col] = 0
+    grid.hits[row, col] = 0
+    mark_dirty(grid.dirty, row, col)
