@@ -11,7 +11,7 @@ from msgspec import Struct
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import ConfigError, RobotConfig
-from trolley.config.changing import (
+from trolley.config.changeable_settings import (
     LIMITS,
     Name,
     acts,

@@ -15,7 +15,7 @@ from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley.messages import GoalState, GoalStatus
 from trolley.messages.request_params import SendGoal
 from trolley_planner.context.planning_context import PlanningContext, position_trouble
-from trolley_planner.costmap.parts import cells_around, parts_of
+from trolley_planner.costmap.connected_components import cells_around, components_of
 from trolley_planner.paths.path import PlannedPath
 from trolley_planner.sensing.inputs import Inputs
 
@@ -256,7 +256,7 @@ def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
     past = distance_to_outline(footprint.polygon, local) >= PASSAGE.person_m
     past &= ~polygon_contains(footprint.polygon, local)
     past = past.reshape(walkable.shape) & walkable
-    before, after = parts_of(walkable), parts_of(past)
+    before, after = components_of(walkable), components_of(past)
     away = np.abs(points - (pose_grid.x, pose_grid.y)).max(axis=1).reshape(walkable.shape)
     leads_on = (away > PASSAGE.leads_on_m) & (after > 0)
     sides = np.unique(np.stack([before[leads_on], after[leads_on]]), axis=1)

@@ -16,7 +16,7 @@ from trolley.messages import Scan
 from trolley_planner.control.controller import Motion, limited_change, limits_of
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
-from trolley_planner.paths.hybrid_astar.motions import FORWARDS, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, Maneuver
 
 HOBBY = box(0.35, 0.30, 0.175)
 ARM = box(0.65, 0.30, 0.175)

@@ -191,21 +191,21 @@ class VelocityLimiter:
 
     def _find_hindrance(self, wanted: Twist2D, around: _Around) -> _Hindrance | None:
         """Say what keeps the robot from moving as wanted, None while it is on its ramp."""
-        stands = _stands(self._twist)
+        is_standing = _stands(self._twist)
         # A program creeps, or lets a side come softly to where something stood, for the moment only
         # in which its robot swings round; a person wonders.
         creeps = around.by_hand and self._sight.is_creeping(self._twist)
-        if _stands(wanted) or not (stands or creeps):
+        if _stands(wanted) or not (is_standing or creeps):
             return None
         sight = self._sight.look(wanted, around.unseen, by_hand=around.by_hand)
         free = self._field.scale(wanted, around.echoes)
         if sight.scale < free:
             if not around.by_hand and self._sight.is_coming_softly(self._twist):
                 return None
-            ending = "so it does not move there" if stands else "so it moves there at a creep"
+            ending = "so it does not move there" if is_standing else "so it moves there at a creep"
             message = f"The lidar sees nothing {sight.where}, {ending}."
-            return _Hindrance("held" if stands else "ok", codes.BLIND, message)
-        if stands and free < 1.0:
+            return _Hindrance("held" if is_standing else "ok", codes.BLIND, message)
+        if is_standing and free < 1.0:
             return _Hindrance("held", codes.STOP_FIELD, codes.SENTENCES[codes.STOP_FIELD])
         return None
 

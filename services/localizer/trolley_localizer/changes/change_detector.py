@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.gridmap.kernels import spread_over
-from trolley.messages.changing import ChangeKind
+from trolley.messages.map_changes import ChangeKind
 from trolley_localizer.changes.change_grid import ChangeGrid
 from trolley_localizer.changes.mirror_detector import judge_beams
 from trolley_localizer.changes.shapes import Box, Cells, box_of, convex_hull, runs_of, shared

@@ -409,6 +409,6 @@ def grow_gone(
                 if not touches:
                     continue
                 at = find_row(evidence, corner[0] + row, corner[1] + col)
-                stands = at >= 0 and evidence.table[at, HIT] > since_s
-                if not stands and is_at_edge(cells, corner[0] + row, corner[1] + col):
+                is_occupied = at >= 0 and evidence.table[at, HIT] > since_s
+                if not is_occupied and is_at_edge(cells, corner[0] + row, corner[1] + col):
                     mask[row, col] = 1

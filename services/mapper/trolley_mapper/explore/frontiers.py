@@ -111,10 +111,12 @@ def find_frontiers(area: TraversableArea, here: Pose2D, clearance: Clearance) ->
     cost, seed = _empty(area), _empty(area)
     start = _nearest_passable(area, here, passable)
     spread_into(cost, seed, passable, start, UNREACHED // 2)
-    stands = np.flatnonzero((cost != UNREACHED) & (room_m >= clearance.standing_m)).astype(np.int32)
+    standing = np.flatnonzero((cost != UNREACHED) & (room_m >= clearance.standing_m)).astype(
+        np.int32
+    )
     near, goal = _empty(area), _empty(area)
     free = (area.kinds == FREE).astype(np.uint8)
-    spread_into(near, goal, free, stands, _steps(area, PARAMS.max_distance_m))
+    spread_into(near, goal, free, standing, _steps(area, PARAMS.max_distance_m))
     frontiers: list[Frontier] = []
     unreachable: list[tuple[float, float]] = []
     for cells in _frontier_cells(area, free, clearance.width_m):

@@ -20,14 +20,14 @@ from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.control.pure_pursuit import PurePursuit
 from trolley_planner.control.rollout import zone_speed
+from trolley_planner.costmap.connected_components import cells_around, components_of
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.costmap.inflation import LETHAL
-from trolley_planner.costmap.parts import cells_around, parts_of
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.hybrid_astar.motions import Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, Task
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
@@ -125,7 +125,7 @@ class PlanningContext:
         costmap = self.costmap
         part = cells_around(costmap.shape, costmap.resolution_m, pose_grid, 2.0 * self.half_m)
         first_row, first_col = part[0].start, part[1].start
-        labels = parts_of(costmap.weights[part] != LETHAL)
+        labels = components_of(costmap.weights[part] != LETHAL)
         num_rows, num_cols = labels.shape
 
         def cell_of(place: Pose2D) -> tuple[int, int]:

@@ -13,7 +13,7 @@ from trolley_planner.costmap.fine_grid import FineGrid
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import UNKNOWN, WALL
 from trolley_planner.costmap.obstacle_grid import OBSTACLES
-from trolley_planner.paths.hybrid_astar.room import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
+from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
 
 BACK_STEPS_M = (0.05, 0.1, 0.15)
 """Distances behind the robot at which the floor must be known before it backs up [m]."""

@@ -189,9 +189,9 @@ class Costmap:
             return False
         first_row, last_row, first_col, last_col = dirty
         shape = last_row + 1 - first_row, last_col + 1 - first_col
-        stands = np.empty(shape, dtype=np.uint8)
-        compose_into(stands, self._layers(), (first_row, first_col), not self.unknown_is_free)
-        flipped = replace_mask(self._stands, stands, (first_row, first_col))
+        is_occupied = np.empty(shape, dtype=np.uint8)
+        compose_into(is_occupied, self._layers(), (first_row, first_col), not self.unknown_is_free)
+        flipped = replace_mask(self._stands, is_occupied, (first_row, first_col))
         boxes = self._social_layer.pop_changed()
         if len(flipped) <= COSTMAP.most_flipped:
             edge_m, reach_m = self.resolution_m, self._reach_m

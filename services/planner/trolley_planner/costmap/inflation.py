@@ -97,8 +97,8 @@ def merge_row(
 ) -> None:
     """Write 1 where something stands in a row of cells; without branches, so many at a time."""
     for col in range(out_mask.shape[0]):
-        stands = np.uint8(kinds[col] == WALL) | np.uint8(evidence[col] != 0)
-        out_mask[col] = stands | np.uint8(keepout[col] != 0) | np.uint8(closed[col] != 0)
+        is_occupied = np.uint8(kinds[col] == WALL) | np.uint8(evidence[col] != 0)
+        out_mask[col] = is_occupied | np.uint8(keepout[col] != 0) | np.uint8(closed[col] != 0)
 
 
 @kernel

@@ -336,15 +336,17 @@ def seen_lately(
         row, col = rows[index], cols[index]
         is_seen = observed[row, col] >= first_scan or stood_ticks[row, col] > first_ticks
         if not is_seen:
-            stands, is_beside = False, False
+            is_occupied, is_beside = False, False
             for near_row in range(max(row - 1, 0), min(row + 1, last_row) + 1):
                 for near_col in range(max(col - 1, 0), min(col + 1, last_col) + 1):
-                    stands |= evidence[near_row, near_col] != 0 or walls[near_row, near_col] != 0
+                    is_occupied |= (
+                        evidence[near_row, near_col] != 0 or walls[near_row, near_col] != 0
+                    )
                     is_beside |= (
                         observed[near_row, near_col] >= first_scan
                         or stood_ticks[near_row, near_col] > first_ticks
                     )
-            is_seen = stands and is_beside
+            is_seen = is_occupied and is_beside
         seen[index] = is_seen
     return seen
 

@@ -79,8 +79,8 @@ class FinalAlignment:
         if not self._is_turning:
             return self._drive(motion, goal, distance, limits)
         if turned:
-            stands = abs(motion.twist.vx) < 0.02 and abs(motion.twist.wz) < 0.05
-            return None if stands else Twist2D.zero()
+            is_standing = abs(motion.twist.vx) < 0.02 and abs(motion.twist.wz) < 0.05
+            return None if is_standing else Twist2D.zero()
         return Twist2D(0.0, 0.0, turn_rate(turn, limits))
 
     def _errors(self, motion: Motion, goal: Pose2D) -> tuple[float, float]:

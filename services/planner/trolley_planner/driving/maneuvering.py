@@ -24,7 +24,7 @@ from trolley_planner.driving.goal_approach import GoalApproach
 from trolley_planner.driving.maneuver_follower import FOLLOWER, ManeuverFollower
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
-from trolley_planner.paths.hybrid_astar.motions import FORWARDS, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import Task
 
 

@@ -96,8 +96,10 @@ class ProgressMonitor:
         self._no_path_s = 0.0 if is_led else self._no_path_s + now.elapsed_s
         pose, twist = now.motion.pose, now.motion.twist
         trouble = self._checker.check(now.now_ns, left_m, pose, now.odom_T_base)
-        stands = abs(twist.vx) < PATIENCE.standing_mps and abs(twist.wz) < PATIENCE.standing_radps
-        if trouble is None and self._no_path_s > PATIENCE.no_path_s and stands:
+        is_standing = (
+            abs(twist.vx) < PATIENCE.standing_mps and abs(twist.wz) < PATIENCE.standing_radps
+        )
+        if trouble is None and self._no_path_s > PATIENCE.no_path_s and is_standing:
             return codes.BLOCKED
         return trouble
 

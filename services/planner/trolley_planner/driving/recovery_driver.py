@@ -93,10 +93,10 @@ class StallDetector:
 
     def update(self, driven: Twist2D, elapsed_s: float) -> None:
         """Note what of a command was safe to drive."""
-        stands = (
+        is_standing = (
             abs(driven.vx) < BEHAVIORS.standing_mps and abs(driven.wz) < BEHAVIORS.standing_radps
         )
-        self._stalled_s = self._stalled_s + elapsed_s if stands else 0.0
+        self._stalled_s = self._stalled_s + elapsed_s if is_standing else 0.0
         self._elapsed_s += elapsed_s
 
     @property

@@ -53,7 +53,7 @@ TO_PASS = "to pass"
 
 
 @dataclass(slots=True)
-class Wait:
+class WaitForRobot:
     """Which robot this one waits for."""
 
     name: str
@@ -89,7 +89,7 @@ class GivingWay:
         self._waiting_execution: GoalExecution | None = None
         self.others: list[Neighbour] = []
         """The other robots, in `grid`."""
-        self.wait: Wait | None = None
+        self.wait: WaitForRobot | None = None
         """Which robot it waits for now."""
 
     def set_config(self, config: PlannerConfig) -> None:
@@ -202,11 +202,11 @@ class GivingWay:
         return robot_standing_on(ahead, self.others, execution.context.footprint.inscribed_m)
 
     def _update_standing(self, motion: Motion, now_ns: int) -> None:
-        stands = (
+        is_standing = (
             abs(motion.twist.vx) < GIVING_WAY.standing_mps
             and abs(motion.twist.wz) < GIVING_WAY.standing_radps
         )
-        if not stands:
+        if not is_standing:
             self._stood_ns = None
         elif self._stood_ns is None:
             self._stood_ns = now_ns
@@ -224,7 +224,7 @@ class GivingWay:
         wait = self.wait
         if wait is None or wait.name != other.name:
             since_ns = now_ns if wait is None else wait.since_ns
-            self.wait = Wait(other.name, where, since_ns, other.pose, now_ns)
+            self.wait = WaitForRobot(other.name, where, since_ns, other.pose, now_ns)
             return
         wait.free_ns = None
         if wait.place.distance_to(other.pose) > GIVING_WAY.idle_m:

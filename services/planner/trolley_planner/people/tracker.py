@@ -22,8 +22,8 @@ from trolley_planner.people.free_space import (
     was_free,
     was_free_in_any,
 )
-from trolley_planner.people.motion import TRACKS, track_on
 from trolley_planner.people.segments import Segment, segments_of, size_of
+from trolley_planner.people.velocity_estimation import TRACKS, track_on
 from trolley_planner.sensing.beams import X, Y
 
 

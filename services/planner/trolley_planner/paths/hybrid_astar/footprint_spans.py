@@ -126,7 +126,7 @@ def is_free(
     """Say whether the footprint covers no counted cell, and none outside.
 
     Args:
-        counts: (rows, cols + 1) see `Room`.
+        counts: (rows, cols + 1) see `SearchSpace`.
         footprint: as spans.
         place: x, y from the corner [m].
         angle: index.

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from trolley.jit import kernel
 from trolley_planner.paths.heap import sift_up
 from trolley_planner.paths.hybrid_astar.footprint_spans import HEADINGS, TURN_RAD, FootprintSpans
-from trolley_planner.paths.hybrid_astar.motions import CELL_M, TURNING, Motions
-from trolley_planner.paths.hybrid_astar.room import Room, can_turn
+from trolley_planner.paths.hybrid_astar.motion_primitives import CELL_M, TURNING, Motions
+from trolley_planner.paths.hybrid_astar.search_space import SearchSpace, can_turn
 
 STATES = 2**18
 """Number of states that can be remembered, a power of two: 24 MB with the heap."""
@@ -84,11 +84,11 @@ def begin_anew(memory: Memory) -> None:
 
 
 @kernel
-def key_of(room: Room, place: tuple[float, float], heading: int) -> int:
+def key_of(space: SearchSpace, place: tuple[float, float], heading: int) -> int:
     """Return the key of the state at a place."""
     row, col = math.floor(place[1] / CELL_M), math.floor(place[0] / CELL_M)
-    cell = (row * room.state_cols + col) * HEADINGS
-    return cell if can_turn(room, place, 0.0) else cell + heading
+    cell = (row * space.state_cols + col) * HEADINGS
+    return cell if can_turn(space, place, 0.0) else cell + heading
 
 
 @kernel

@@ -21,15 +21,15 @@ def cells_around(
     )
 
 
-def parts_of(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+def components_of(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Return for each cell (rows, cols) the number of its part, 1 to n; 0 outside of the mask."""
     labels = np.empty(mask.shape, dtype=np.int32)
-    label_parts(labels, mask, mask)
+    label_components(labels, mask, mask)
     return labels
 
 
 @kernel
-def label_parts(
+def label_components(
     out_labels: NDArray[np.int32], wide: NDArray[np.bool_], free: NDArray[np.bool_]
 ) -> int:
     """Number the parts of the floor that hang together; the rest joins the part nearest to it.

@@ -10,7 +10,7 @@ from trolley.jit import kernel
 from trolley_planner.people.segments import centre_of
 
 
-class MotionParams(NamedTuple):
+class VelocityEstimationParams(NamedTuple):
     """How velocities are measured; found by hand in simulated drives among people."""
 
     kept_s: float = 1.2
@@ -25,7 +25,7 @@ class MotionParams(NamedTuple):
     """Least error of a position of the track, whatever its own scatter says."""
 
 
-TRACKS = MotionParams()
+TRACKS = VelocityEstimationParams()
 Floats = NDArray[np.float64]
 
 
