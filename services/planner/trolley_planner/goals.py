@@ -175,7 +175,7 @@ def check_state(inputs: Inputs, now_ns: int) -> None:
         raise Refused(codes.STOPPED, None if is_stopped else inputs.base.message)
     trouble = inputs.pose_trouble(now_ns)
     if trouble == codes.STALE:
-        raise Refused(codes.NOT_LOCALIZED, "No fresh pose arrives from the localizer.")
+        raise Refused(codes.NOT_LOCALIZED, "No current pose from the localizer.")
     if trouble is not None:
         raise Refused(codes.NOT_LOCALIZED)
 
@@ -222,7 +222,7 @@ def validate(
 def check_clearance(
     pose: Pose2D, tolerances: Tolerances, context: PlanningContext, config: PlannerConfig
 ) -> None:
-    """Refuse a place where the map or a zone leaves the robot no room.
+    """Refuse a pose where map or zones leave the footprint no room.
 
     Raises:
         Refused: `in_obstacle`.
@@ -242,7 +242,7 @@ def check_clearance(
 
 
 def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
-    """Say whether a robot that stands there leaves nobody a way past it, by the map.
+    """Say whether a robot that stands there blocks a passage of the map.
 
     The floor around, on which somebody could walk from one side of it to the other, falls into
     parts then, and more than one of them leads on.
@@ -266,7 +266,7 @@ def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
 def _first_path(
     context: PlanningContext, here: Pose2D, targets: list[Pose2D], goal_yaw: float | None
 ) -> PlannedPath | None:
-    """Return a path around what is seen, or else one that assumes it will be gone."""
+    """Return a path around the seen obstacles, or else one that assumes that they will be gone."""
     planner, costmap = context.planner, context.costmap
     points = [(target.x, target.y) for target in targets]
     start, yaws = (here.x, here.y), (here.yaw, goal_yaw)
@@ -278,7 +278,7 @@ def _first_path(
 
 
 def _no_path(context: PlanningContext, here: Pose2D, targets: list[Pose2D]) -> Refused:
-    """Return the refusal; it names where it is too narrow, if that is why there is no path."""
+    """Return the refusal; it names the place that is too narrow, if that is why."""
     planner, costmap = context.planner, context.costmap
     points = [(target.x, target.y) for target in targets]
     narrow = planner.too_narrow(

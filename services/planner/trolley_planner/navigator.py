@@ -72,7 +72,7 @@ class Navigator:
         self.execution: GoalExecution | None = None
         """How the current goal is driven to, None without one."""
         self._following: Following | None = None
-        """Whom the current goal is behind, None if it stays where it is."""
+        """The person that the current goal follows, None if the goal is a fixed pose."""
         self._motion_state = MotionState(config, self.inputs, self.costmap_manager)
         self._giving_way = GivingWay(config)
         self._stepping_aside = SteppingAside()
@@ -86,7 +86,7 @@ class Navigator:
         self._num_jumps = 0
 
     def set_config(self, config: PlannerConfig) -> None:
-        """Drive by other settings from now on; a goal that is driven to stays the goal."""
+        """Apply other settings from now on; the current goal stays."""
         self._config = config
         self._motion_state.set_config(config)
         self._giving_way.set_config(config)
@@ -122,14 +122,14 @@ class Navigator:
             return False
         if self._is_driving:
             self._giving_way.decide(self.neighbours.own_name, self.execution, motion, now_ns)
-            self._make_room(self.execution, motion, now_ns)
+            self._yield_to_people(self.execution, motion, now_ns)
         if self._giving_way.update(motion, now_ns) or self._stepping_aside.update(motion, now_ns):
             return True
         self.execution.update(motion, now_ns)
         return True
 
-    def _make_room(self, execution: GoalExecution, motion: Motion, now_ns: int) -> None:
-        """Decide whether to step aside for people; behind a person who is followed it does not."""
+    def _yield_to_people(self, execution: GoalExecution, motion: Motion, now_ns: int) -> None:
+        """Decide whether to yield to people, unless it follows one."""
         if self._giving_way.wait is not None or self._following is not None:
             self._stepping_aside.forget()
             return
@@ -143,7 +143,7 @@ class Navigator:
         return twist
 
     def maintain(self, now_ns: int) -> None:
-        """Do what may take longer, after the command is out: forget, look for a better path."""
+        """Do what may take longer, after the command is out: forget old obstacles, replan."""
         self.costmap_manager.maintain(now_ns)
         self._keep_to_the_map(now_ns)
         if self.execution is None or not self._is_driving:
@@ -164,7 +164,7 @@ class Navigator:
             self.execution.replan_if_due(now)
 
     def _keep_to_the_map(self, now_ns: int) -> None:
-        """Pause a goal whose way leads further off the map; go on when the robot is back on it."""
+        """Pause a goal whose path leads further off the map; resume when back on the map."""
         execution, goal, off_m = self.execution, self.board.goal, self.inputs.off_map_m
         if execution is None or goal is None:
             return
@@ -193,7 +193,7 @@ class Navigator:
 
     @staticmethod
     def _tracks(context: PlanningContext) -> list[Track]:
-        """Return what the lidar shows of a person's size, in the frame of the goals."""
+        """Return the tracked objects of a person's size, in the frame of the goals."""
         costmap = context.costmap
         return tracks_in_frame(costmap.moving.tracks, costmap.frame_T_grid)
 
@@ -300,7 +300,7 @@ class Navigator:
         return self._giving_way.command(now)
 
     def _must_wait(self, now_ns: int) -> bool:
-        """Say whether the robot must stand because it does not know enough; fail if that lasts."""
+        """Say whether the robot must stand for want of inputs; fail if that lasts."""
         trouble = self.costmap_manager.trouble(now_ns)
         if trouble is None:
             self._trouble_since_ns = None
@@ -326,7 +326,7 @@ class Navigator:
     # What else is heard.
 
     def update_base(self, base: BaseState, now_ns: int) -> None:
-        """Take what the base does: a stop or somebody else's hand pauses the goal."""
+        """Take in the base's state: a stop, or another source of commands, pauses the goal."""
         before = self.inputs.base
         self.inputs.base = base
         if self._is_held_blind and base.source == OWN_SOURCE:
@@ -348,7 +348,7 @@ class Navigator:
                 self._pause(codes.TAKEN_OVER, now_ns, why)
 
     def begin_epoch(self, now_ns: int) -> None:
-        """Start over with a base that was restarted: what was measured before does not count."""
+        """Start over after a restart of base: earlier measurements do not count."""
         self.inputs.begin_epoch()
         self.costmap_manager.forget()
         self._motion_state.record_command(None, now_ns)
@@ -464,7 +464,7 @@ class Navigator:
     def _validate(
         self, params: SendGoal, new_id: str, now_ns: int
     ) -> tuple[ValidatedGoal, PlanningContext]:
-        """Check a goal against everything that is known.
+        """Validate a goal by map, zones and costmap.
 
         Raises:
             Refused: see `goals`.
@@ -486,7 +486,7 @@ class Navigator:
     def _context_and_pose(
         self, now_ns: int, goals: Sequence[Pose2D]
     ) -> tuple[PlanningContext, Pose2D]:
-        """Return what to plan with, made for these goals, and where the robot is.
+        """Return the planning context for these goals, and the robot's pose.
 
         Raises:
             Refused: either is not known.
@@ -514,7 +514,7 @@ class Navigator:
         return self.status(now_ns)
 
     def _set_off(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
-        """Begin to drive along a first path."""
+        """Start driving along a first path."""
         self._begin(validated, context, now_ns)
         self._set_off_ns = now_ns
         self._blind = None
@@ -523,7 +523,7 @@ class Navigator:
         self._report("driving", "", now_ns)
 
     def _begin(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
-        """Execute a goal; what it knows of its surroundings must not wait for the next scan."""
+        """Begin to execute a goal; its first look at the costmap must not wait for a scan."""
         execution = GoalExecution(validated.goal, context, self._config, validated.path, now_ns)
         self.execution = execution
         self._giving_way.forget()
@@ -533,7 +533,7 @@ class Navigator:
             execution.update(motion, now_ns)
 
     def _rebuild_costmap(self, now_ns: int, goals: Sequence[Pose2D] = ()) -> None:
-        """Make the costmap anew if map, zones or robot changed, and plan on it."""
+        """Rebuild the costmap if map, zones or robot changed, and replan on it."""
         manager, execution = self.costmap_manager, self.execution
         left = None
         if execution is not None and self.board.is_active:

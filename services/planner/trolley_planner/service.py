@@ -74,7 +74,7 @@ class PlannerService(Service):
         self._path_key = ""
 
     def _use(self, config: RobotConfig) -> None:
-        """Drive by settings that were changed."""
+        """Apply changed settings."""
         self._command_ns = command_period_ns(config.planner)
         self.navigator.set_config(config.planner)
         self.log.info("Settings changed")
@@ -262,7 +262,7 @@ class PlannerService(Service):
         return self._unless_stopped(resume)
 
     def _unless_stopped(self, act: Callable[[], R]) -> R | Later[R]:
-        """Do what a stop forbids; the last known stop may be over, so base is asked first.
+        """Run a request that a stop forbids; the last known stop may be over, so ask base first.
 
         What base publishes may arrive after a request that came later: requests go first.
         """

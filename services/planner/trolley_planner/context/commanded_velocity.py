@@ -23,7 +23,7 @@ VELOCITY = VelocityParams()
 
 
 class CommandedVelocity:
-    """What the robot was told last, or what its wheels do where they do not follow.
+    """The last command, or what the wheels do where they do not follow it.
 
     Wheels follow late: while the robot brakes they are faster than its last command, and a command
     that started from them would speed it up again. So they are compared with all that they were
@@ -34,7 +34,7 @@ class CommandedVelocity:
         self._told: deque[tuple[int, Twist2D]] = deque()
 
     def record(self, twist: Twist2D | None, now_ns: int) -> None:
-        """Note a command; None: nobody tells it anything any more."""
+        """Record a command, None for silence."""
         if twist is None:
             self._told.clear()
             return

@@ -1,4 +1,4 @@
-"""What the robot may back into, by what it has seen. As in `base`, a cell is met in its middle."""
+"""Floor that the robot has seen and may back over. As in `base`, a cell is met in its middle."""
 
 import itertools
 
@@ -22,7 +22,7 @@ MIDDLE_CELLS = 0.25
 
 
 class KnownFloor:
-    """Says of places whether it is known that they are free.
+    """Tells which places are known to be free.
 
     Args:
         costmap: what was seen where.
@@ -34,7 +34,7 @@ class KnownFloor:
         self._edge, self._behind = footprint.edge_points, _points_behind(footprint)
 
     def sees_behind(self, pose: Pose2D) -> bool:
-        """Say whether what the robot would back into is known.
+        """Say whether the floor behind the robot is known.
 
         A lidar that looks all round goes on looking there, so the map will do, too. Any other must
         have seen lately that it is free, or the map must have a wall there, which costs enough.
@@ -45,7 +45,7 @@ class KnownFloor:
         return self._knows(pose.transform_points(self._behind))
 
     def sees_along(self, poses: NDArray[np.float64]) -> bool:
-        """Say whether what the robot would back into is known, on its way along poses (n, 3)."""
+        """Say whether the floor along poses (n, 3) that it backs through is known."""
         moved = [Pose2D(*pose.tolist()).transform_points(self._edge) for pose in poses]
         points = np.concatenate(moved)
         off = np.abs(points / self._costmap.resolution_m % 1.0 - 0.5)

@@ -109,7 +109,7 @@ class Mppi:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last solution, as when somebody else drove the robot."""
+        """Forget the last solution, as after somebody else drove the robot."""
         self._controls = np.zeros((self._steps, 2))
         self.trajectory = np.empty((0, 3), dtype=np.float32)
 

@@ -56,7 +56,7 @@ LOOKAHEAD_SHARES = (1.0, 0.6, 0.35)
 
 
 class PurePursuit:
-    """Steers for a carrot: a fiftieth of the work of `Mppi`, and less foresight.
+    """Steers for a carrot: a fiftieth of the work of `Mppi`, with less foresight.
 
     Args:
         config: horizon.

@@ -26,7 +26,7 @@ DT_S = 0.1
 
 
 class Limits(NamedTuple):
-    """What the robot may do at the moment."""
+    """The robot's present limits."""
 
     max_speed: float
     """[m/s]."""

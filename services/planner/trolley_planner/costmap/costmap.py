@@ -1,4 +1,4 @@
-"""The costmap: map, zones and what the lidar sees, and what it costs to pass near all that."""
+"""The costmap: map, zones and what the lidar sees, inflated."""
 
 import math
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ class CostmapParams:
     beside_m: float = 0.15
     """A person nearer to the robot's outline than this is an obstacle as well."""
     most_flipped: int = 40
-    """If more cells than this change at once, the distances between them are computed anew, too;
+    """If more cells than this change at once, the distances between them are recomputed, too;
     found by bench/planner/costmap."""
     closed_s: float = 60.0
     """A place where the robot did not get through is tried again after this time."""
@@ -58,7 +58,7 @@ COSTMAP = CostmapParams()
 
 
 class Costmap:
-    """One grid of everything that is in the way.
+    """One grid of all obstacles.
 
     All arrays have the shape (rows, cols) and lie in frame `grid`; `frame_T_grid` places them in
     the frame of the goals, `grid_T_frame` is its inverse. Two sets of weights are kept: of the
@@ -151,7 +151,7 @@ class Costmap:
         self._social_layer.update(people, self.obstacle_layer.grid)
 
     def take_over(self, other: "Costmap") -> None:
-        """Take what was seen on another costmap, whose cells lie on this one's."""
+        """Copy what was seen from another costmap with aligned cells."""
         corner = self.to_grid(other.frame_T_grid)
         rows, cols = round(corner.y / self.resolution_m), round(corner.x / self.resolution_m)
         self.obstacle_layer.take_over(other.obstacle_layer, rows, cols)
@@ -176,7 +176,7 @@ class Costmap:
         self.obstacle_layer.mark_all_dirty()
 
     def reopen(self) -> None:
-        """Open all that was closed."""
+        """Reopen all closed places."""
         if self._closed_until_ns is not None:
             self._closed_until_ns = None
             self._closed[:] = 0
@@ -215,7 +215,7 @@ class Costmap:
         self._weigh(np.array([(0, self.shape[0], 0, self.shape[1])]))
 
     def _measure(self, flipped: NDArray[np.int64]) -> tuple[int, int, int, int]:
-        """Compute the distances anew around all of many cells (n, 2); return the box of them."""
+        """Recompute the distances around many cells (n, 2); return their box."""
         (rows, cols), low, high = self.shape, flipped.min(axis=0), flipped.max(axis=0)
         reach = math.ceil(self._reach_m / self.resolution_m)
         around = int(low[0]), int(high[0]), int(low[1]), int(high[1])

@@ -318,7 +318,7 @@ def seen_lately(
     cols: NDArray[np.int64],
     since: tuple[int, float],
 ) -> NDArray[np.bool_]:
-    """Say of cells (n,) whether beams passed lately, or beside what stands, in a cell beside them.
+    """Say for cells (n,) whether beams passed lately, or beside what stands, in a cell beside them.
 
     Args:
         grid: what was seen.

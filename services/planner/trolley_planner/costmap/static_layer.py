@@ -106,7 +106,7 @@ class StaticLayer:
         return int(y_grid / self._resolution_m), int(x_grid / self._resolution_m)
 
     def _inflate(self) -> None:
-        """Compute distances and weights anew after the map or the zones changed."""
+        """Recompute distances and weights after the map or the zones changed."""
         shape = self.kinds.shape[0], self.kinds.shape[1]
         self.keepout = np.zeros(shape, dtype=np.uint8)
         """(rows, cols) 1 in keep-out zones, except those that the robot is in and must leave."""

@@ -53,7 +53,7 @@ class ContactHold:
     def update(
         self, now_ns: int, beams: NDArray[np.float64], people: Sequence[TrackedPerson], pose: Pose2D
     ) -> None:
-        """Take a new scan in.
+        """Take in a new scan.
 
         Args:
             now_ns: robot time.
@@ -75,7 +75,7 @@ class ContactHold:
             self._since_ns = now_ns
 
     def must_stand(self, now_ns: int) -> bool:
-        """Say whether the robot had better stand."""
+        """Say whether the robot should stand still."""
         since_ns = self._since_ns
         return since_ns is not None and now_ns - since_ns < self._patience_ns
 

@@ -117,7 +117,7 @@ class Following:
         return float(self._place[0]), float(self._place[1])
 
     def update(self, tracks: Sequence[Track], now_ns: int) -> None:
-        """Find the person among what a scan shows.
+        """Find the person in a scan.
 
         Args:
             tracks: of the newest scan.
@@ -162,7 +162,7 @@ class Following:
         return Pose2D(float(later[0]), float(later[1]), 0.0)
 
     def moved_goal(self, goal: Goal, now_ns: int) -> Goal | None:
-        """Return the goal where it belongs now, None if it is near enough to there."""
+        """Return the goal moved behind the person, None if it is near enough already."""
         place = self.place_behind(now_ns)
         is_near = goal.pose.distance_to(place) < FOLLOWING.moved_m
         return None if is_near else replace(goal, pose=place)
@@ -193,7 +193,7 @@ class Following:
         return self._stands
 
     def turn_to(self, here: Pose2D, limits: Limits) -> Twist2D:
-        """Return the velocity of a robot that stands, and keeps its eyes on them."""
+        """Return the velocity that turns a standing robot towards the person."""
         bearing = _bearing(here, self._place)
         if abs(bearing) < FOLLOWING.face_rad:
             return Twist2D.zero()
@@ -201,7 +201,7 @@ class Following:
         return Twist2D(0.0, 0.0, min(max(rate, -limits.max_turn), limits.max_turn))
 
     def _found_again(self, tracks: Sequence[Track], now_ns: int) -> Track | None:
-        """Return what stands near to where they must be by now, None if nothing does."""
+        """Return the track nearest to the predicted position, None if none is near."""
         unseen_s = self.unseen_s(now_ns)
         expected = self._place + min(unseen_s, FOLLOWING.walks_on_s) * self._velocity
         reach_m = FOLLOWING.astray_m + FOLLOWING.astray_mps * unseen_s

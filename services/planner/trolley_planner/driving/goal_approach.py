@@ -177,7 +177,7 @@ class GoalApproach:
 
     @property
     def near(self) -> Tolerances:
-        """How near to `aim` is near enough to the goal."""
+        """Tolerances around `aim` within which the robot is at the goal."""
         xy, offset = self._tolerances.xy, self.aim.distance_to(self._goal)
         return Tolerances(max(xy - offset, 0.3 * xy), self._tolerances.yaw)
 
@@ -189,7 +189,7 @@ class GoalApproach:
         return self._tolerances.any_heading or turn <= self._tolerances.yaw
 
     def let_go(self) -> None:
-        """Leave driving to the controller again."""
+        """Hand driving back to the controller."""
         self._alignment = None
 
     def left_m(self, pose: Pose2D) -> float:
@@ -200,7 +200,7 @@ class GoalApproach:
         return distance + APPROACH.turn_as_m * abs(wrap_angle(self.aim.yaw - pose.yaw))
 
     def update_aim(self, pose: Pose2D, is_blocked: bool) -> bool:
-        """Aim beside the goal where something stands on it; True if the aim was moved.
+        """Aim beside an occupied goal; True if the aim was moved.
 
         Args:
             pose: of the robot; the local costmap must be centred on it.
@@ -235,7 +235,7 @@ class GoalApproach:
         return True
 
     def takes_over(self, pose: Pose2D, remaining_m: float) -> bool:
-        """Say whether the final approach drives: near, and nothing between.
+        """Say whether the final approach takes over: near the goal, nothing in between.
 
         Args:
             pose: of the robot.

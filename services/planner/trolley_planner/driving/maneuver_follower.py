@@ -115,7 +115,7 @@ class ManeuverFollower:
         return off > FOLLOWER.strayed_m or off_yaw > FOLLOWER.strayed_rad
 
     def is_stalled(self, pose: Pose2D, elapsed_s: float) -> bool:
-        """Note where the robot is; say whether it has been held up for long, by whomever."""
+        """Record the pose; say whether the robot has been held up for long, for any reason."""
         moved_m = pose.distance_to(self._stalled_at)
         moved_m += FOLLOWER.turn_as_m * abs(wrap_angle(pose.yaw - self._stalled_at.yaw))
         if moved_m > FOLLOWER.stalled_m:

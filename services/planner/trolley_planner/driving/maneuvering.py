@@ -1,4 +1,4 @@
-"""Driving where the footprint matters: the maneuver of the search over poses, heading by heading.
+"""Driving where the heading of the footprint matters: along maneuvers of the pose search.
 
 In open floor the controller does without. Where there is little room along the path, where the
 robot has no room to turn, and at a goal that it must come to exactly, a maneuver is searched on
@@ -68,7 +68,7 @@ class ManeuverParams:
     standing_mps: float = 0.1
     """Speed above which a maneuver begins where the robot will have stopped."""
     delay_s: float = 0.15
-    """Time from the decision to the begin of the braking."""
+    """Time from the decision to the start of the braking."""
     lead_step_m: float = 0.025
     """Greatest distance between two poses of the way to where the robot will have stopped."""
     brisk: float = 1.3
@@ -95,7 +95,7 @@ MANEUVER = ManeuverParams()
 
 
 class Maneuvering:
-    """Drives along maneuvers, where the path ahead asks for one.
+    """Drives along maneuvers where the path ahead needs one.
 
     Args:
         context: costmaps and planner.
@@ -130,11 +130,11 @@ class Maneuvering:
         return 0.0 if self._follower is None else self._follower.left_m + self._rest_m
 
     def stop(self) -> None:
-        """Leave driving to the controller."""
+        """Hand driving back to the controller."""
         self._follower = None
 
     def update(self, motion: Motion, route: Route, approach: GoalApproach, now_ns: int) -> None:
-        """Search a maneuver where one is needed; give up one that is blocked or leads elsewhere.
+        """Search for a maneuver where one is needed; drop one that is blocked or leads elsewhere.
 
         Args:
             motion: of the robot; the local costmap must be centred on it.
@@ -210,7 +210,7 @@ class Maneuvering:
         return safe
 
     def _end(self, now: ControlInput, approach: GoalApproach) -> None:
-        """Note that it is over: the robot has arrived if it led to the goal, and stands."""
+        """End the maneuver: if it led to the goal and the robot stands, it has arrived."""
         twist = now.motion.twist
         if not self._to_goal:
             self.stop()
@@ -220,7 +220,7 @@ class Maneuvering:
                 self.stop()
 
     def _is_through(self, pose: Pose2D) -> bool:
-        """Say whether the robot drives forwards and has room again: the controller does better."""
+        """Say whether the robot drives forwards with clearance: the controller does better."""
         follower, room_m = self._follower, MANEUVER.room_m
         if follower is None or self._to_goal or not follower.is_forwards:
             return False
@@ -239,7 +239,7 @@ class Maneuvering:
         return float(left_m[end] - left_m[needed]) < MANEUVER.farther_m
 
     def _lead(self, motion: Motion) -> list[Pose2D]:
-        """Return the poses to where the robot can stand: maneuvers may begin with a turn."""
+        """Return the poses to where the robot can stop, since maneuvers may begin with a turn."""
         speed, poses = motion.twist.vx, [motion.pose]
         if speed < MANEUVER.standing_mps:
             return poses
@@ -287,7 +287,7 @@ class Maneuvering:
         return min(end, last)
 
     def _is_tight_goal(self, pose: Pose2D, points: NDArray[np.float64], aim: Pose2D) -> bool:
-        """Say whether there is little room at the goal: to stand there, or to turn."""
+        """Say whether the clearance at the goal is small, to stand there or to turn."""
         context = self._context
         if context.seen_clearance(aim, MANEUVER.room_m) < MANEUVER.room_m:
             return True
@@ -301,7 +301,7 @@ class Maneuvering:
         return not context.can_turn_by(aim, turn, MANEUVER.turn_room_m)
 
     def _must_turn_in_little_room(self, pose: Pose2D, points: NDArray[np.float64]) -> bool:
-        """Say whether the robot looks elsewhere than the path leads, and cannot just turn."""
+        """Say whether the robot must turn to the path and lacks the clearance for it."""
         ahead = points[min(len(points) - 1, 6)]
         if math.dist((pose.x, pose.y), (float(ahead[0]), float(ahead[1]))) < 0.1:
             return False
@@ -348,7 +348,7 @@ class Maneuvering:
         return None
 
     def _check_maneuver(self, pose: Pose2D, route: Route, aim: Pose2D) -> None:
-        """Give the maneuver up where something stands on it, or it leads elsewhere."""
+        """Drop the maneuver if an obstacle is on it, or it leads elsewhere."""
         follower = self._follower
         if follower is None:
             return
@@ -366,7 +366,7 @@ class Maneuvering:
 
 
 def _led(maneuver: Maneuver, lead: list[Pose2D]) -> Maneuver:
-    """Return a maneuver with the poses before it that lead to its begin, forwards."""
+    """Return a maneuver with the poses before it that lead to its start, forwards."""
     if len(lead) == 1:
         return maneuver
     before = np.array([(pose.x, pose.y, pose.yaw) for pose in lead[:-1]])

@@ -51,7 +51,7 @@ class ProgressChecker:
         self._last: tuple[Pose2D, Pose2D] | None = None
 
     def reset(self) -> None:
-        """Begin anew, as with a new path or after a try to get free."""
+        """Start over, as with a new path or after recovery."""
         self._mark = None
         self._last = None
 

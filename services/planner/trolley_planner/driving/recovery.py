@@ -1,4 +1,4 @@
-"""What is tried where the robot does not get nearer to its goal: actions of rising effort.
+"""Recovery behaviours in the order of their effort, for a robot that makes no progress.
 
 Each is bounded; the robot gives up when none has helped.
 """
@@ -18,9 +18,9 @@ class RecoveryParams:
     free_after_m: float = 0.5
     """Progress beyond the best so far after which the behaviours start over."""
     detour_m: float = 2.0
-    """Extra length from which on a new path is a detour; progress is then measured anew."""
+    """Extra length from which on a new path is a detour; progress is then measured from there."""
     most_detours: int = 2
-    """Number of detours per goal on which progress is measured anew."""
+    """Number of detours per goal on which progress is measured from there."""
     most_actions: int = 15
     """Number of recovery behaviours per goal after which the goal fails."""
     excused_factor: int = 5
@@ -32,7 +32,7 @@ RECOVERY = RecoveryParams()
 
 
 class RecoveryAction(Enum):
-    """What is tried to get free."""
+    """Recovery behaviours."""
 
     WAIT = "wait"
     CLEAR = "clear"
@@ -56,7 +56,7 @@ MOVES = (RecoveryAction.BACK_UP, RecoveryAction.TURN, RecoveryAction.REROUTE)
 
 
 class Recovery:
-    """Which recovery action comes next, and when to give up."""
+    """Which recovery behaviour comes next, and when to give up."""
 
     def __init__(self, config: PlannerConfig) -> None:
         self._give_up_ns = round(config.give_up_s * 1e9)
@@ -74,7 +74,7 @@ class Recovery:
         """What is being tried."""
 
     def update_remaining(self, remaining_m: float) -> None:
-        """Note the length of the path that is left: a robot that gets on is free."""
+        """Record the remaining length of the path: progress ends recovery."""
         if remaining_m < self._best_m - RECOVERY.free_after_m:
             self._step, self._since_ns, self._excused_ns = -1, None, 0
             self._best_m = remaining_m
@@ -82,7 +82,7 @@ class Recovery:
             self._best_m = remaining_m
 
     def update_path_length(self, remaining_m: float) -> None:
-        """Note the length of a new path: a long detour is measured by itself, but not forever."""
+        """Record the length of a new path; on a detour progress restarts there, a few times."""
         is_detour = remaining_m > self._best_m + RECOVERY.detour_m
         if is_detour and self._num_detours < RECOVERY.most_detours:
             self._num_detours += 1
@@ -91,7 +91,7 @@ class Recovery:
     def begin_next(
         self, now_ns: int, is_possible: Callable[[RecoveryAction], bool]
     ) -> RecoveryAction | None:
-        """Begin the next action that is possible; None when it is time to give up.
+        """Begin the next possible behaviour; None when it is time to give up.
 
         Args:
             now_ns: robot time.
@@ -117,7 +117,7 @@ class Recovery:
         return self.current
 
     def end(self) -> None:
-        """End the current action."""
+        """End the current behaviour."""
         self.current = None
 
     def forgive(self, now_ns: int) -> None:
@@ -133,7 +133,7 @@ class Recovery:
             self._excused_ns += time_ns
 
     def elapsed_s(self, now_ns: int) -> float:
-        """Return how long the current action has lasted [s]."""
+        """Return how long the current behaviour has lasted [s]."""
         return (now_ns - self._began_ns) * 1e-9
 
     def is_patient(self, now_ns: int) -> bool:

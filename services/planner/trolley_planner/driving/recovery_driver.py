@@ -1,4 +1,4 @@
-"""How the robot drives while it recovers: it waits, looks again, backs up, turns."""
+"""How the robot drives during recovery: it waits, clears the costmap, backs up, turns."""
 
 import math
 from collections import deque
@@ -50,7 +50,7 @@ BEHAVIORS = BehaviorParams()
 
 @dataclass(slots=True)
 class Breadcrumbs:
-    """The robot's track as odometry poses: it was free a moment ago."""
+    """The robot's recent track as odometry poses, along which it can back up."""
 
     crumbs: deque[Pose2D] = field(
         default_factory=lambda: deque[Pose2D](maxlen=round(BEHAVIORS.track_m / BEHAVIORS.crumb_m))
@@ -73,7 +73,7 @@ class Breadcrumbs:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Stands until the path is free, or patience ends."""
+    """Stands until the path is free, or the robot has waited long enough."""
 
     is_blocked: bool
     """Whether something kept the robot from driving on when the wait began."""
@@ -81,11 +81,11 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class LookAgain:
-    """Stands until scans show what is really there."""
+    """Stands until new scans have filled the costmap that was cleared."""
 
 
 class StallDetector:
-    """Notices that a motion is held up, or takes too long."""
+    """Detects that a motion is held up, or takes too long."""
 
     def __init__(self) -> None:
         self._stalled_s = 0.0
@@ -167,7 +167,7 @@ class Spin:
 
 
 class RecoveryDriver:
-    """Carries out the recovery actions along a route.
+    """Carries out the recovery behaviours along a route.
 
     Args:
         context: costmaps and planners.
@@ -189,7 +189,7 @@ class RecoveryDriver:
         self._trail.drop(odom_T_base)
 
     def begin_next(self, now: ControlInput, *, is_blocked: bool, left_m: float) -> bool:
-        """Begin the next action; False when it is time to give up.
+        """Begin the next behaviour; False when it is time to give up.
 
         Args:
             now: where the robot is.
@@ -218,7 +218,7 @@ class RecoveryDriver:
         self._behavior = None
 
     def has_lost_patience(self, now_ns: int, *, is_path_free: bool) -> bool:
-        """Say whether a wait has lasted long enough; end it where the path is free."""
+        """Say whether a wait has lasted long enough; end it if the path is free."""
         if not isinstance(self._behavior, Wait):
             return False
         if is_path_free and self._has_settled(now_ns):
@@ -229,7 +229,7 @@ class RecoveryDriver:
         return not self.sequence.is_patient(now_ns)
 
     def command(self, now: ControlInput) -> Twist2D:
-        """Return the velocity of the present action, and end it when it is over."""
+        """Return the velocity of the current behaviour, and end it when it is done."""
         wanted: Twist2D | None = Twist2D.zero()
         match self._behavior:
             case LookAgain() if self._has_settled(now.now_ns):
@@ -259,7 +259,7 @@ class RecoveryDriver:
             self._behavior.update(driven, elapsed_s)
 
     def point_ahead(self) -> tuple[float, float]:
-        """Return the point of the path right before the robot, x, y in `grid` [m]."""
+        """Return the point of the path right ahead of the robot, x, y in `grid` [m]."""
         path = self._route.path
         x, y = path.points[path.ahead(self._route.index, self._ahead_m)]
         return float(x), float(y)
@@ -273,7 +273,7 @@ class RecoveryDriver:
         return self.sequence.elapsed_s(now_ns) > BEHAVIORS.settle_s
 
     def _prepare(self, action: RecoveryAction, now: ControlInput, left_m: float) -> bool:
-        """Get ready for an action that moves the robot; say whether there is room for it."""
+        """Prepare a behaviour that moves the robot; say whether there is room for it."""
         pose, context, clearance_m = now.motion.pose, self._context, now.limits.clearance_m
         if action is RecoveryAction.BACK_UP:
             self._behavior = BackUp(now.odom_T_base, self._config.back_up_m)
@@ -316,7 +316,7 @@ class RecoveryDriver:
 
 
 def free_turn(can_turn: Callable[[float], bool], bearing: float) -> float | None:
-    """Return by how much to turn to look around [rad], towards a bearing first; None for no room.
+    """Return the turn for looking around [rad], towards a bearing first; None without room.
 
     Args:
         can_turn: says whether there is room for a turn by an angle [rad].

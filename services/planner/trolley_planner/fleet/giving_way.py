@@ -68,12 +68,12 @@ class WaitForRobot:
 
     @property
     def sentence(self) -> str:
-        """What people read."""
+        """The sentence for people."""
         return f"Waiting for robot {self.name} {self.where}."
 
 
 class GivingWay:
-    """Knows the other robots, and decides whether to wait for one.
+    """Tracks the other robots, and decides whether to wait for one.
 
     Args:
         config: of the planner.
@@ -93,7 +93,7 @@ class GivingWay:
         """Which robot it waits for now."""
 
     def set_config(self, config: PlannerConfig) -> None:
-        """Wait and drive by other settings."""
+        """Apply other settings from now on."""
         self._config = config
 
     def update_neighbours(
@@ -118,7 +118,7 @@ class GivingWay:
         self._left_to.clear()
 
     def decide(self, name: str, execution: GoalExecution, motion: Motion, now_ns: int) -> None:
-        """Decide anew whether to wait, and for which robot.
+        """Decide whether to wait, and for which robot.
 
         Args:
             name: of this robot.
@@ -158,7 +158,7 @@ class GivingWay:
         self._resume_when_free(now_ns)
 
     def update(self, motion: Motion, now_ns: int) -> bool:
-        """Take a scan in while driving to a place to wait; False if there is none to drive to."""
+        """Take in a scan on the way to the waiting pose; False if it is not driving to one."""
         if self._waiting_execution is None:
             return False
         self._waiting_execution.update(motion, now_ns)
@@ -233,7 +233,7 @@ class GivingWay:
             self._left_to[other.name] = now_ns + round(GIVING_WAY.turn_s * 1e9)
 
     def _resume_when_free(self, now_ns: int) -> None:
-        """Drive on, once there has been no robot to wait for during some time."""
+        """Drive on once there has been no robot to wait for during some time."""
         if self.wait is None:
             return
         if self.wait.free_ns is None:
@@ -245,7 +245,7 @@ class GivingWay:
     def _look_for_waiting_pose(
         self, execution: GoalExecution, pose: Pose2D, passages: Passages, now_ns: int
     ) -> None:
-        """Look for a place to wait if the robot would be in another's way where it is."""
+        """Search for a waiting pose if the robot is in another's way."""
         if now_ns - self._looked_ns < GIVING_WAY.look_s * 1e9:
             return
         self._looked_ns = now_ns

@@ -167,7 +167,7 @@ class Neighbours:
         return found
 
     def _of(self, name: str) -> _Heard | None:
-        """Return what is kept of a robot, None of oneself or of one too many."""
+        """Return the record of a robot; None for this robot, or beyond `most_robots`."""
         if name == self.own_name:
             return None
         heard = self._heard.get(name)

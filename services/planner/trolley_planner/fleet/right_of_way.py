@@ -52,7 +52,7 @@ Floats = NDArray[np.float64]
 
 
 class Claim(NamedTuple):
-    """What a robot's place in the order depends on."""
+    """What a robot's rank depends on."""
 
     is_inside: bool
     waited_s: float | None
@@ -163,7 +163,7 @@ def _claim(
     waited_s: float | None,
     passages: Passages,
 ) -> Claim:
-    """Return what a robot's place in the order depends on, for a narrow part of its path."""
+    """Return a robot's claim to a narrow part of its path."""
     off_m = math.dist(place, (float(path[0, 0]), float(path[0, 1])))
     left_m = part.start * SPACING_M + off_m
     is_inside = left_m < RIGHT_OF_WAY.inside_m + SPACING_M and bool(

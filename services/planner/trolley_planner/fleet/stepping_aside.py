@@ -1,4 +1,4 @@
-"""Making room for people who come where two do not fit side by side.
+"""Yielding to people in corridors and doors that are too narrow to pass them.
 
 In open floor and in wide corridors the controller keeps to its side. Where somebody comes along
 the route and there is no room beside them, the robot looks for a place that they will not touch, a
@@ -75,12 +75,12 @@ class AsideParams(NamedTuple):
 
 
 ASIDE = AsideParams()
-SENTENCE = "Somebody comes where two do not fit side by side; the robot makes room."
+SENTENCE = "Somebody is coming and there is no room to pass; the robot is stepping aside."
 Floats = NDArray[np.float64]
 
 
 class SteppingAside:
-    """Decides whether to make room for people, and drives to where there is some."""
+    """Decides whether to yield to people, and drives to a refuge."""
 
     def __init__(self) -> None:
         self._passages: tuple[NDArray[np.float32], Passages] | None = None
@@ -95,7 +95,7 @@ class SteppingAside:
 
     @property
     def is_active(self) -> bool:
-        """Whether the robot makes room now."""
+        """Whether the robot is yielding."""
         return self._since_ns is not None
 
     def forget(self) -> None:
@@ -103,12 +103,12 @@ class SteppingAside:
         self._execution, self._since_ns, self._rests_ns, self._waited_ns = None, None, 0, 0
 
     def pop_waited_ns(self) -> int:
-        """Return how long it made room the last time, only once; 0 if it did not."""
+        """Return how long it yielded the last time, only once; 0 if it did not."""
         waited_ns, self._waited_ns = self._waited_ns, 0
         return waited_ns
 
     def decide(self, driven: GoalExecution, motion: Motion, speed: float, now_ns: int) -> None:
-        """Decide anew whether to make room, and where.
+        """Decide whether to yield, and where.
 
         Args:
             driven: how the goal is driven to.
@@ -156,7 +156,7 @@ class SteppingAside:
             self._since_ns, self._execution = None, None
 
     def _still_does(self, driven: GoalExecution, motion: Motion, speed: float) -> bool:
-        """Say whether the place that it drives to is in nobody's way."""
+        """Say whether the refuge that it drives to is still in nobody's way."""
         around = Surroundings(driven.context, motion.pose)
         closes_s = around.closes_s(driven.context.footprint.circumscribed_m)
         arrival = around.arrivals(closes_s, motion.pose, speed)
@@ -164,13 +164,13 @@ class SteppingAside:
         return cell is not None and math.isinf(closes_s[cell]) and arrival[cell] < math.inf
 
     def update(self, motion: Motion, now_ns: int) -> bool:
-        """Take a scan in on the way aside; False if it does not make room."""
+        """Take in a scan on the way to the refuge; False if it is not yielding."""
         if self._execution is not None:
             self._execution.update(motion, now_ns)
         return self.is_active
 
     def command(self, now: ControlInput) -> Twist2D:
-        """Return the velocity aside, and zero there."""
+        """Return the velocity to the refuge, and zero there."""
         aside = self._execution
         if aside is not None and aside.outcome is None:
             twist = aside.command(now)
@@ -246,7 +246,7 @@ class Surroundings:
         return found
 
     def is_refuge(self, closes_s: Floats) -> NDArray[np.bool_]:
-        """Say of cells (rows, cols) whether the robot fits there and nobody comes."""
+        """Say for cells (rows, cols) whether the robot fits there and nobody comes."""
         return self._is_free & np.isinf(closes_s)
 
     def has_room_beside(self, points: Floats, closes_s: Floats) -> bool:
@@ -262,7 +262,7 @@ class Surroundings:
 def find_refuge(
     driven: GoalExecution, pose: Pose2D, speed: float, passages: Passages, now_ns: int
 ) -> tuple[tuple[float, float], float] | None:
-    """Return where to make room, and when people have passed there [s]; None if nobody must pass.
+    """Return where to yield, and when people have passed there [s]; None if nobody must pass.
 
     Args:
         driven: how the goal is driven to.

@@ -76,7 +76,7 @@ COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
 
 
 class CostToGo:
-    """Cost-to-go of the newest target; changes far from the path leave it as it is.
+    """Cost-to-go of the newest target; changes far from the path do not affect it.
 
     The coarse grid takes each tile for as passable as its best row or column. If it holds no
     path there is none. Otherwise the cells near its path are searched. If they hold a path that
@@ -124,7 +124,7 @@ class CostToGo:
         self._promise = CORRIDOR.dearer
         self._directions = 8
         self.searches = 0
-        """How often all was looked for anew."""
+        """Number of searches over all tiles."""
 
     def cheapest_path(self, start: int, terrain: Terrain) -> tuple[NDArray[np.int32], int] | None:
         """Return the cells of the cheapest path and its cost, None if there is none.
@@ -147,7 +147,7 @@ class CostToGo:
         return cells, int(self._flat_cost[start])
 
     def forget(self) -> None:
-        """Search the next path anew, whatever is known."""
+        """Search the next path from scratch."""
         self._target = None
 
     @property
@@ -159,7 +159,7 @@ class CostToGo:
         return self._corridor.cost.reshape(-1)
 
     def _renewed(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
-        """Return the path by what is known, updated; None if it may not be the best."""
+        """Return the updated path of the last search; None if it may not be the best."""
         corridor = self._corridor
         if has_opened(self._coarse.seen, terrain.weights, corridor.is_inside):
             return None
@@ -187,7 +187,7 @@ class CostToGo:
         return cells
 
     def _searched(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
-        """Return the path, searched anew; None if there is none."""
+        """Return the path, searched from scratch; None if there is none."""
         self.searches += 1
         cols = self._shape[1]
         away = math.hypot(start % cols - target % cols, start // cols - target // cols)

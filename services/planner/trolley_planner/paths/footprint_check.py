@@ -1,4 +1,4 @@
-"""Whether the footprint fits along a path, and how else it may get through."""
+"""Whether the footprint fits along a path, and detours where it does not."""
 
 import math
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ class FootprintCheck:
         distance_m: NDArray[np.float32],
         yaws: Yaws = (None, None),
     ) -> CheckedPath:
-        """Lead a path through where the footprint fits.
+        """Replace the parts of a path where the footprint does not fit.
 
         Args:
             points: (n, 2) [m].
@@ -192,7 +192,7 @@ def _box_of(
 
 @kernel
 def fits(field: Field, body: Body, x: float, y: float, yaw: float, give_m: float) -> bool:
-    """Say whether nothing reaches more than `give_m` into the footprint at a pose."""
+    """Say whether no obstacle reaches more than `give_m` into the footprint at a pose."""
     return clearance_at(field, body, x, y, yaw, 0.01) >= -give_m
 
 
@@ -267,7 +267,7 @@ def can_turn(field: Field, body: Body, point: NDArray[np.float64]) -> bool:
 
 @kernel
 def fits_along(points: NDArray[np.float64], index: int, field: Field, body: Body) -> bool:
-    """Say whether the footprint fits at a point of a path (n, 2), looking about along the path."""
+    """Say whether the footprint fits at a point of a path (n, 2), headed roughly along it."""
     x, y = points[index, 0], points[index, 1]
     row, col = math.floor(y / field.fine_m), math.floor(x / field.fine_m)
     if field.distance_m[row, col] > body.circumscribed_m + 2.0 * field.fine_m:
@@ -288,7 +288,7 @@ def tight_into(
     points: NDArray[np.float64],
     room: tuple[float, float],
 ) -> None:
-    """Write at which points of a path there is little room, and none a little beside it.
+    """Write at which points of a path, and just beside it, the clearance is small.
 
     Args:
         out_tight: (n,), overwritten.

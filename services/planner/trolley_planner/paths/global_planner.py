@@ -56,7 +56,7 @@ class _Leg:
 
 
 class GlobalPlanner:
-    """Plans on one costmap; keeps what it knows of the goal's cost-to-go from plan to plan.
+    """Plans on one costmap; reuses the goal's cost-to-go from plan to plan.
 
     All points are in frame `grid` [m].
     """
@@ -139,7 +139,7 @@ class GlobalPlanner:
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
     ) -> list[Point]:
-        """Return where the robot does not get through along a path that is free but too narrow.
+        """Return the places of a free path that are too narrow for the robot.
 
         Args:
             start: as in `plan`, which found no path with the same arguments a moment ago.
@@ -178,7 +178,7 @@ class GlobalPlanner:
         return cost * self._costmap.resolution_m / WEIGHT_UNIT
 
     def optimistic_weights(self) -> NDArray[np.uint8]:
-        """Return weights in which what the lidar saw in the way is expensive, but passable."""
+        """Return weights in which seen obstacles are expensive, but passable."""
         costmap = self._costmap
         passable = (costmap.weights == LETHAL) & (costmap.static.weights != LETHAL)
         return np.where(passable, np.uint8(PLANNING.optimistic_weight), costmap.weights)

@@ -46,7 +46,7 @@ class View(NamedTuple):
 
 
 def was_free(view: View, points: Floats) -> NDArray[np.bool_]:
-    """Say of points (n, 2) whether beams of an earlier scan passed there."""
+    """Say for points (n, 2) whether beams of an earlier scan passed there."""
     return were_passed(np.ascontiguousarray(points), view.origin, view.angles, view.clear_m)
 
 
@@ -132,7 +132,7 @@ def take_apart(
 def were_passed(
     points: Floats, origin: Floats, angles: Floats, clear_m: Floats
 ) -> NDArray[np.bool_]:
-    """Say of points (n, 2) whether beams from a place passed there.
+    """Say for points (n, 2) whether beams from a place passed there.
 
     Args:
         points: [m].

@@ -128,7 +128,7 @@ def piece(ring: Floats, ends: NDArray[np.int64], index: int) -> Floats:
 
 @kernel
 def begins_of(points: Floats, origin: Floats, step_rad: float) -> NDArray[np.bool_]:
-    """Say of points (n, 2) whether they are on something else than the one before; see above."""
+    """Say for points (n, 2) whether they are on something else than the one before; see above."""
     count = points.shape[0]
     begins = np.empty(count, np.bool_)
     for index in range(count):

@@ -1,4 +1,4 @@
-"""How something moves, by where it was in the scans of the last second."""
+"""Velocity of a tracked object, from its positions in the scans of the last second."""
 
 import math
 from typing import NamedTuple
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 @kernel
 def longer_track(track: Floats, elapsed_s: float, place: Floats, points: Floats) -> Floats:
-    """Return what matters still of a track (n, 5), and where it is now as its last row.
+    """Return the recent part of a track (n, 5), with the present position as its last row.
 
     Args:
         track: see `Trail.track`.
@@ -55,7 +55,7 @@ def longer_track(track: Floats, elapsed_s: float, place: Floats, points: Floats)
 def track_on(
     track: Floats, elapsed_s: float, place: Floats, points: Floats
 ) -> tuple[Floats, float, float, float]:
-    """Return a track with where it is now, see `longer_track`, and the motion along it.
+    """Return a track with its present position, see `longer_track`, and the motion along it.
 
     A straight line is fitted, over a longer time where the track was straight for that long; what
     the track strays from it says how sure its slope is.
