@@ -22,8 +22,8 @@ from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_to_bytes
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limits_of
+from trolley_planner.control.critics import Target
 from trolley_planner.control.pure_pursuit import PurePursuit
-from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT

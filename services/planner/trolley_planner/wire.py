@@ -9,7 +9,7 @@ from trolley.messages import GoalStatus, OccupancyGrid, Path
 from trolley.messages.types import floats_to_bytes
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion
-from trolley_planner.control.rollout import DT_S, Limits
+from trolley_planner.control.robot_motion import DT_S, Limits
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.driving.recovery import RecoveryAction
 

@@ -9,7 +9,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.commanded_velocity import CommandedVelocity
 from trolley_planner.context.planning_context import CostmapManager
 from trolley_planner.control.controller import Motion, limits_of
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.sensing.inputs import Inputs
 
 

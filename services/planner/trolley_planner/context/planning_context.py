@@ -19,7 +19,7 @@ from trolley_planner.control.controller import Controller
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.control.pure_pursuit import PurePursuit
-from trolley_planner.control.rollout import zone_speed
+from trolley_planner.control.robot_motion import zone_speed
 from trolley_planner.costmap.connected_components import cells_around, components_of
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid

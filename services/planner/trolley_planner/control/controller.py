@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
+from trolley_planner.control.critics import Target
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.proximity import would_meet_people, would_meet_robots
-from trolley_planner.control.rollout import DT_S, ROLLOUT, Limits, Target, stopping_clearance
+from trolley_planner.control.robot_motion import DT_S, ROBOT_MOTION, Limits, stopping_clearance
 
 MAX_REVERSE = 0.25
 """Highest speed backwards [m/s]: few lidars look that way."""
@@ -112,11 +113,11 @@ def safe_command(
         start[3], start[4] = share * wanted.vx, share * wanted.wz
         now, smallest = stopping_clearance(start, field, local_costmap.body, limits)
         if would_meet_people(
-            start, field.walkers, local_costmap.body, limits.deceleration, ROLLOUT.delay_s
+            start, field.walkers, local_costmap.body, limits.deceleration, ROBOT_MOTION.delay_s
         ):
             continue
         if would_meet_robots(
-            start, field.robots, local_costmap.body, limits.deceleration, ROLLOUT.delay_s
+            start, field.robots, local_costmap.body, limits.deceleration, ROBOT_MOTION.delay_s
         ):
             continue
         if smallest >= min(limits.clearance_m, now - give_m):

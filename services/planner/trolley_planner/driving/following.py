@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.goals import Goal, Tolerances
 from trolley_planner.people.tracker import Track
 

@@ -8,7 +8,7 @@ from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
-from trolley_planner.control.rollout import Limits, allowed_speed
+from trolley_planner.control.robot_motion import Limits, allowed_speed
 from trolley_planner.goals import Tolerances, nearest_free_pose
 
 

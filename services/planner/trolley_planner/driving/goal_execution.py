@@ -10,8 +10,10 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
+from trolley_planner.control.critics import Target
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
-from trolley_planner.control.rollout import ROLLOUT, Limits, Target
+from trolley_planner.control.robot_motion import Limits
+from trolley_planner.control.rollout import ROLLOUT
 from trolley_planner.driving.goal_approach import GoalApproach
 from trolley_planner.driving.maneuvering import Maneuvering
 from trolley_planner.driving.progress_monitor import ProgressMonitor

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.control.controller import Motion
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.driving.goal_approach import turn_rate
 from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, TURNING, Maneuver
 

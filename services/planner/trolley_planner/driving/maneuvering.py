@@ -19,7 +19,7 @@ from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
 from trolley_planner.control.known_floor import BACK_STEPS_M
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
-from trolley_planner.control.rollout import caution_speed
+from trolley_planner.control.robot_motion import caution_speed
 from trolley_planner.driving.goal_approach import GoalApproach
 from trolley_planner.driving.maneuver_follower import FOLLOWER, ManeuverFollower
 from trolley_planner.driving.route import Route

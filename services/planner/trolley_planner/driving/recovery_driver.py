@@ -10,7 +10,7 @@ from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limited_change, safe_command
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.driving.recovery import Recovery, RecoveryAction
 from trolley_planner.driving.route import Route
 

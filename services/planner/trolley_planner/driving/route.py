@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, wrap_angle, wrap_angles
 from trolley_planner.context.planning_context import PlanningContext
-from trolley_planner.control.rollout import Limits, caution_speed
+from trolley_planner.control.robot_motion import Limits, caution_speed
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import LETHAL, UNKNOWN
 from trolley_planner.goals import VIA_RADIUS_M

@@ -8,7 +8,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, circumscribed_radius, footprint_from_polygon
 from trolley.messages import Scan
 from trolley.messages.types import floats_from_bytes
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.driving.recovery_driver import Spin
 from trolley_planner.sensing.inputs import Inputs
 
