@@ -88,7 +88,7 @@ class PlannerService(Service):
         self._odometry = self.watch(topics.ODOM, seconds=ODOMETRY_S, then=self._on_odometry)
         if self._config.frame == "map":
             self._watch_others()
-        self.publish(topics.GOAL, self.navigator.status(self.stamp_ns))
+        self.publish(topics.GOAL, self.navigator.current.status(self.stamp_ns))
 
     def epoch_began(self) -> None:
         """Stop, since the base was restarted."""
@@ -287,8 +287,8 @@ class PlannerService(Service):
         """Return the current goal, or the one of the last 32 that is asked for."""
         goal_id = parameters.get("id")
         if goal_id is None:
-            return {(): self.navigator.status(self.stamp_ns)}
-        status = self.navigator.status_of(goal_id, self.stamp_ns)
+            return {(): self.navigator.current.status(self.stamp_ns)}
+        status = self.navigator.current.status_of(goal_id, self.stamp_ns)
         return {} if status is None else {(): status}
 
     # Streams.
@@ -297,16 +297,16 @@ class PlannerService(Service):
     def publish_status(self) -> None:
         """Publish the goal's status, and the path if it changed."""
         now_ns = self.stamp_ns
-        if not self.navigator.board.is_active:
+        if not self.navigator.current.board.is_active:
             return
         self._publish_changes()
-        self.publish(topics.GOAL, self.navigator.status(now_ns))
+        self.publish(topics.GOAL, self.navigator.current.status(now_ns))
 
     @every(COSTMAP_S)
     def publish_costmaps(self) -> None:
         """Publish the costmaps, less often without a goal."""
         now_ns = self.stamp_ns
-        is_driving = self.navigator.board.is_active
+        is_driving = self.navigator.current.board.is_active
         pause_s = 0.9 * (COSTMAP_S if is_driving else IDLE_COSTMAP_S)
         if now_ns - self._costmap_ns < pause_s * 1e9:
             return
@@ -319,24 +319,24 @@ class PlannerService(Service):
 
     def _publish_changes(self) -> None:
         """Publish each change of the goal in its order, then path and trajectory."""
-        for status in self.navigator.board.pop_changes():
+        for status in self.navigator.current.board.pop_changes():
             self.log.info("Goal", id=status.id, state=status.state, why=status.message or "-")
             self.publish(topics.GOAL, status)
         self._publish_path()
         now_ns = self.stamp_ns
         if now_ns - self._trajectory_ns >= TRAJECTORY_S * 1e9:
-            trajectory = self.navigator.trajectory
+            trajectory = self.navigator.current.trajectory
             if trajectory is not None:
                 self._trajectory_ns = now_ns
                 self.publish(topics.TRAJECTORY, trajectory)
 
     def _publish_path(self) -> None:
         """Publish the path if it changed; an empty one when the goal is over."""
-        key = self.navigator.path_key
+        key = self.navigator.current.path_key
         if key == self._path_key:
             return
         self._path_key = key
-        self.publish(topics.PATH, self.navigator.path(self.stamp_ns))
+        self.publish(topics.PATH, self.navigator.current.path(self.stamp_ns))
 
 
 def _x(pose: Pose2D | None) -> float | None:

@@ -167,7 +167,7 @@ def stopping_clearance(
     body: Body,
     limits: Limits,
 ) -> tuple[float, float]:
-    """Return the smallest clearance until the robot stands, if it brakes after `ROBOT_MOTION.delay_s`.
+    """Return the smallest clearance until the robot stands, if it brakes after `delay_s`.
 
     Args:
         start: (5,) with the velocity that is about to be commanded.
