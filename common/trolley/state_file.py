@@ -39,7 +39,7 @@ class Changed(Protocol):
     """
 
     SCHEMA: ClassVar[int]
-    """Of the files that are written; a struct without it is of schema 1."""
+    """Schema of the files that are written; a struct without it is of schema 1."""
 
     @classmethod
     def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
@@ -57,7 +57,7 @@ class Read(NamedTuple):
 
     value: Any
     schema: int
-    """Of the file, before it was brought forward."""
+    """Schema of the file, before it was brought forward."""
 
 
 def parse(content: bytes, kind: type[S]) -> S:

@@ -11,7 +11,7 @@ from trolley.runtime.bus import Sample
 from trolley.topics import Topic
 
 MOST_KEYS = 5000
-"""Of more keys nothing is kept: anybody on the network can make some up."""
+"""Number of keys that are kept: anybody on the network can make some up."""
 LARGEST_KEPT = 1 << 16
 """Larger messages (maps, meshes) are counted and not kept."""
 
