@@ -16,7 +16,7 @@ from msgspec import inspect as shapes
 
 from trolley import codes, requests, topics
 from trolley.cli import cli, exits
-from trolley.config.changing import Name, acts, service_of
+from trolley.config.changeable_settings import Name, acts, service_of
 from trolley.config.describe import allowed, sections
 from trolley.messages.arrays import ARRAY_FIELDS
 from trolley.requests import Request

@@ -212,13 +212,13 @@ class Drive:
     """How a robot is driven through a building, and how its wheels and its lidar err."""
 
     way_m: float = 400.0
-    """It turns home after about so much [m]."""
+    """Approximate distance after which it turns home [m]."""
     room_share: float = 0.3
     """Share of the rooms beside the way that it drives into."""
     step_m: float = 1.0
-    """A scan is taken after so much [m]."""
+    """Distance after which a scan is taken [m]."""
     step_rad: float = 0.7
-    """Or after a turn by so much [rad]."""
+    """Turn after which a scan is taken [rad]."""
     field_rad: float = math.pi
     beams: int = 180
     reach_m: float = 8.0

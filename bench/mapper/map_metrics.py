@@ -21,13 +21,13 @@ class MetricParams:
     """What counts as a revisit, and as a wrong one. Set by hand."""
 
     near_m: float = 1.0
-    """A scan revisits where an earlier one was taken this near to it [m]."""
+    """Distance within which a scan revisits where an earlier one was taken [m]."""
     since_m: float = 20.0
-    """And so much was driven in between [m]."""
+    """Distance that must have been driven between the two [m]."""
     wrong_m: float = 0.5
-    """A revisit is wrong if the map has the two this far from how they truly lie [m]."""
+    """Error of the two scans' relative pose on the map from which on a revisit is wrong [m]."""
     same_loop_m: float = 5.0
-    """Revisits with less than this driven between them close one loop [m]."""
+    """Distance between revisits below which they close one loop [m]."""
     relative_m: tuple[float, ...] = tuple(float(d) for d in range(1, 11))
     """Distances driven over which the relative error is taken [m]."""
 

@@ -25,7 +25,9 @@ from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limits_of
-from trolley_planner.control.rollout import Scene, Target, followed, moved, rollouts_into
+from trolley_planner.control.critics import Target
+from trolley_planner.control.robot_motion import followed, moved
+from trolley_planner.control.rollout import Scene, rollouts_into
 from trolley_planner.costmap.footprint import Footprint
 
 SAMPLES, STEPS = 2000, 56

@@ -40,7 +40,7 @@ FORMAT = 1
 MANIFEST, STATE, CONFIG, CONFIG_FILE = "trolley-backup.toml", "state", "config", "robot.toml"
 MAX_FILES = 20_000
 MAX_BYTES = 4 << 30
-"""Of all files together, unpacked."""
+"""Greatest size of all files together, unpacked [bytes]."""
 _STATE_FOLDER = re.compile(r"maps|[a-z0-9_-]{1,32}")
 # SQLite's own side files belong to the database at that moment, not to its copy.
 _SIDE_FILES = ("-wal", "-shm", "-journal")
@@ -57,7 +57,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     made_at: str
     """The host's clock, which may have been wrong; ISO 8601."""
     version: str
-    """Of the Trolley that made it."""
+    """Version of the Trolley that made it."""
 
 
 class Saved(msgspec.Struct, frozen=True):

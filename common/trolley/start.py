@@ -11,7 +11,7 @@ import signal
 import sys
 
 INTERRUPTED = 130
-"""As shells call the end by Ctrl-C."""
+"""Exit code that shells use for the end by Ctrl-C."""
 
 
 def command() -> None:

@@ -40,7 +40,7 @@ class Changed(Protocol):
     """
 
     SCHEMA: ClassVar[int]
-    """Of the files that are written; a struct without it is of schema 1."""
+    """Schema of the files that are written; a struct without it is of schema 1."""
 
     @classmethod
     def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
@@ -58,7 +58,7 @@ class Read(NamedTuple):
 
     value: Any
     schema: int
-    """Of the file, before it was brought forward."""
+    """Schema of the file, before it was brought forward."""
 
 
 def parse(content: bytes, kind: type[S]) -> S:

@@ -11,7 +11,7 @@ from trolley.runtime.bus import Sample
 from trolley.topics import Topic
 
 MOST_KEYS = 5000
-"""Of more keys nothing is kept: anybody on the network can make some up."""
+"""Number of keys that are kept: anybody on the network can make some up."""
 LARGEST_KEPT = 1 << 16
 """Larger messages (maps, meshes) are counted and not kept."""
 
@@ -97,7 +97,7 @@ class Expected:
     high: float | None = None
     """At most so often; None: no limit is said."""
     is_each_scan: bool = False
-    """As often as `scan`."""
+    """Whether it is sent with each scan."""
 
     def __str__(self) -> str:
         """As it stands in a table."""

@@ -13,22 +13,16 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.gridmap.kernels import interpolate
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limits_of
+from trolley_planner.control.critics import CRITICS, Target, cost_at, step_cost, terminal_cost
 from trolley_planner.control.proximity import proximity_cost, standing_cost
-from trolley_planner.control.rollout import (
-    CRITICS,
-    ROLLOUT,
-    Scene,
-    Target,
+from trolley_planner.control.robot_motion import (
     advance,
     allowed_speed,
     caution_speed,
-    cost_at,
     followed,
     moved,
-    rollouts_into,
-    step_cost,
-    terminal_cost,
 )
+from trolley_planner.control.rollout import ROLLOUT, Scene, rollouts_into
 from trolley_planner.costmap.footprint import FEW_DO_M, Footprint, clearance_turned
 
 CONFIG = PlannerConfig()

@@ -14,7 +14,12 @@ from trolley.gridmap import FREE, GridMap
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.paths.hybrid_astar.motions import BACKWARDS, FORWARDS, TURNING, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import (
+    BACKWARDS,
+    FORWARDS,
+    TURNING,
+    Maneuver,
+)
 from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch, Task
 
 MARGIN_M = 0.03

@@ -8,7 +8,7 @@ from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import print_json, print_table
-from trolley.config.changing import all_keys, parse_value
+from trolley.config.changeable_settings import all_keys, parse_value
 from trolley.config.describe import to_toml
 from trolley.messages import Setting
 

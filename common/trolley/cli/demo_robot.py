@@ -27,7 +27,7 @@ FOOTPRINT = {"length_m": 0.30, "width_m": 0.24}
 PORTS = "ports"
 """The folder of emulated ports, beside robot.toml."""
 WHEELS = {"ticks_per_revolution": 1550.0, "diameter_m": 0.10, "track_m": 0.20}
-"""Of a board that counts ticks."""
+"""Wheels of a board that counts ticks."""
 
 
 def _about_z(x: float, y: float, z: float, w: float) -> Pose2D:

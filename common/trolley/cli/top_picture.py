@@ -13,7 +13,7 @@ from trolley.traffic import Expected, Flow, expected
 
 Order = Literal["bytes", "rate", "name"]
 SILENT_S = 3.0
-"""So long without `health` and a service hangs, or its connection is lost."""
+"""Time without `health` after which a service hangs, or its connection is lost [s]."""
 GONE_S = 30.0
 """Topics that have been silent longer are not listed unless they should come."""
 LOW, HIGH = 0.7, 1.5
@@ -47,7 +47,7 @@ class ServiceView:
     is_alive: bool
     health: Health | None
     flow: Flow | None
-    """Of its `health`."""
+    """Flow of its `health`."""
     up_s: float | None = None
     restarts: int = 0
 

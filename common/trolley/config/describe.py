@@ -32,14 +32,14 @@ class Key(NamedTuple):
     meaning: str
     allowed: str
     default: str | None
-    """As TOML writes it; None: it may be left out and then there is none."""
+    """Default as TOML writes it; None where the setting may be left out and then has no value."""
     is_required: bool
     plain_default: Any = None
     """In plain values; None: there is none."""
     least: float | None = None
-    """No number may be below this,"""
+    """Lower limit of a number, None for none."""
     greatest: float | None = None
-    """nor above this."""
+    """Upper limit of a number, None for none."""
     choices: tuple[str, ...] = ()
     """All values of a word."""
 

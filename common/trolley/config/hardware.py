@@ -60,7 +60,7 @@ class WheelsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     reverse_left: bool = False
     """Whether encoder and motor of the left wheel count and turn the wrong way round."""
     reverse_right: bool = False
-    """The same for the right wheel."""
+    """Whether encoder and motor of the right wheel count and turn the wrong way round."""
 
 
 class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

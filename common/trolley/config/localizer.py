@@ -25,7 +25,7 @@ class LocalizerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     kld_error: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.03
     """Largest error of the particles' distribution (epsilon; Fox 2003)."""
     kld_quantile: Annotated[float, Meta(gt=0.0, le=5.0)] = 2.33
-    """Normal quantile of the confidence in that error: 2.33 is 99 % (Fox 2003)."""
+    """Normal quantile of the confidence in `kld_error`: 2.33 is 99 % (Fox 2003)."""
 
     alpha1: Alpha = 0.1
     """Noise in turning from turning [rad^2 / rad^2]."""

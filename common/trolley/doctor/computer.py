@@ -26,7 +26,7 @@ class System:
     """What runs here."""
 
     bits: int
-    """Of the programs, which may be less than the processor's."""
+    """Word size of the programs, which may be less than the processor's [bits]."""
     python: tuple[int, int]
     system: str
     machine: str
@@ -93,7 +93,7 @@ class Processor:
     throttled: int | None = None
     """The word of `vcgencmd get_throttled`."""
     celsius: float | None = None
-    """Of its hottest sensor."""
+    """Temperature of its hottest sensor."""
 
 
 def check_processor(facts: Processor) -> list[Finding]:

@@ -70,7 +70,7 @@ class Door:
     owner: str = ""
     """Who listens at its port although it is no router."""
     silent: tuple[Endpoint, ...] = ()
-    """Those of several addresses that do not answer."""
+    """Addresses that do not answer, where there are several."""
     is_wanted: bool = True
     """Whether it was asked for, or something here is set up to need it."""
 

@@ -47,7 +47,7 @@ class Place:
     """None where there is none, or where it cannot be used."""
     units: list[units.Unit] | None
     user: users.User
-    """As whom the services run here."""
+    """User that the services run as here."""
     state: Path
     """The state folder of all robots of this host."""
 

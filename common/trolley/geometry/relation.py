@@ -40,7 +40,8 @@ class Relation:
     distance: float
     """On the floor [m]."""
     bearing: float
-    """Of the child as seen from the parent's origin, left positive [rad]; 0 at the origin."""
+    """Bearing of the child as seen from the parent's origin, left positive [rad]; 0 at the origin.
+    """
     translation: tuple[float, float, float]
     """[m]."""
     yaw: float
@@ -48,7 +49,7 @@ class Relation:
     rotation: tuple[float, float, float, float]
     """The quaternion x, y, z, w."""
     age: float | None
-    """Of the oldest link [s], None where none has an age."""
+    """Age of the oldest link [s], None where none has an age."""
     links: Sequence[LinkAge]
     stale: Sequence[str]
     """The links of the robot's own motion that are too old to rest anything on, in words."""

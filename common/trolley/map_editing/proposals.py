@@ -2,8 +2,8 @@
 
 from collections.abc import Collection, Sequence
 
-from trolley.messages.changing import MapChange
 from trolley.messages.editing import MAX_OPS, DrawWall, EraseStroke, MapOp
+from trolley.messages.map_changes import MapChange
 
 
 def ops_of(changes: Sequence[MapChange]) -> list[MapOp]:

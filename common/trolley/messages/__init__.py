@@ -6,7 +6,6 @@ Decoding checks bounds; arrays travel as little-endian bytes (`floats_to_bytes`,
 """
 
 from trolley.geometry.pose import Pose2D, Twist2D
-from trolley.messages.changing import ChangeKind, MapChange, MapChanges
 from trolley.messages.drawing import Choice, Marker, Overlay, OverlayRule
 from trolley.messages.driving import GoalState, GoalStatus, Path
 from trolley.messages.editing import (
@@ -21,6 +20,7 @@ from trolley.messages.editing import (
     TakeBack,
     Turn,
 )
+from trolley.messages.map_changes import ChangeKind, MapChange, MapChanges
 from trolley.messages.map_making import ExploringState, MappingState, MappingStatus
 from trolley.messages.mapping import (
     Candidate,

@@ -17,7 +17,7 @@ class ArrayField:
     """The contract's layout of one array: little-endian, C order."""
 
     dtype: str
-    """As numpy spells it."""
+    """Type of the elements, as numpy spells it."""
     shape: tuple[str, ...]
     """Lengths for people; a whole number is fixed, a word varies (`width` is that field)."""
 

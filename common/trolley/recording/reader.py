@@ -49,7 +49,7 @@ class Entry:
     at_ns: int
     """Robot time of its arrival."""
     name: str
-    """Its key below the robot's."""
+    """Key below the robot's."""
     topic: Topic[Any]
     payload: bytes
     encoding: str

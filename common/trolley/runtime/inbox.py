@@ -10,7 +10,7 @@ Task = Callable[[int], None]
 
 MAX_WAITING = 4096
 MOST_QUIET = 64
-"""So many arrivals that nobody waits for wake the reader all the same."""
+"""Number of arrivals that nobody waits for after which the reader is woken all the same."""
 MAX_WAITING_BYTES = 96 << 20
 """How many bytes a flood may hold in memory: three of the largest maps."""
 

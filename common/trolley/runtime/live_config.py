@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from trolley import topics
 from trolley.config import RobotConfig
-from trolley.config.changing import with_changes
+from trolley.config.changeable_settings import with_changes
 from trolley.messages import ConfigChanges
 from trolley.runtime.service import Service, on
 

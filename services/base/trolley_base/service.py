@@ -4,7 +4,7 @@ import msgspec
 
 from trolley import topics
 from trolley.config import RobotConfig
-from trolley.config.changing import all_keys
+from trolley.config.changeable_settings import all_keys
 from trolley.messages import Transform
 from trolley.runtime.service import Service, every
 from trolley_base.description import describe_robot, footprint_of, half_track_of, limits_of

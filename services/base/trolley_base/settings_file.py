@@ -6,7 +6,7 @@ from typing import NamedTuple
 from trolley import codes
 from trolley.codes import Refused
 from trolley.config import ConfigError, RobotConfig, load_config
-from trolley.config.changing import Name, Values, value_of
+from trolley.config.changeable_settings import Name, Values, value_of
 from trolley.config.robot_toml import NotWritable, read_text, replace_text, with_values
 
 WRITABLE = 0o200

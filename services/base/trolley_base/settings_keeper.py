@@ -11,7 +11,7 @@ from msgspec import Struct
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import ConfigError, RobotConfig
-from trolley.config.changing import (
+from trolley.config.changeable_settings import (
     LIMITS,
     Name,
     acts,
@@ -31,7 +31,7 @@ START_POSE = Name("start", "pose")
 MOST_SAVING = 4
 """A stop waits until its latch is saved: no flood of changes may stand before it."""
 MOST_SHOWN = 40
-"""Of a value that is not allowed, the refusal repeats this many characters."""
+"""Number of characters of a refused value that the refusal repeats."""
 SETTINGS_FILE = "base_settings.toml"
 
 

@@ -16,11 +16,11 @@ from trolley_localizer.mapper_lease import MapperLease
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 
 SAVE_PERIOD_NS = 60_000_000_000
-"""What was seen is saved this often."""
+"""Time between two saves of the evidence for changes [ns]."""
 _LIKE_SHARE = 0.7
-"""Maps that share this much of their walls were made one from the other."""
+"""Share of their walls that two maps must have in common to be one made from the other."""
 _RASTER_M = 0.2
-"""A change that moves by less is no news [m]."""
+"""Distance that a change must move to be reported anew [m]."""
 
 
 class ChangeProposals:

@@ -40,16 +40,16 @@ from trolley_localizer.tracking.tracking_state import Evidence
 
 @dataclass(frozen=True, slots=True)
 class LocalizerParams:
-    """Where the localizer begins to follow a pose. All values were found by hand."""
+    """How a pose is first followed. All values were found by hand."""
 
     set_devs: tuple[float, float, float] = (0.4, 0.4, 0.25)
-    """How far off a pose set by hand may be: standard deviations of x, y [m], yaw [rad]."""
+    """Standard deviations of a pose set by hand: x, y [m], yaw [rad]."""
     found_devs: tuple[float, float, float] = (0.1, 0.1, 0.05)
-    """How far off a place found by a search may be: the same."""
+    """Standard deviations of a pose found by a search: x, y [m], yaw [rad]."""
     near_lead: float = 0.05
-    """A place near the estimate that is supported better by this much replaces it."""
+    """Lead in support by which a place near the estimate replaces it."""
     turn_counts_m: float = 0.3
-    """A turn by 1 rad counts as much as driving this far [m]."""
+    """Distance that a turn by 1 rad counts as [m]."""
 
 
 PARAMS = LocalizerParams()

@@ -9,7 +9,7 @@ from trolley.messages.request_params import Yield
 from trolley.runtime.service import Service, answers, every
 
 LEASE_NS = 3_000_000_000
-"""A mapper that has been silent for this long is gone; it renews its lease every second."""
+"""Silence after which a mapper is gone; it renews its lease every second [ns]."""
 _SHARED = (
     topics.MAP,
     topics.ZONES,

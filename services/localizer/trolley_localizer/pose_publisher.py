@@ -23,8 +23,10 @@ from trolley_localizer.estimate import Estimate
 from trolley_localizer.map_server import LoadedMap
 
 BEAMS_PERIOD_NS = 95_000_000
+"""Shortest time between two messages of beams, a little less than the contract's period [ns]."""
 PARTICLES_PERIOD_NS = 195_000_000
-"""Shortest times between two messages, a little less than the contract's periods [ns]."""
+"""Shortest time between two messages of particles, a little less than the contract's period [ns].
+"""
 
 
 class PosePublisher:

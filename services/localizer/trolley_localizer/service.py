@@ -23,7 +23,7 @@ from trolley_localizer.start_pose import LastPoseStore, StartPose
 from trolley_localizer.zone_store import ZoneStore
 
 LATER_S = 1e-3
-"""So much later than it is due a scan is looked at that no odometry came for [s]."""
+"""Time after it is due at which a scan without odometry is used all the same [s]."""
 
 
 class LocalizerService(Service):

@@ -14,12 +14,13 @@ from trolley_localizer.map_server import LoadedMap
 
 LAST_POSE_FILE = "last_pose.toml"
 WAIT_FOR_NAME_S = 5.0
-"""A start pose that names a saved pose waits this long for the stream `poses` [s]."""
+"""Longest time that a start pose with the name of a saved pose waits for the topic `poses` [s]."""
 SAVE_PERIOD_NS = 2_000_000_000
-"""The last pose is saved this often at most."""
+"""Least time between two saves of the last pose [ns]."""
 SAVE_AFTER_M = 0.01
+"""Distance after which the last pose is saved again [m]."""
 SAVE_AFTER_RAD = 0.02
-"""The last pose is saved again after this distance [m] or turn [rad]."""
+"""Turn after which the last pose is saved again [rad]."""
 
 
 class LastPose(Struct, frozen=True, kw_only=True):
@@ -30,9 +31,9 @@ class LastPose(Struct, frozen=True, kw_only=True):
     map: str
     pose: Pose2D
     epoch_ns: int | None = None
-    """In which run of `base`."""
+    """Run of `base` in which it was saved [ns]."""
     map_T_odom: Pose2D | None = None
-    """Where the odometry of that run begins on the map."""
+    """Origin of that run's odometry on the map."""
 
     @classmethod
     def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:

@@ -17,9 +17,9 @@ from trolley.state_file import Unreadable, parse
 from trolley.zones import LINE_KINDS, ZoneFile
 
 MAX_ZONES = 500
-"""More zones on one map are refused."""
+"""Number of zones on one map above which more are refused."""
 _SAME_POINT_M = 1e-3
-"""A line must be longer than this [m]."""
+"""Length that a line must exceed [m]."""
 
 
 def state_file(map_name: str) -> str:

@@ -11,8 +11,9 @@ from trolley.messages import SavedPose
 from trolley_mapper.slam.estimate import Anchor
 
 MOVED_M = 0.01
+"""Distance that a place must have moved to be corrected [m]."""
 MOVED_RAD = math.radians(0.5)
-"""A place is put right when it has moved by so much."""
+"""Turn that a place must have made to be corrected [rad]."""
 
 
 class MapAnchoring(Protocol):

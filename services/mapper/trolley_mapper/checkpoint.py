@@ -17,14 +17,14 @@ from trolley_mapper.slam.estimate import Anchor
 FILE = "mapping.bin"
 """The checkpoint's name in the robot's state folder."""
 PERIOD_NS = 30_000_000_000
-"""Local time between two checkpoints."""
+"""Local time between two checkpoints [ns]."""
 
 
 class Checkpoint(Struct, frozen=True, kw_only=True):
     """A map in the making as it is stored."""
 
     schema: int = 2
-    """Of the file; counted up when its form changes. Older files have none."""
+    """Version of the file's format. Files of the first version have none."""
     name: MapName
     extends: str | None = None
     zones: list[Zone] = []

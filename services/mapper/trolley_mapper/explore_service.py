@@ -24,17 +24,17 @@ if TYPE_CHECKING:  # with numba: a robot that has its map need not load it
     from trolley_mapper.slam.mapper import Mapper
 
 GOALS = "map-"
-"""What the ids of all goals of this service begin with."""
+"""Prefix of the ids of all goals of this service."""
 UNDER_WAY = ("planning", "driving", "recovering", "paused")
 """States of a goal that the planner still pursues."""
 PASSING_CELLS = 0.5
 """Cells that the planner adds to the robot's inscribed radius."""
 PASSING_M = 0.02
-"""Distance that it adds besides [m]."""
+"""Distance that the planner adds besides `PASSING_CELLS` [m]."""
 STANDING_M = 0.1
 """Room round the robot at a goal [m]: the planner's clearance, and what the map may still shift."""
 FULL_TURN_RAD = 6.1
-"""A lidar that sees so much sees all round."""
+"""Field of view from which on a lidar counts as seeing all round [rad]."""
 
 
 class RobotWatches:

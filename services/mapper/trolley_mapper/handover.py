@@ -17,9 +17,9 @@ from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import ANSWER_NS, Mapping
 
 LOAD_NS = 15_000_000_000
-"""Local time after which the localizer is asked again to load the map."""
+"""Local time after which the localizer is asked again to load the map [ns]."""
 MAX_UNHEARD = 10
-"""The localizer counts as not running after so many requests without an answer."""
+"""Number of requests without an answer after which the localizer counts as not running."""
 
 
 class Handover:

@@ -10,7 +10,7 @@ from trolley.runtime.service import Service
 from trolley.scanning import Reject, ScanAssembler, ScanInput
 
 SILENT_S = 1.0
-"""A sensor that sent nothing for this long is silent [s]."""
+"""Time without a message after which a sensor is silent [s]."""
 
 
 class RobotInputs:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not loa
     from trolley_mapper.slam.mapper import Mapper
 
 LONGEST_GAP_S = 10.0
-"""A longer robot time between two scans counts as this much time of mapping."""
+"""Most robot time between two scans that counts as time of mapping [s]."""
 
 
 class MapSession:

@@ -21,9 +21,10 @@ from trolley_mapper.saved_places import SavedPlaces
 from trolley_mapper.wire import odom_transform, pose_message
 
 ANSWER_NS = 1_500_000_000
-"""Local time after which who asked hears how far it is: requests are given up after 2 s."""
+"""Local time after which a request is answered with the progress so far; requests are given up
+after 2 s [ns]."""
 _ENVELOPE_BYTES = 4096
-"""Of the largest message, left for what stands beside the cells."""
+"""Part of the largest message that is left for everything beside the cells [bytes]."""
 _NOTHING_PUBLISHED = -1
 
 

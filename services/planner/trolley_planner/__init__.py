@@ -1,1 +1,1 @@
-"""The planner service: drives to a goal around what is in the way."""
+"""The planner service: drives to goals around obstacles."""

@@ -15,7 +15,7 @@ from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley.messages import GoalState, GoalStatus
 from trolley.messages.request_params import SendGoal
 from trolley_planner.context.planning_context import PlanningContext, position_trouble
-from trolley_planner.costmap.parts import cells_around, parts_of
+from trolley_planner.costmap.connected_components import cells_around, components_of
 from trolley_planner.paths.path import PlannedPath
 from trolley_planner.sensing.inputs import Inputs
 
@@ -27,14 +27,14 @@ ACTIVE = ("planning", "driving", "recovering", "paused")
 
 @dataclass(frozen=True, slots=True)
 class PassageParams:
-    """When a robot at its goal is in everybody's way; by hand."""
+    """When a robot at its goal blocks a passage; by hand."""
 
     person_m: float = 0.22
-    """Half the width that somebody needs who walks past."""
+    """Half the width that a person needs to walk past."""
     window_m: float = 1.5
-    """What is looked at: this far from the goal along both axes."""
+    """Distance from the goal along both axes within which the floor is checked."""
     leads_on_m: float = 1.2
-    """A part of the floor that reaches farther than this leads on; others are niches."""
+    """Distance that a part of the floor must reach to lead on; shorter ones are niches."""
 
 
 PASSAGE = PassageParams()
@@ -175,7 +175,7 @@ def check_state(inputs: Inputs, now_ns: int) -> None:
         raise Refused(codes.STOPPED, None if is_stopped else inputs.base.message)
     trouble = inputs.pose_trouble(now_ns)
     if trouble == codes.STALE:
-        raise Refused(codes.NOT_LOCALIZED, "No fresh pose arrives from the localizer.")
+        raise Refused(codes.NOT_LOCALIZED, "No current pose from the localizer.")
     if trouble is not None:
         raise Refused(codes.NOT_LOCALIZED)
 
@@ -222,7 +222,7 @@ def validate(
 def check_clearance(
     pose: Pose2D, tolerances: Tolerances, context: PlanningContext, config: PlannerConfig
 ) -> None:
-    """Refuse a place where the map or a zone leaves the robot no room.
+    """Refuse a pose where map or zones leave the footprint no room.
 
     Raises:
         Refused: `in_obstacle`.
@@ -242,7 +242,7 @@ def check_clearance(
 
 
 def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
-    """Say whether a robot that stands there leaves nobody a way past it, by the map.
+    """Say whether a robot that stands there blocks a passage of the map.
 
     The floor around, on which somebody could walk from one side of it to the other, falls into
     parts then, and more than one of them leads on.
@@ -256,7 +256,7 @@ def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
     past = distance_to_outline(footprint.polygon, local) >= PASSAGE.person_m
     past &= ~polygon_contains(footprint.polygon, local)
     past = past.reshape(walkable.shape) & walkable
-    before, after = parts_of(walkable), parts_of(past)
+    before, after = components_of(walkable), components_of(past)
     away = np.abs(points - (pose_grid.x, pose_grid.y)).max(axis=1).reshape(walkable.shape)
     leads_on = (away > PASSAGE.leads_on_m) & (after > 0)
     sides = np.unique(np.stack([before[leads_on], after[leads_on]]), axis=1)
@@ -266,7 +266,7 @@ def blocks_passage(context: PlanningContext, pose_grid: Pose2D) -> bool:
 def _first_path(
     context: PlanningContext, here: Pose2D, targets: list[Pose2D], goal_yaw: float | None
 ) -> PlannedPath | None:
-    """Return a path around what is seen, or else one that assumes it will be gone."""
+    """Return a path around the seen obstacles, or else one that assumes that they will be gone."""
     planner, costmap = context.planner, context.costmap
     points = [(target.x, target.y) for target in targets]
     start, yaws = (here.x, here.y), (here.yaw, goal_yaw)
@@ -278,7 +278,7 @@ def _first_path(
 
 
 def _no_path(context: PlanningContext, here: Pose2D, targets: list[Pose2D]) -> Refused:
-    """Return the refusal; it names where it is too narrow, if that is why there is no path."""
+    """Return the refusal; it names the place that is too narrow, if that is why."""
     planner, costmap = context.planner, context.costmap
     points = [(target.x, target.y) for target in targets]
     narrow = planner.too_narrow(

@@ -5,13 +5,10 @@
     afterwards-> maintain: forget what is old, look for a better path
 
 Requests enter as messages (`send`, `cancel`, `pause`, `resume`, `preview`), statuses leave by
-`board`. Robot time is an argument everywhere; nothing here knows of clocks or the wire.
+`current`. Robot time is an argument everywhere; nothing here knows of clocks or the wire.
 """
 
 from collections.abc import Sequence
-from typing import Literal
-
-import msgspec
 
 from trolley import codes
 from trolley.codes import Refused
@@ -23,6 +20,7 @@ from trolley_planner import wire
 from trolley_planner.context.motion_state import ControlInput, MotionState
 from trolley_planner.context.planning_context import CostmapManager, PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
+from trolley_planner.current_goal import CurrentGoal
 from trolley_planner.driving.following import BEHIND, Following, pick_person, tracks_in_frame
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.driving.route import seconds_along, timed_poses
@@ -32,7 +30,6 @@ from trolley_planner.fleet.neighbours import Neighbours
 from trolley_planner.fleet.stepping_aside import SENTENCE, SteppingAside
 from trolley_planner.goals import (
     Goal,
-    StatusBoard,
     Tolerances,
     ValidatedGoal,
     check_frame,
@@ -46,10 +43,8 @@ from trolley_planner.sensing.inputs import Inputs
 
 SETTLED_S = 1.5
 """A source that drove already when the goal came may fall silent within this time."""
-STOPPING_S = 0.5
-"""Zero is commanded for this long after a goal is over."""
 IDLE_SCAN_S = 0.2
-"""Without a goal, a scan this often keeps the costmap up to date."""
+"""Time between two scans that update the costmap while there is no goal."""
 BLIND_S = 30.0
 """A goal that is blocked so soon after base was held because the lidar sees nothing is blind."""
 OWN_SOURCE = "planner"
@@ -68,17 +63,12 @@ class Navigator:
         self.inputs = Inputs(config)
         self.costmap_manager = CostmapManager(config, self.inputs)
         self.neighbours = Neighbours()
-        self.board = StatusBoard(config.frame)
-        self.execution: GoalExecution | None = None
-        """How the current goal is driven to, None without one."""
-        self._following: Following | None = None
-        """Whom the current goal is behind, None if it stays where it is."""
         self._motion_state = MotionState(config, self.inputs, self.costmap_manager)
+        self.current = CurrentGoal(config, self.inputs, self._motion_state)
         self._giving_way = GivingWay(config)
         self._stepping_aside = SteppingAside()
         self._spin_to_localize = SpinToLocalize(config)
         self._set_off_ns = 0
-        self._over_ns: int | None = None
         self._trouble_since_ns: int | None = None
         self._blind: tuple[int, str] | None = None
         """When base last held the robot because the lidar sees nothing, and what it said."""
@@ -86,9 +76,10 @@ class Navigator:
         self._num_jumps = 0
 
     def set_config(self, config: PlannerConfig) -> None:
-        """Drive by other settings from now on; a goal that is driven to stays the goal."""
+        """Apply other settings from now on; the current goal stays."""
         self._config = config
         self._motion_state.set_config(config)
+        self.current.set_config(config)
         self._giving_way.set_config(config)
         self._spin_to_localize.set_config(config)
         self.costmap_manager.set_config(config)
@@ -110,27 +101,28 @@ class Navigator:
         if not self.inputs.update_scan(scan):
             return False
         self._rebuild_costmap(now_ns)
-        if self.execution is None and now_ns - self._scanned_ns < IDLE_SCAN_S * 1e9:
+        if self.current.execution is None and now_ns - self._scanned_ns < IDLE_SCAN_S * 1e9:
             return False
         self._scanned_ns = now_ns
         if not self.costmap_manager.add_scan(scan, history, now_ns):
             return False
-        if self._following is not None:
-            self._following.update(self._tracks(self.costmap_manager.require_context()), now_ns)
+        following, execution = self.current.following, self.current.execution
+        if following is not None:
+            following.update(self._tracks(self.costmap_manager.require_context()), now_ns)
         motion = self._motion_state.motion()
-        if motion is None or self.execution is None:
+        if motion is None or execution is None:
             return False
-        if self._is_driving:
-            self._giving_way.decide(self.neighbours.own_name, self.execution, motion, now_ns)
-            self._make_room(self.execution, motion, now_ns)
+        if self.current.is_driving:
+            self._giving_way.decide(self.neighbours.own_name, execution, motion, now_ns)
+            self._yield_to_people(execution, motion, now_ns)
         if self._giving_way.update(motion, now_ns) or self._stepping_aside.update(motion, now_ns):
             return True
-        self.execution.update(motion, now_ns)
+        execution.update(motion, now_ns)
         return True
 
-    def _make_room(self, execution: GoalExecution, motion: Motion, now_ns: int) -> None:
-        """Decide whether to step aside for people; behind a person who is followed it does not."""
-        if self._giving_way.wait is not None or self._following is not None:
+    def _yield_to_people(self, execution: GoalExecution, motion: Motion, now_ns: int) -> None:
+        """Decide whether to yield to people, unless it follows one."""
+        if self._giving_way.wait is not None or self.current.following is not None:
             self._stepping_aside.forget()
             return
         speed = self._motion_state.limits(execution.goal.speed).max_speed
@@ -143,57 +135,59 @@ class Navigator:
         return twist
 
     def maintain(self, now_ns: int) -> None:
-        """Do what may take longer, after the command is out: forget, look for a better path."""
+        """Do what may take longer, after the command is out: forget old obstacles, replan."""
         self.costmap_manager.maintain(now_ns)
         self._keep_to_the_map(now_ns)
-        if self.execution is None or not self._is_driving:
+        execution = self.current.execution
+        if execution is None or not self.current.is_driving:
             return
-        now = self._motion_state.control_input(self.execution.goal.speed, now_ns, 0.0)
+        now = self._motion_state.control_input(execution.goal.speed, now_ns, 0.0)
         if now is None or self.costmap_manager.trouble(now_ns) is not None:
             return
         if self._num_jumps != self.inputs.num_jumps:
             self._num_jumps = self.inputs.num_jumps
-            self.execution.route.must_replan = True
+            execution.route.must_replan = True
         self.costmap_manager.update_position(self.inputs.base_pose())
         if self._giving_way.wait is not None:
-            self._giving_way.maintain(self.execution.context, now)
+            self._giving_way.maintain(execution.context, now)
         elif self._stepping_aside.is_active:
             self._stepping_aside.maintain(now)
         else:
-            self._keep_behind(self.execution, now_ns)
-            self.execution.replan_if_due(now)
+            self._keep_behind(execution, now_ns)
+            execution.replan_if_due(now)
 
     def _keep_to_the_map(self, now_ns: int) -> None:
-        """Pause a goal whose way leads further off the map; go on when the robot is back on it."""
-        execution, goal, off_m = self.execution, self.board.goal, self.inputs.off_map_m
+        """Pause a goal whose path leads further off the map; resume when back on the map."""
+        execution, board, off_m = self.current.execution, self.current.board, self.inputs.off_map_m
+        goal = board.goal
         if execution is None or goal is None:
             return
         if off_m is not None:
-            if self._is_driving and execution.route.leads_off_map(off_m):
+            if self.current.is_driving and execution.route.leads_off_map(off_m):
                 self._pause(codes.OFF_MAP, now_ns)
             return
         base, pose = self.inputs.base, self.inputs.pose
         is_ours = base is None or (base.source in (None, OWN_SOURCE) and not base.is_halted)
         is_back = pose is not None and pose.state == "localized"
-        if (self.board.state, self.board.reason) != ("paused", codes.OFF_MAP) or not is_back:
+        if (board.state, board.reason) != ("paused", codes.OFF_MAP) or not is_back:
             return
         if is_ours and self.costmap_manager.trouble(now_ns) is None:
             try:
                 self.resume(WhichGoal(id=goal.id), now_ns)
             except Refused as refusal:
-                self._end("failed", refusal.code, now_ns, refusal.message)
+                self.current.end("failed", refusal.code, now_ns, refusal.message)
 
     def _keep_behind(self, execution: GoalExecution, now_ns: int) -> None:
         """Move the goal on behind a person who is followed."""
-        following = self._following
+        following = self.current.following
         goal = None if following is None else following.moved_goal(execution.goal, now_ns)
         if goal is not None:
             execution.move_goal(goal)
-            self.board.move(goal)
+            self.current.board.move(goal)
 
     @staticmethod
     def _tracks(context: PlanningContext) -> list[Track]:
-        """Return what the lidar shows of a person's size, in the frame of the goals."""
+        """Return the tracked objects of a person's size, in the frame of the goals."""
         costmap = context.costmap
         return tracks_in_frame(costmap.moving.tracks, costmap.frame_T_grid)
 
@@ -209,10 +203,9 @@ class Navigator:
         spin = self._spin_to_localize.command(self.inputs, self._motion_state.turn_limits(), now_ns)
         if spin is not None:
             return spin
-        execution = self.execution
-        if execution is None or not self._is_driving:
-            is_stopping = self._over_ns is not None and now_ns - self._over_ns < STOPPING_S * 1e9
-            return Twist2D.zero() if is_stopping else None
+        execution = self.current.execution
+        if execution is None or not self.current.is_driving:
+            return Twist2D.zero() if self.current.is_stopping(now_ns) else None
         if self._must_wait(now_ns):
             return Twist2D.zero()
         now = self._motion_state.control_input(self._speed(execution, now_ns), now_ns, elapsed_s)
@@ -221,30 +214,34 @@ class Navigator:
         if self._giving_way.wait is not None:
             return self._give_way(now)
         if self._stepping_aside.is_active:
-            self._report("recovering", codes.WAITING, now_ns, SENTENCE)
+            self.current.report("recovering", codes.WAITING, now_ns, SENTENCE)
             return self._stepping_aside.command(now)
-        if self._following is not None:
-            return self._follow(self._following, execution, now)
+        if self.current.following is not None:
+            return self._follow(self.current.following, execution, now)
         return self._execute(execution, now)
 
     def _speed(self, execution: GoalExecution, now_ns: int) -> float | None:
         """Return the highest speed that the goal asks for [m/s], None for any."""
-        here, asked = self.inputs.base_pose(), execution.goal.speed
-        if self._following is None or here is None:
+        here, asked, following = (
+            self.inputs.base_pose(),
+            execution.goal.speed,
+            self.current.following,
+        )
+        if following is None or here is None:
             return asked
-        wanted = self._following.speed(here, now_ns)
+        wanted = following.speed(here, now_ns)
         return wanted if asked is None else asked if wanted is None else min(asked, wanted)
 
     def _follow(self, following: Following, execution: GoalExecution, now: ControlInput) -> Twist2D:
         """Return the velocity behind a person; end the goal when they are lost."""
         here, now_ns = self.inputs.base_pose(), now.now_ns
         if following.is_lost(now_ns) or here is None:
-            self._end("failed", codes.PERSON_LOST, now_ns)
+            self.current.end("failed", codes.PERSON_LOST, now_ns)
             return Twist2D.zero()
         context = execution.context
         if following.must_stand(here, context.footprint.circumscribed_m, now_ns):
             execution.stand()
-            self._report("driving", "", now_ns, wire.BEHIND_PERSON)
+            self.current.report("driving", "", now_ns, wire.BEHIND_PERSON)
             wanted = following.turn_to(here, now.limits)
             wanted = limited_change(now.motion.twist, wanted, now.limits, now.elapsed_s)
             return safe_command(now.motion, wanted, context.local_costmap, now.limits)
@@ -255,25 +252,25 @@ class Navigator:
         waited_ns = self._giving_way.pop_waited_ns() + self._stepping_aside.pop_waited_ns()
         if waited_ns > 0:
             execution.resume_after_wait(waited_ns)
-        twist = execution.command(now)
+        following, twist = self.current.following, execution.command(now)
         trouble, blind = self._trouble(execution, now.now_ns)
-        if execution.outcome == "arrived" and self._following is not None:
+        if execution.outcome == "arrived" and following is not None:
             execution.stand()  # until the person walks on
         elif execution.outcome == "arrived":
-            self._end("arrived", "", now.now_ns, "The robot has arrived.")
+            self.current.end("arrived", "", now.now_ns, "The robot has arrived.")
         elif execution.outcome == "failed":
             blocker = wire.blocked_by(self._blocking_robot(execution))
             why = wire.GOAL_OCCUPIED if execution.is_waiting else blind or blocker
-            self._end("failed", trouble, now.now_ns, why)
+            self.current.end("failed", trouble, now.now_ns, why)
         elif execution.is_recovering or execution.is_waiting:
             why = wire.recovery_sentence(execution, self._blocking_robot(execution))
-            self._report("recovering", trouble, now.now_ns, blind or why)
+            self.current.report("recovering", trouble, now.now_ns, blind or why)
         elif self._is_held_blind:
-            self._report("driving", codes.BLIND, now.now_ns, blind)
-        elif self._following is not None and not self._following.is_in_sight(now.now_ns):
-            self._report("recovering", codes.PERSON_LOST, now.now_ns, wire.PERSON_UNSEEN)
+            self.current.report("driving", codes.BLIND, now.now_ns, blind)
+        elif following is not None and not following.is_in_sight(now.now_ns):
+            self.current.report("recovering", codes.PERSON_LOST, now.now_ns, wire.PERSON_UNSEEN)
         else:
-            self._report("driving", "", now.now_ns)
+            self.current.report("driving", "", now.now_ns)
         return twist
 
     @property
@@ -294,13 +291,13 @@ class Navigator:
         wait, now_ns = self._giving_way.wait, now.now_ns
         if wait is None or self._giving_way.has_waited_enough(now_ns):
             name = "another" if wait is None else wait.name
-            self._end("failed", codes.BLOCKED, now_ns, f"Robot {name} is not moving on.")
+            self.current.end("failed", codes.BLOCKED, now_ns, f"Robot {name} is not moving on.")
             return Twist2D.zero()
-        self._report("recovering", codes.WAITING, now_ns, wait.sentence)
+        self.current.report("recovering", codes.WAITING, now_ns, wait.sentence)
         return self._giving_way.command(now)
 
     def _must_wait(self, now_ns: int) -> bool:
-        """Say whether the robot must stand because it does not know enough; fail if that lasts."""
+        """Say whether the robot must stand for want of inputs; fail if that lasts."""
         trouble = self.costmap_manager.trouble(now_ns)
         if trouble is None:
             self._trouble_since_ns = None
@@ -308,9 +305,9 @@ class Navigator:
         if self._trouble_since_ns is None:
             self._trouble_since_ns = now_ns
         if now_ns - self._trouble_since_ns > self._config.give_up_s * 1e9:
-            self._end("failed", trouble.code, now_ns, trouble.message)
+            self.current.end("failed", trouble.code, now_ns, trouble.message)
         else:
-            self._report("recovering", trouble.code, now_ns, trouble.message)
+            self.current.report("recovering", trouble.code, now_ns, trouble.message)
         return True
 
     def _blocking_robot(self, execution: GoalExecution) -> str | None:
@@ -318,21 +315,16 @@ class Navigator:
         is_blocked = execution.trouble == codes.BLOCKED
         return self._giving_way.blocking_robot(execution) if is_blocked else None
 
-    @property
-    def _is_driving(self) -> bool:
-        """Whether the goal is neither over nor paused."""
-        return self.board.state in ("driving", "recovering")
-
     # What else is heard.
 
     def update_base(self, base: BaseState, now_ns: int) -> None:
-        """Take what the base does: a stop or somebody else's hand pauses the goal."""
+        """Take in the base's state: a stop, or another source of commands, pauses the goal."""
         before = self.inputs.base
         self.inputs.base = base
         if self._is_held_blind and base.source == OWN_SOURCE:
             self._blind = now_ns, base.message
-        goal = self.board.goal
-        if not self.board.is_active or goal is None or self.board.state == "paused":
+        board, goal = self.current.board, self.current.board.goal
+        if not board.is_active or goal is None or board.state == "paused":
             return
         if base.is_from_before(self._set_off_ns):
             return
@@ -348,11 +340,11 @@ class Navigator:
                 self._pause(codes.TAKEN_OVER, now_ns, why)
 
     def begin_epoch(self, now_ns: int) -> None:
-        """Start over with a base that was restarted: what was measured before does not count."""
+        """Start over after a restart of base: earlier measurements do not count."""
         self.inputs.begin_epoch()
         self.costmap_manager.forget()
         self._motion_state.record_command(None, now_ns)
-        if self.board.is_active and self.board.state != "paused":
+        if self.current.board.is_active and self.current.board.state != "paused":
             why = "The base was restarted; resume the goal to go on."
             self._pause(codes.RESTARTED, now_ns, why)
 
@@ -369,7 +361,7 @@ class Navigator:
         Raises:
             Refused: the goal that was driven to is then untouched.
         """
-        known = None if params.id is None else self.status_of(params.id, now_ns or 0)
+        known = None if params.id is None else self.current.status_of(params.id, now_ns or 0)
         if known is not None:
             return known
         check_ready(self.inputs, now_ns)
@@ -387,7 +379,7 @@ class Navigator:
         Raises:
             Refused: the goal that was driven to is then untouched.
         """
-        known = None if params.id is None else self.status_of(params.id, now_ns or 0)
+        known = None if params.id is None else self.current.status_of(params.id, now_ns or 0)
         if known is not None:
             return known
         check_ready(self.inputs, now_ns)
@@ -428,9 +420,9 @@ class Navigator:
         Raises:
             Refused: `not_current`.
         """
-        self.board.check_current(params.id)
-        self._end("canceled", codes.CANCELED, now_ns)
-        return self.status(now_ns)
+        self.current.board.check_current(params.id)
+        self.current.end("canceled", codes.CANCELED, now_ns)
+        return self.current.status(now_ns)
 
     def pause(self, params: WhichGoal, now_ns: int) -> GoalStatus:
         """Stop, and keep the goal.
@@ -438,9 +430,9 @@ class Navigator:
         Raises:
             Refused: `not_current`.
         """
-        self.board.check_current(params.id)
+        self.current.board.check_current(params.id)
         self._pause(codes.PAUSED, now_ns)
-        return self.status(now_ns)
+        return self.current.status(now_ns)
 
     def resume(self, params: WhichGoal, now_ns: int | None) -> GoalStatus:
         """Drive on to the goal that was paused.
@@ -448,23 +440,23 @@ class Navigator:
         Raises:
             Refused: `not_current`, or whatever a new goal would be refused for.
         """
-        self.board.check_current(params.id)
-        goal, now = self.board.goal, now_ns or 0
-        if goal is None or self.board.state != "paused":
-            return self.status(now)
+        self.current.board.check_current(params.id)
+        goal, now = self.current.board.goal, now_ns or 0
+        if goal is None or self.current.board.state != "paused":
+            return self.current.status(now)
         check_ready(self.inputs, now_ns)
         check_state(self.inputs, now)
-        if self._following is not None and self._following.is_lost(now):
+        if self.current.following is not None and self.current.following.is_lost(now):
             raise Refused(codes.PERSON_LOST)
-        left = goal if self.execution is None else self.execution.remaining_goal()
+        left = goal if self.current.execution is None else self.current.execution.remaining_goal()
         context, here = self._context_and_pose(now, (*left.vias, left.pose))
         self._set_off(validate(left, context, here, self._config), context, now)
-        return self.status(now)
+        return self.current.status(now)
 
     def _validate(
         self, params: SendGoal, new_id: str, now_ns: int
     ) -> tuple[ValidatedGoal, PlanningContext]:
-        """Check a goal against everything that is known.
+        """Validate a goal by map, zones and costmap.
 
         Raises:
             Refused: see `goals`.
@@ -486,7 +478,7 @@ class Navigator:
     def _context_and_pose(
         self, now_ns: int, goals: Sequence[Pose2D]
     ) -> tuple[PlanningContext, Pose2D]:
-        """Return what to plan with, made for these goals, and where the robot is.
+        """Return the planning context for these goals, and the robot's pose.
 
         Raises:
             Refused: either is not known.
@@ -505,48 +497,39 @@ class Navigator:
         now_ns: int,
     ) -> GoalStatus:
         """Drive to a goal in place of the one before, behind a person if one is followed."""
-        if self.board.is_active:
-            self._end("canceled", codes.REPLACED, now_ns)
-        self.board.begin(validated.goal)
-        self.board.set("planning", "", now_ns)
-        self._following = following
+        self.current.take(validated.goal, following, now_ns)
         self._set_off(validated, context, now_ns)
-        return self.status(now_ns)
+        return self.current.status(now_ns)
 
     def _set_off(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
-        """Begin to drive along a first path."""
+        """Start driving along a first path."""
         self._begin(validated, context, now_ns)
         self._set_off_ns = now_ns
         self._blind = None
-        self._over_ns = None
         self._trouble_since_ns = None
-        self._report("driving", "", now_ns)
+        self.current.set_off(now_ns)
 
     def _begin(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
-        """Execute a goal; what it knows of its surroundings must not wait for the next scan."""
-        execution = GoalExecution(validated.goal, context, self._config, validated.path, now_ns)
-        self.execution = execution
+        """Begin to execute a goal; nobody is waited for any more."""
         self._giving_way.forget()
         self._stepping_aside.forget()
-        motion = self._motion_state.motion()
-        if motion is not None:
-            execution.update(motion, now_ns)
+        self.current.execute(validated, context, now_ns)
 
     def _rebuild_costmap(self, now_ns: int, goals: Sequence[Pose2D] = ()) -> None:
-        """Make the costmap anew if map, zones or robot changed, and plan on it."""
-        manager, execution = self.costmap_manager, self.execution
+        """Rebuild the costmap if map, zones or robot changed, and replan on it."""
+        manager, execution = self.costmap_manager, self.current.execution
         left = None
-        if execution is not None and self.board.is_active:
+        if execution is not None and self.current.board.is_active:
             left = execution.remaining_goal()
         if not manager.rebuild([*goals, *((*left.vias, left.pose) if left else ())]):
             return
-        if execution is None or not self.board.is_active:
-            self.execution = None
+        if execution is None or not self.current.board.is_active:
+            self.current.execution = None
         elif manager.context is None:
             trouble = manager.trouble(now_ns) or Refused(codes.NOT_READY)
-            self._end("failed", trouble.code, now_ns, trouble.message)
+            self.current.end("failed", trouble.code, now_ns, trouble.message)
         elif manager.is_other_map:
-            self._end("failed", codes.WRONG_MAP, now_ns, "Another map was loaded.")
+            self.current.end("failed", codes.WRONG_MAP, now_ns, "Another map was loaded.")
         else:
             self._plan_anew(execution, manager.context, now_ns)
 
@@ -559,85 +542,17 @@ class Navigator:
             validated = validate(execution.remaining_goal(), context, here, self._config)
         except Refused as refusal:
             blocked = refusal.details.get("blocked", [])
-            self._end("failed", refusal.code, now_ns, refusal.message, blocked)
+            self.current.end("failed", refusal.code, now_ns, refusal.message, blocked)
         else:
             self._begin(validated, context, now_ns)
 
+    def _pause(self, reason: str, now_ns: int, message: str | None = None) -> None:
+        self._spin_to_localize.stop()
+        self.current.pause(reason, now_ns, message)
+
     # What is reported.
-
-    def status(self, now_ns: int) -> GoalStatus:
-        """Return the status of the current goal."""
-        return self.board.snapshot(now_ns, self._details(now_ns))
-
-    def status_of(self, goal_id: str, now_ns: int) -> GoalStatus | None:
-        """Return the status of one of the last goals, None if it is not known."""
-        if self.board.goal is not None and goal_id == self.board.goal.id:
-            return self.status(now_ns)
-        return self.board.history.find(goal_id)
-
-    @property
-    def path_key(self) -> str:
-        """What changes whenever the path does."""
-        if self.execution is None or not self.board.is_active:
-            return ""
-        return self.execution.path_key
-
-    def path(self, now_ns: int) -> Path:
-        """Return the path that is left, an empty one without a goal."""
-        execution = self.execution if self.board.is_active else None
-        return wire.remaining_path_message(execution, self.inputs.frame, now_ns)
-
-    @property
-    def trajectory(self) -> Path | None:
-        """What the newest command leads to, None while nothing is driven."""
-        if self.execution is None or self.board.state != "driving":
-            return None
-        stamp_ns = self._motion_state.commanded_ns
-        return wire.trajectory_message(self.execution.context, self.inputs.frame, stamp_ns)
 
     def costmaps(self, now_ns: int) -> tuple[OccupancyGrid | None, OccupancyGrid | None]:
         """Return the whole costmap and the part around the robot, as far as they are known."""
         context, here = self.costmap_manager.context, self.inputs.base_pose()
         return wire.costmap_messages(context, here, self.inputs.frame, now_ns)
-
-    def _details(self, now_ns: int) -> GoalStatus | None:
-        """Return distance, time and obstacles on the way to the goal for a status."""
-        motion = self._motion_state.motion()
-        if self.execution is None or motion is None or self.board.goal is None:
-            return None
-        limits = self._motion_state.limits(self.execution.goal.speed)
-        details = wire.status_details(self.execution, motion, limits)
-        if self._following is None:
-            return details
-        return msgspec.structs.replace(details, person=self._following.person)
-
-    def _report(
-        self,
-        state: Literal["driving", "recovering", "paused"],
-        reason: str,
-        now_ns: int,
-        message: str | None = None,
-    ) -> None:
-        """Enter a state of the current goal, or stay in it."""
-        self.board.set(state, reason, now_ns, message, self._details(now_ns))
-
-    def _pause(self, reason: str, now_ns: int, message: str | None = None) -> None:
-        self._over_ns = now_ns
-        self._spin_to_localize.stop()
-        self._report("paused", reason, now_ns, message)
-
-    def _end(
-        self,
-        state: Literal["arrived", "failed", "canceled"],
-        reason: str,
-        now_ns: int,
-        message: str | None = None,
-        blocked: Sequence[tuple[float, float]] = (),
-    ) -> None:
-        """Close the current goal; `blocked` are places that it ended for."""
-        details = self._details(now_ns)
-        if details is not None and blocked:
-            details = msgspec.structs.replace(details, blocked=list(blocked))
-        self.board.set(state, reason, now_ns, message, details)
-        self._over_ns = now_ns
-        self.execution, self._following = None, None

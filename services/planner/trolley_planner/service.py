@@ -30,22 +30,22 @@ from trolley_planner.warmup import warm_up
 
 R = TypeVar("R")
 VALID_S = 0.15
-"""How long a command is valid: three control periods, and short enough that a robot whose planner
-dies stands within half a second, braking from full speed included."""
+"""Time for which a command is valid [s]: three control periods, and short enough that a robot whose
+planner dies stands within half a second, braking from full speed included."""
 STATUS_S = 0.2
-"""Period of the goal's status."""
+"""Period of the goal's status [s]."""
 COSTMAP_S = 0.5
-"""Period of the costmap while a goal is active."""
+"""Period of the costmap while a goal is active [s]."""
 IDLE_COSTMAP_S = 2.0
-"""Period of the costmap without a goal."""
+"""Period of the costmap without a goal [s]."""
 TRAJECTORY_S = 0.1
-"""Least time between two trajectories."""
+"""Least time between two trajectories [s]."""
 ODOMETRY_S = 2.0
-"""Odometry that is kept to place scans."""
+"""Time for which odometry is kept to place scans [s]."""
 MAX_SCAN_PERIOD_NS = 200_000_000
-"""The next scan is expected no later than this after the last."""
+"""Longest time after a scan at which the next one is expected [ns]."""
 WAIT_SHARE = 0.4
-"""Nearer to the next scan than this share of the control period, odometry gives no command."""
+"""Share of the control period before the next scan within which odometry gives no command."""
 
 
 def command_period_ns(config: PlannerConfig) -> int:
@@ -74,7 +74,7 @@ class PlannerService(Service):
         self._path_key = ""
 
     def _use(self, config: RobotConfig) -> None:
-        """Drive by settings that were changed."""
+        """Apply changed settings."""
         self._command_ns = command_period_ns(config.planner)
         self.navigator.set_config(config.planner)
         self.log.info("Settings changed")
@@ -88,7 +88,7 @@ class PlannerService(Service):
         self._odometry = self.watch(topics.ODOM, seconds=ODOMETRY_S, then=self._on_odometry)
         if self._config.frame == "map":
             self._watch_others()
-        self.publish(topics.GOAL, self.navigator.status(self.stamp_ns))
+        self.publish(topics.GOAL, self.navigator.current.status(self.stamp_ns))
 
     def epoch_began(self) -> None:
         """Stop, since the base was restarted."""
@@ -262,7 +262,7 @@ class PlannerService(Service):
         return self._unless_stopped(resume)
 
     def _unless_stopped(self, act: Callable[[], R]) -> R | Later[R]:
-        """Do what a stop forbids; the last known stop may be over, so base is asked first.
+        """Run a request that a stop forbids; the last known stop may be over, so ask base first.
 
         What base publishes may arrive after a request that came later: requests go first.
         """
@@ -287,8 +287,8 @@ class PlannerService(Service):
         """Return the current goal, or the one of the last 32 that is asked for."""
         goal_id = parameters.get("id")
         if goal_id is None:
-            return {(): self.navigator.status(self.stamp_ns)}
-        status = self.navigator.status_of(goal_id, self.stamp_ns)
+            return {(): self.navigator.current.status(self.stamp_ns)}
+        status = self.navigator.current.status_of(goal_id, self.stamp_ns)
         return {} if status is None else {(): status}
 
     # Streams.
@@ -297,16 +297,16 @@ class PlannerService(Service):
     def publish_status(self) -> None:
         """Publish the goal's status, and the path if it changed."""
         now_ns = self.stamp_ns
-        if not self.navigator.board.is_active:
+        if not self.navigator.current.board.is_active:
             return
         self._publish_changes()
-        self.publish(topics.GOAL, self.navigator.status(now_ns))
+        self.publish(topics.GOAL, self.navigator.current.status(now_ns))
 
     @every(COSTMAP_S)
     def publish_costmaps(self) -> None:
         """Publish the costmaps, less often without a goal."""
         now_ns = self.stamp_ns
-        is_driving = self.navigator.board.is_active
+        is_driving = self.navigator.current.board.is_active
         pause_s = 0.9 * (COSTMAP_S if is_driving else IDLE_COSTMAP_S)
         if now_ns - self._costmap_ns < pause_s * 1e9:
             return
@@ -319,24 +319,24 @@ class PlannerService(Service):
 
     def _publish_changes(self) -> None:
         """Publish each change of the goal in its order, then path and trajectory."""
-        for status in self.navigator.board.pop_changes():
+        for status in self.navigator.current.board.pop_changes():
             self.log.info("Goal", id=status.id, state=status.state, why=status.message or "-")
             self.publish(topics.GOAL, status)
         self._publish_path()
         now_ns = self.stamp_ns
         if now_ns - self._trajectory_ns >= TRAJECTORY_S * 1e9:
-            trajectory = self.navigator.trajectory
+            trajectory = self.navigator.current.trajectory
             if trajectory is not None:
                 self._trajectory_ns = now_ns
                 self.publish(topics.TRAJECTORY, trajectory)
 
     def _publish_path(self) -> None:
         """Publish the path if it changed; an empty one when the goal is over."""
-        key = self.navigator.path_key
+        key = self.navigator.current.path_key
         if key == self._path_key:
             return
         self._path_key = key
-        self.publish(topics.PATH, self.navigator.path(self.stamp_ns))
+        self.publish(topics.PATH, self.navigator.current.path(self.stamp_ns))
 
 
 def _x(pose: Pose2D | None) -> float | None:

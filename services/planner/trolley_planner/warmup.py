@@ -22,8 +22,8 @@ from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_to_bytes
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limits_of
+from trolley_planner.control.critics import Target
 from trolley_planner.control.pure_pursuit import PurePursuit
-from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
@@ -114,7 +114,7 @@ def _detour() -> None:
 
 
 def _maneuver(context: PlanningContext) -> None:
-    """Search a way onto a place beside a wall, and look for room along a path."""
+    """Search a maneuver to a place beside a wall, and for clearance along a path."""
     ends = Pose2D(0.8, 0.8, 0.0), Pose2D(0.3, 0.8, 0.0)
     context.find_maneuver(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
     context.tight_places(np.array([[0.8, 0.8], [0.9, 0.8]]), 0.08, 0.08)
@@ -122,7 +122,7 @@ def _maneuver(context: PlanningContext) -> None:
 
 
 def _make_room(context: PlanningContext) -> None:
-    """Look where nobody comes."""
+    """Search for a refuge from people."""
     pose = Pose2D(0.8, 0.8, 0.0)
     around = Surroundings(context, pose)
     around.arrivals(around.closes_s(0.2), pose, 0.5)
@@ -187,7 +187,7 @@ def _navigator() -> Navigator:
 
 
 def _feel(navigator: Navigator, pose: Pose2D, now_ns: int) -> Odometry:
-    """Tell the planner where it is."""
+    """Give the planner pose, odometry and scan."""
     inputs = navigator.inputs
     odometry = Odometry(stamp_ns=now_ns, pose=pose, twist=Twist2D.zero())
     inputs.odometry = odometry

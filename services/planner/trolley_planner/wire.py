@@ -9,17 +9,17 @@ from trolley.messages import GoalStatus, OccupancyGrid, Path
 from trolley.messages.types import floats_to_bytes
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion
-from trolley_planner.control.rollout import DT_S, Limits
+from trolley_planner.control.robot_motion import DT_S, Limits
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.driving.recovery import RecoveryAction
 
 GOAL_OCCUPIED = "Something is on the goal."
-BEHIND_PERSON = "The robot stands behind the person."
-PERSON_UNSEEN = "The person is out of sight; the robot goes to where it saw them last."
+BEHIND_PERSON = "The robot is waiting behind the person."
+PERSON_UNSEEN = "The person is out of sight; the robot is driving to where it last saw them."
 RECOVERY_SENTENCES = {
     RecoveryAction.WAIT: "Something is in the way; the robot waits for it to go.",
-    RecoveryAction.CLEAR: "The robot looks again at what is around it.",
-    RecoveryAction.BACK_UP: "The robot backs up along its own track.",
+    RecoveryAction.CLEAR: "The robot is checking its surroundings again.",
+    RecoveryAction.BACK_UP: "The robot is backing up the way it came.",
     RecoveryAction.TURN: "The robot turns to look around.",
     RecoveryAction.REROUTE: "The robot did not get through; it takes another route.",
     RecoveryAction.WAIT_LONGER: "Something is still in the way; the robot keeps waiting.",
@@ -59,7 +59,7 @@ def blocked_by(robot: str | None) -> str | None:
 
 
 def recovery_sentence(execution: GoalExecution, robot: str | None = None) -> str:
-    """Return the sentence for what the robot does to get free; `robot` stands in its way."""
+    """Return the sentence for the current recovery behaviour; `robot` is in the way."""
     if execution.is_waiting:
         return f"{GOAL_OCCUPIED} The robot waits for it to go."
     action = execution.recovery.sequence.current

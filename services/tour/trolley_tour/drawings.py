@@ -19,7 +19,7 @@ Chunks = tuple[str, ...]
 MAX_MARKERS = topics.MARKER.max_keys
 MAX_OVERLAYS = 500
 MAX_BYTES = topics.MARKER.max_kept_bytes
-"""Of all markers together, and of all overlays."""
+"""Greatest size of all markers together, and of all overlays [bytes]."""
 
 
 @dataclasses.dataclass(frozen=True)

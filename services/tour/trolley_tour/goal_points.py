@@ -17,9 +17,9 @@ from trolley.messages import Stop, Tour, name_problem
 from trolley.messages.types import MAX_NAME_LENGTH
 
 MAX_CHARACTERS = 1_000_000
-"""Of a file."""
+"""Greatest length of a file [characters]."""
 MAX_GOALS = 1000
-"""As many stops as a tour may have."""
+"""Greatest number of stops of a tour."""
 _OPENERS, _CLOSERS = "([{", ")]}"
 
 

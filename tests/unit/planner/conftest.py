@@ -48,7 +48,7 @@ class Ride:
             twist = self.navigator.command(self.now_ns)
             self.navigator.maintain(self.now_ns)
             self.commands.append(twist)
-            self.statuses += self.navigator.board.pop_changes()
+            self.statuses += self.navigator.current.board.pop_changes()
             self.world.drive(twist or Twist2D.zero(), STEP_NS * 1e-9)
 
     def send(self, pose: Pose2D, **params: object) -> GoalStatus:
@@ -58,7 +58,7 @@ class Ride:
 
     def until_over(self, seconds: float = 120.0) -> GoalStatus:
         """Drive until the goal is over, or for so long."""
-        return self.until(lambda: not self.navigator.board.is_active, seconds)
+        return self.until(lambda: not self.navigator.current.board.is_active, seconds)
 
     def until(self, happened: Callable[[], bool], seconds: float = 60.0) -> GoalStatus:
         """Drive until something is so."""
@@ -66,7 +66,7 @@ class Ride:
             if happened():
                 break
             self.step()
-        return self.navigator.status(self.now_ns)
+        return self.navigator.current.status(self.now_ns)
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ class Meeting:
     def walk(self, seconds: float, place: Place | None) -> None:
         """Let somebody be where `place` says, at times from 0, until the goal is over."""
         for step in range(round(seconds / STEP_S)):
-            if not self.drive.navigator.board.is_active:
+            if not self.drive.navigator.current.board.is_active:
                 break
             truth = self._room
             if place is not None:

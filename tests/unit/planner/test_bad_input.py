@@ -24,7 +24,7 @@ BESIDE = [(0.3, 0.1), (0.1, 0.1), (0.1, -0.1), (0.3, -0.1)]
 def refused(ride, pose: Pose2D) -> Refused:
     with pytest.raises(Refused) as refusal:
         ride.navigator.send(SendGoal(pose=pose), "x", ride.now_ns)
-    assert ride.navigator.board.state == "idle"
+    assert ride.navigator.current.board.state == "idle"
     ride.step(20)
     assert ride.commands[-1] is None
     return refusal.value
@@ -72,7 +72,7 @@ def test_an_outline_that_becomes_none_ends_the_goal(ride) -> None:
     senses = drive.navigator.inputs
     senses.robot = msgspec.structs.replace(senses.robot, footprint=CROSSED)
     drive.step(4)
-    status = drive.navigator.status(drive.now_ns)
+    status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.reason) == ("failed", codes.NOT_READY)
     assert "footprint" in status.message
     drive.step(20)
@@ -115,11 +115,11 @@ def test_a_lidar_that_says_nothing_stops_the_robot(ride, ranges: np.ndarray) -> 
     world.scan = blind
     drive.step(16)
     assert world.twist.is_zero
-    status = drive.navigator.status(drive.now_ns)
+    status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.reason) == ("recovering", codes.SCAN_LOST)
     world.scan = seen
     drive.step(20)
-    assert drive.navigator.board.state == "driving"
+    assert drive.navigator.current.board.state == "driving"
     world.scan = blind
     status = drive.until_over(20.0)
     assert (status.state, status.reason) == ("failed", codes.SCAN_LOST)

@@ -3,7 +3,7 @@
 import pytest
 
 from trolley.geometry import Twist2D
-from trolley_planner.context.velocity import VELOCITY, CommandedVelocity
+from trolley_planner.context.commanded_velocity import VELOCITY, CommandedVelocity
 
 PERIOD_NS = 50_000_000
 

@@ -35,7 +35,7 @@ def test_who_never_gets_out_of_the_way_makes_the_goal_fail(
     monkeypatch.setattr(ContactHold, "must_stand", always)
     drive = ride(Flatland(empty_room(), Pose2D(1.0, 3.0, 0.0)), PlannerConfig(give_up_s=20.0))
     drive.send(Pose2D(6.5, 3.0, 0.0))
-    assert isinstance(drive.navigator.execution, GoalExecution)
+    assert isinstance(drive.navigator.current.execution, GoalExecution)
     status = drive.until_over(120.0)
     assert status.state == "failed"
     assert status.reason

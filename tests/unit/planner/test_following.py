@@ -57,7 +57,7 @@ class Walk:
 
     @property
     def status(self) -> GoalStatus:
-        return self.drive.navigator.status(self.drive.now_ns)
+        return self.drive.navigator.current.status(self.drive.now_ns)
 
 
 def ahead_at(speed: float, start: float = 2.2, until_s: float = 100.0) -> Place:

@@ -7,8 +7,8 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limits_of
+from trolley_planner.control.critics import Target
 from trolley_planner.control.mppi import Mppi
-from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.footprint import Footprint
 
 CORNERS = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]

@@ -78,13 +78,15 @@ def test_it_knows_what_stands_around_it_as_soon_as_the_map_was_loaded_anew(ride)
     drive.step(30)
     navigator = drive.navigator
     here = drive.world.pose
-    known_m = navigator.execution.context.seen_clearance(here, 1.0)
+    known_m = navigator.current.execution.context.seen_clearance(here, 1.0)
     speed = drive.world.twist.vx
     navigator.inputs.map = msgspec.structs.replace(drive.world.map())
     # Another goal is only looked at: that makes the costmap anew before the next scan comes.
     asked = SendGoal(pose=drive.world.grid.origin @ Pose2D(5.0, 1.0, 0.0))
     navigator.preview(asked, drive.now_ns)
-    assert navigator.execution.context.seen_clearance(here, 1.0) == pytest.approx(known_m, abs=0.05)
+    assert navigator.current.execution.context.seen_clearance(here, 1.0) == pytest.approx(
+        known_m, abs=0.05
+    )
     twist = navigator.command(drive.now_ns)
     assert twist.vx >= speed > 0.2
 
@@ -115,14 +117,14 @@ def test_via_points_are_passed_without_stopping(ride) -> None:
     vias = [Pose2D(2.0, 4.5, 0.0), Pose2D(3.5, 1.5, 0.0)]
     drive.send(Pose2D(5.0, 3.0, 0.0), via=vias)
     nearest, slowest = [math.inf, math.inf], [math.inf, math.inf]
-    while drive.navigator.board.is_active:
+    while drive.navigator.current.board.is_active:
         drive.step()
         for index, via in enumerate(vias):
             distance = drive.world.pose.distance_to(via)
             if distance < nearest[index]:
                 nearest[index], slowest[index] = distance, drive.world.twist.vx
         assert drive.now_ns < 120e9
-    assert drive.navigator.board.state == "arrived"
+    assert drive.navigator.current.board.state == "arrived"
     assert max(nearest) <= 0.3
     assert min(slowest) > 0.1
 
@@ -141,8 +143,8 @@ def test_a_new_goal_replaces_the_old_one_and_says_so_first(ride) -> None:
         ("second", "driving", ""),
     ]
     assert drive.until_over().id == "second"
-    assert drive.navigator.board.state == "arrived"
-    assert drive.navigator.status_of("first", 0).reason == codes.REPLACED
+    assert drive.navigator.current.board.state == "arrived"
+    assert drive.navigator.current.status_of("first", 0).reason == codes.REPLACED
 
 
 def test_the_same_id_twice_is_one_goal(ride) -> None:
@@ -161,7 +163,7 @@ def test_a_late_cancel_touches_no_newer_goal(ride) -> None:
     drive.send(Pose2D(3.0, 3.0, 0.0), id="new")
     with pytest.raises(Refused, match="current"):
         drive.navigator.cancel(WhichGoal(id="old"), drive.now_ns)
-    assert drive.navigator.board.state == "driving"
+    assert drive.navigator.current.board.state == "driving"
     assert drive.navigator.cancel(WhichGoal(id="new"), drive.now_ns).state == "canceled"
     with pytest.raises(Refused) as refusal:
         drive.navigator.cancel(WhichGoal(), drive.now_ns)
@@ -172,8 +174,8 @@ def test_only_the_last_32_goals_are_known(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     for number in range(34):
         drive.send(Pose2D(3.0, 3.0, 0.0), id=f"g-{number}")
-    assert drive.navigator.status_of("g-1", 0) is None
-    assert drive.navigator.status_of("g-2", 0).state == "canceled"
+    assert drive.navigator.current.status_of("g-1", 0) is None
+    assert drive.navigator.current.status_of("g-2", 0).state == "canceled"
 
 
 def test_a_paused_goal_stands_until_it_is_resumed(ride) -> None:
@@ -203,7 +205,7 @@ def test_nothing_sets_off_by_itself_after_a_stop_or_a_hand(ride, base, reason) -
     drive.navigator.update_base(base, drive.now_ns)
     drive.navigator.update_base(BaseState(stamp_ns=0, mode="ok"), drive.now_ns)
     drive.step(60)
-    status = drive.navigator.status(drive.now_ns)
+    status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.reason) == ("paused", reason)
     assert status.message
     assert drive.world.twist.is_zero
@@ -216,10 +218,10 @@ def test_a_goal_sent_while_a_hand_falls_silent_is_driven(ride) -> None:
     drive.send(Pose2D(5.0, 3.0, 0.0))
     drive.step(10)
     drive.navigator.update_base(held, drive.now_ns)
-    assert drive.navigator.board.state == "driving"
+    assert drive.navigator.current.board.state == "driving"
     drive.step(40)
     drive.navigator.update_base(held, drive.now_ns)
-    assert drive.navigator.board.reason == codes.TAKEN_OVER
+    assert drive.navigator.current.board.reason == codes.TAKEN_OVER
 
 
 def test_a_restart_of_the_base_pauses_the_goal(ride) -> None:
@@ -228,7 +230,7 @@ def test_a_restart_of_the_base_pauses_the_goal(ride) -> None:
     drive.step(20)
     drive.navigator.begin_epoch(drive.now_ns)
     drive.step(20)
-    assert drive.navigator.board.reason == codes.RESTARTED
+    assert drive.navigator.current.board.reason == codes.RESTARTED
     assert drive.world.twist.is_zero
     drive.navigator.resume(WhichGoal(), drive.now_ns)
     assert drive.until_over().state == "arrived"
@@ -242,7 +244,7 @@ def test_it_stands_while_the_pose_is_lost_and_drives_on_after(ride, state: str) 
     drive.pose_state = state
     drive.step(8)
     assert drive.world.twist.is_zero
-    status = drive.navigator.status(drive.now_ns)
+    status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.reason) == ("recovering", codes.LOST)
     drive.pose_state = "localized"
     assert drive.until_over().state == "arrived"
@@ -276,7 +278,7 @@ def test_the_lowest_of_overlapping_speed_zones_holds(ride) -> None:
     drive = ride(Flatland(empty_room(), START, zones=zones))
     drive.send(Pose2D(5.5, 3.0, 0.0))
     fastest = {"slow": 0.0, "slower": 0.0, "free": 0.0}
-    while drive.navigator.board.is_active:
+    while drive.navigator.current.board.is_active:
         drive.step()
         x, speed = drive.world.pose.x, drive.world.twist.vx
         # A little inside, since braking begins at the border at the latest.
@@ -304,12 +306,12 @@ def test_a_keep_out_zone_is_gone_round_and_only_left(ride) -> None:
     assert refusal.value.code == codes.KEEPOUT
     assert "carpet" in refusal.value.message
     drive.send(Pose2D(5.5, 3.0, 0.0))
-    while drive.navigator.board.is_active:
+    while drive.navigator.current.board.is_active:
         drive.step()
         pose = drive.world.pose
         assert not (2.0 < pose.x < 4.0 and 2.0 < pose.y < 4.0)
         assert drive.now_ns < 120e9
-    assert drive.navigator.board.state == "arrived"
+    assert drive.navigator.current.board.state == "arrived"
 
 
 def test_a_robot_inside_a_keep_out_zone_leaves_it(ride) -> None:
@@ -318,20 +320,20 @@ def test_a_robot_inside_a_keep_out_zone_leaves_it(ride) -> None:
     drive = ride(Flatland(empty_room(), Pose2D(2.3, 3.0, 0.0), zones=[zone]))
     drive.send(Pose2D(5.5, 3.0, 0.0))
     was_out = False
-    while drive.navigator.board.is_active:
+    while drive.navigator.current.board.is_active:
         drive.step()
         pose = drive.world.pose
         is_in = 2.0 < pose.x < 4.0 and 2.0 < pose.y < 4.0
         assert not (was_out and is_in)
         was_out = was_out or not is_in
         assert drive.now_ns < 120e9
-    assert drive.navigator.board.state == "arrived"
+    assert drive.navigator.current.board.state == "arrived"
 
 
 def refused(ride, params: SendGoal) -> Refused:
     with pytest.raises(Refused) as refusal:
         ride.navigator.send(params, "x", ride.now_ns)
-    assert ride.navigator.board.state == "idle"
+    assert ride.navigator.current.board.state == "idle"
     return refusal.value
 
 
@@ -373,7 +375,7 @@ def test_a_goal_ends_with_the_place_where_its_way_was_closed(ride) -> None:
     drive.step(20)
     drive.navigator.inputs.map = Flatland(two_rooms(0.2), START).map()
     drive.step(4)
-    status = drive.navigator.status(drive.now_ns)
+    status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.reason) == ("failed", codes.NO_PATH)
     assert math.dist(status.blocked[0], (4.0, 3.0)) < 0.15
     assert "too narrow" in status.message
@@ -412,7 +414,7 @@ def test_a_preview_tells_way_and_time_and_moves_nothing(ride) -> None:
     assert np.hypot(*(poses[-1, :2] - (goal.x, goal.y))) < 0.05
     assert poses[-1, 2] == pytest.approx(1.0, abs=1e-3)
     drive.step(10)
-    assert drive.navigator.board.state == "idle"
+    assert drive.navigator.current.board.state == "idle"
     assert drive.commands[-1] is None
     began_ns = drive.now_ns
     drive.send(Pose2D(6.5, 4.5, 1.0))
@@ -464,7 +466,7 @@ def test_another_map_ends_the_goal(ride) -> None:
     other = msgspec.structs.replace(drive.world.map(), name="other")
     drive.navigator.inputs.map = other
     drive.step(4)
-    status = drive.navigator.status(drive.now_ns)
+    status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.reason) == ("failed", codes.WRONG_MAP)
     assert drive.world.twist.is_zero or drive.commands[-1] is None or drive.commands[-1].is_zero
 

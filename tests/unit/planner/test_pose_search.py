@@ -13,9 +13,9 @@ from trolley.gridmap import GridMap
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.paths.hybrid_astar.motions import BACKWARDS, FORWARDS, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, FORWARDS, Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch, Task
-from trolley_planner.paths.hybrid_astar.room import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
+from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
 
 HOBBY = box(0.35, 0.30, 0.175)
 REAR = box(0.60, 0.42, 0.10)

@@ -16,8 +16,8 @@ SECOND_NS = 1_000_000_000
 def test_wheels_that_slip_are_noticed(ride) -> None:
     drive = ride(Ice(empty_room(), START))
     drive.send(Pose2D(5.0, 3.0, 0.0))
-    drive.until(lambda: drive.navigator.board.state == "recovering", 30.0)
-    assert drive.navigator.board.reason == codes.SLIP
+    drive.until(lambda: drive.navigator.current.board.state == "recovering", 30.0)
+    assert drive.navigator.current.board.reason == codes.SLIP
 
 
 def test_progress_is_getting_nearer_or_turning() -> None:

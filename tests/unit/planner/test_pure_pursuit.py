@@ -10,9 +10,9 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limits_of, safe_command
+from trolley_planner.control.critics import Target
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.control.pure_pursuit import PurePursuit
-from trolley_planner.control.rollout import Target
 from trolley_planner.costmap.footprint import Footprint
 
 FOOTPRINT = Footprint.from_polygon([(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)])

@@ -31,8 +31,8 @@ def test_a_door_that_is_blocked_for_a_while_is_waited_for(ride) -> None:
     world.set_truth(with_block(two_rooms(), 3.9, 2.5, 0.2, 1.0))
     drive = ride(world)
     drive.send(Pose2D(6.0, 3.0, 0.0))
-    drive.until(lambda: drive.navigator.board.state == "recovering")
-    status = drive.navigator.status(drive.now_ns)
+    drive.until(lambda: drive.navigator.current.board.state == "recovering")
+    status = drive.navigator.current.status(drive.now_ns)
     assert status.reason == codes.BLOCKED
     assert status.blocked
     assert "wait" in status.message

@@ -16,7 +16,7 @@ from trolley.messages import Scan
 from trolley_planner.control.controller import Motion, limited_change, limits_of
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
-from trolley_planner.paths.hybrid_astar.motions import FORWARDS, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, Maneuver
 
 HOBBY = box(0.35, 0.30, 0.175)
 ARM = box(0.65, 0.30, 0.175)
@@ -150,10 +150,10 @@ def test_it_backs_fast_only_where_its_lidar_looks(ride, kind, is_fast: bool) -> 
     drive = ride(world)
     drive.send(Pose2D(1.46, 0.29, math.pi), xy_tolerance=0.05, yaw_tolerance=0.05)
     fastest = 0.0
-    while drive.navigator.board.is_active:
+    while drive.navigator.current.board.is_active:
         drive.step()
         fastest = min(fastest, world.twist.vx)
-    assert drive.navigator.board.state == "arrived"
+    assert drive.navigator.current.board.state == "arrived"
     assert (fastest < -0.3) == is_fast
     assert world.touches == 0
 

@@ -8,7 +8,7 @@ from support.pages import PageOf, page_of
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import ConfigError, FootprintConfig, RobotConfig, RobotSection
-from trolley.config.changing import Name, all_keys, describe, with_values
+from trolley.config.changeable_settings import Name, all_keys, describe, with_values
 from trolley.messages import ConfigChanges, Settings
 from trolley.messages.request_params import SetConfig, WhichConfig
 from trolley.runtime.service import Service, answers

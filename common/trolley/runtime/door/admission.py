@@ -24,21 +24,22 @@ class Limits:
     """Less than the 100 that Zenoh accepts at once, so that a place for local programs is left."""
     inside_per_address: int = 32
     unproven_per_address: int = 24
-    """Inside, but not proven yet."""
+    """Guests from one address that are inside but not yet proven."""
     hello_s: float = 4.0
-    """For the hello; who links a router gives up after as long (`OPEN_TIMEOUT_MS`)."""
+    """Time for the hello; a router that connects gives up after as long (`OPEN_TIMEOUT_MS`)."""
     proof_s: float = 4.0
-    """For the rest of the handshake."""
+    """Time for the rest of the handshake."""
     patience_s: float = 1.5
-    """An unproven guest may stay for so long even if others want its place."""
+    """Time for which an unproven guest may stay even if others want its place."""
     idle_s: float = 15.0
-    """A proven guest that says nothing for so long has gone: Zenoh says something every 2.5 s."""
+    """Silence after which a proven guest has gone: Zenoh says something every 2.5 s."""
     burst: int = 32
-    """So many are let in one after another without a pause."""
+    """Number of guests that are let in one after another without a pause."""
     entries_per_s: float = 64.0
-    """And then so many a second: each that fails costs 0.1 s at one of the router's entrances."""
+    """Number of guests that are let in each second after such a burst: each that fails costs 0.1 s
+    at one of the router's entrances."""
     remembered: int = 256
-    """So many addresses with a proven guest are let in before unknown ones."""
+    """Number of addresses with a proven guest that are let in before unknown ones."""
 
 
 class Stage(Enum):

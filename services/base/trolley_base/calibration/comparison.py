@@ -13,20 +13,19 @@ class ComparisonParams:
     """How a drive by somebody else is cut into windows; set by hand."""
 
     window_m: float = 1.0
-    """A window ends after this distance, or after turning by `window_rad`, so that the pose's own
-    error counts for little [m]."""
+    """Distance after which a window ends, so that the pose's own error counts for little [m]."""
     window_rad: float = 2.0
-    """See `window_m` [rad]."""
+    """Turn after which a window ends [rad]."""
     gap_ns: int = 1_000_000_000
     """A longer pause between sure poses may hide a leap of the pose [ns]."""
     max_std_m: float = 0.10
-    """A pose that is less sure is not compared [m]."""
+    """Standard deviation of the position above which a pose is not compared [m]."""
     max_std_rad: float = 0.10
-    """The same for its heading [rad]."""
+    """Standard deviation of the heading above which a pose is not compared [rad]."""
     error_m: float = 0.025
-    """Standard deviation of the pose of a moving robot [m]."""
+    """Standard deviation of the position of a moving robot [m]."""
     error_rad: float = 0.015
-    """The same of its heading [rad]."""
+    """Standard deviation of the heading of a moving robot [rad]."""
 
 
 PARAMS = ComparisonParams()

@@ -19,9 +19,9 @@ class CourseParams:
     clearance_m: float = 0.10
     """Room beside the robot, for a heading that is corrected late [m]."""
     deceleration: float = 0.15
-    """Slow enough for base and a scan's delay [m/s^2]."""
+    """Deceleration at the end of a straight, slow enough for base and a scan's delay [m/s^2]."""
     angular_deceleration: float = 0.6
-    """The same for turning [rad/s^2]."""
+    """Deceleration at the end of a turn, slow enough for base and a scan's delay [rad/s^2]."""
     min_speed: float = 0.03
     """Speed at the end of a straight [m/s]."""
     min_wz: float = 0.08
@@ -29,9 +29,9 @@ class CourseParams:
     max_wz: float = 0.7
     """Fastest turn [rad/s]."""
     xy_tolerance: float = 0.008
-    """A place is reached within this [m]."""
+    """Distance within which a place is reached [m]."""
     yaw_tolerance: float = 0.012
-    """A heading is reached within this [rad]."""
+    """Angle within which a heading is reached [rad]."""
     cross_track_gain: float = 6.0
     """Turn rate per metre aside and per m/s [rad/m^2]."""
     heading_gain: float = 1.5

@@ -27,19 +27,19 @@ class CalibrationDriveParams:
     """How long the drive rests, and when it gives up; set by hand."""
 
     settle_ns: int = 1_000_000_000
-    """At each place: until robot and localizer have settled [ns]."""
+    """Time at each place until robot and localizer have settled [ns]."""
     measure_ns: int = 1_000_000_000
-    """The mean of the poses is then taken over this long [ns]."""
+    """Time after that over which the mean of the poses is taken [ns]."""
     min_estimates: int = 5
-    """A mean rests on at least this many poses."""
+    """Number of poses that a mean needs."""
     still_speed: float = 0.005
-    """Slower is standing [m/s]."""
+    """Speed below which the robot counts as standing [m/s]."""
     still_wz: float = 0.01
-    """The same for turning [rad/s]."""
+    """Turn rate below which the robot counts as standing [rad/s]."""
     map_error_m: float = 0.012
     """Standard deviation of a mean of the localizer's positions at rest [m]."""
     map_error_rad: float = 0.010
-    """The same of its headings [rad]."""
+    """Standard deviation of a mean of the localizer's headings at rest [rad]."""
     silence_ns: int = 1_000_000_000
     """Longest silence of the odometry [ns]."""
     unsure_ns: int = 2_000_000_000

@@ -15,7 +15,7 @@ from trolley_base.calibration.correction import Correction
 SLIP_M = 0.01
 """Standard deviation that slip adds to a position after a metre, a random walk [m]; by hand."""
 SLIP_RAD = 0.015
-"""The same to a heading, after a metre or a radian [rad]; by hand."""
+"""Standard deviation that slip adds to a heading after a metre or a radian [rad]; by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,8 +12,9 @@ from trolley_base.calibration.umbmark import Benchmark
 from trolley_base.odometry.wheel_scales import WheelScales
 
 UNSURE_SCALE = 0.01
-"""An estimate less certain than this is not proposed; another drive is needed."""
+"""Standard deviation of a scale above which it is not proposed; another drive is needed."""
 UNSURE_BEND = 0.03
+"""Standard deviation of the bend above which it is not proposed [rad/m]."""
 
 
 def usable(found: Estimate) -> Correction:

@@ -14,11 +14,11 @@ REOPEN_EVERY_NS = 5_000_000_000
 REFUSED_NS = 500_000_000
 """A port that has refused all writes for this long is reopened [ns]."""
 TAKEN_NS = 1_000_000_000
-"""It counts as up again once it has refused nothing for this long [ns]."""
+"""Time without a refused write after which a port counts as up again [ns]."""
 MOST_LOSSES, LOSSES_WITHIN_NS = 3, 10_000_000_000
 """A device that was lost this often within this time [ns] is not used for now."""
 STEADY_NS = 3_000_000_000
-"""It is used again once it has stayed connected for this long [ns]."""
+"""Time of connection after which a device that was lost too often is used again [ns]."""
 
 
 class SerialLink(Generic[D]):

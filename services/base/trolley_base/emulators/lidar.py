@@ -20,7 +20,7 @@ from trolley_base.world import LidarSpec, Shots, Simulation
 SPEED_STD = 0.003
 """Spread of the motor's speed from turn to turn, as a share."""
 BASELINE_MM, FOCUS_MM = 21.8, 155.3
-"""Of the triangulating sensors here: YDLIDAR's constants of the X4."""
+"""Constants of the triangulating sensors [mm]: YDLIDAR's of the X4."""
 
 Floats = NDArray[np.float64]
 

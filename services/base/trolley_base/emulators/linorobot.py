@@ -38,7 +38,8 @@ INFO, FATAL = 1, 4
 WHEEL_M, TRACK_M, TICKS = 0.10, 0.235, 1550
 """lino_base_config.h: wheel diameter, distance between the wheels, ticks per revolution."""
 LEAP_RPM, LEAP_NS = 1800, 1_000 * NS_PER_MS
-"""Of one wheel; a reading that the firmware does not check."""
+"""Speed that a leap of one wheel reports [rpm], which the firmware does not check, and its period
+[ns]."""
 GRAVITY = 9.80665
 GYRO_BIAS_STD, GYRO_NOISE = 0.01, 0.003
 """Zero-rate error of this unit, and noise of each reading [rad/s]."""

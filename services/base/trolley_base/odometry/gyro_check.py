@@ -17,16 +17,17 @@ class GyroCheckParams:
     forgetting_turn: float = 4.0
     """Older turns are forgotten over this much turning [rad]."""
     reversed_below: float = -0.5
-    """It turns the other way: less than this per turn of the wheels."""
+    """Turn by the gyro per turn of the wheels below which its sign is reversed."""
     still_below: float = 0.2
-    """It does not turn: less than this, either way."""
+    """Turn by the gyro per turn of the wheels, either way, below which it does not turn."""
     still_turn: float = 0.5
-    """Of that the newest turns tell as much as all before: older ones are forgotten over this much
-    [rad]. A robot that is lifted is to be known at once."""
+    """Turning over which older turns are forgotten for that, short enough to notice at once that
+    the robot was lifted [rad]."""
     degrees_above: float = 20.0
-    """It measures degrees: 57 of them are a radian."""
+    """Turn by the gyro per turn of the wheels above which it measures degrees: 57 of them are a
+    radian."""
     most: float = 100.0
-    """One interval says no more than this, either way."""
+    """Greatest turn by the gyro per turn of the wheels that one interval may report, either way."""
 
 
 PARAMS = GyroCheckParams()

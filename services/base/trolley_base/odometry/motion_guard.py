@@ -17,17 +17,18 @@ class MotionGuardParams:
     """What a robot can do; set by hand."""
 
     max_speed: float = 6.0
-    """No robot that can be configured is faster [m/s]."""
+    """Speed that no robot that can be configured exceeds [m/s]."""
     max_wz: float = 12.0
-    """The same for turning [rad/s]."""
+    """Turn rate that no robot that can be configured exceeds [rad/s]."""
     slack_m: float = 0.05
-    """Allowed on top, for two readings that lie close together in time [m]."""
+    """Distance allowed on top, for two readings that lie close together in time [m]."""
     slack_rad: float = 0.3
-    """The same for turning [rad]."""
+    """Turn allowed on top, for two readings that lie close together in time [rad]."""
     max_acceleration: float = 20.0
-    """Wheels that grip reach half of it, and hands hardly more [m/s^2]."""
+    """Greatest acceleration; wheels that grip reach half of it, and hands hardly more [m/s^2]."""
     max_angular_acceleration: float = 60.0
-    """The same for turning [rad/s^2]."""
+    """Greatest angular acceleration; wheels that grip reach half of it, and hands hardly more
+    [rad/s^2]."""
     angle_slack_rad: float = 0.1
     """Allowed on top of a change of the turn: an encoder's tick, and inexact times [rad]."""
 

@@ -33,10 +33,10 @@ class YawFusionParams:
     yaw_slip_per_m: float = 0.015
     """Heading error of the wheels after a metre, a random walk [rad/m^0.5]."""
     max_difference: float = 0.3
-    """One of the two is wrong if they differ by more than this and by more than
+    """Difference of the two turn rates above which one is wrong, if it also exceeds
     `max_difference_share`; there is no telling which [rad/s]."""
     max_difference_share: float = 0.5
-    """See `max_difference`, as a share of the turn rate."""
+    """Share of the turn rate that the difference must exceed, too."""
     trusted_after_ns: int = 1_000_000_000
     """After that, the gyro must follow for this long before it is used again [ns]."""
     disagrees_after_ns: int = 2_000_000_000
@@ -50,7 +50,7 @@ class YawFusionParams:
     min_turn_rate: float = 0.05
     """Slower turns do not show whether the gyro follows [rad/s]."""
     most_ratio: float = 10.0
-    """One interval says no more of that ratio than this, either way."""
+    """Greatest ratio of the turns that one interval may report, either way."""
 
 
 PARAMS = YawFusionParams()

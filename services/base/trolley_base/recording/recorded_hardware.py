@@ -36,9 +36,9 @@ class RecordedChassis:
             self._read_ns += ODOMETRY_PERIOD_NS
             odom_T_base = self._odometry_at(self._read_ns)
             # Who stands, stands exactly, without what rounding leaves of a pose and its inverse.
-            stands = odom_T_base == self._odom_T_base
+            is_standing = odom_T_base == self._odom_T_base
             previous_T_base = (
-                Pose2D.identity() if stands else self._odom_T_base.inverse() @ odom_T_base
+                Pose2D.identity() if is_standing else self._odom_T_base.inverse() @ odom_T_base
             )
             twist = log_pose(previous_T_base).scaled(1e9 / ODOMETRY_PERIOD_NS)
             motions.append(MotionSample(self._start_ns + self._read_ns, previous_T_base, twist))

@@ -35,9 +35,10 @@ class BrakingParams:
     period_s: float = 0.02
     """How long a command is driven before the next one can end it [s]."""
     turn_rad: float = 0.12
-    """Two poses of a path differ by at most this; corners swing less than a millimetre beyond."""
+    """Greatest turn between two poses of a path; corners swing less than a millimetre beyond."""
     of_radius: float = 0.5
-    """The same for the way, as a share of the circle inside the footprint."""
+    """Greatest distance between two poses of a path, as a share of the circle inside the footprint.
+    """
     straight_rad: float = 0.02
     """A robot that turns by less than this while it brakes has but one path."""
 

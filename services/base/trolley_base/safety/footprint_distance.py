@@ -18,7 +18,7 @@ class FootprintDistanceParams:
     """How fine the table is; set by hand."""
 
     cells: int = 128
-    """From its middle to each side; for a robot of 0.3 m that is 2 mm a cell."""
+    """Cells from the table's middle to each side; for a robot of 0.3 m that is 2 mm a cell."""
 
 
 PARAMS = FootprintDistanceParams()

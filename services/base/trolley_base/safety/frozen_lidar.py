@@ -18,16 +18,17 @@ class FrozenLidarParams:
     """When scans count as one and the same; set by hand."""
 
     same_share: float = 0.98
-    """Of the beams that met something, this share measures the same to the last digit ..."""
+    """Share of the beams with an echo that must measure the same to the last digit."""
     least_beams: int = 20
-    """... and there are at least so many: where nothing is in reach, all scans are alike."""
+    """Number of such beams below which nothing is concluded: where nothing is in reach, all scans
+    are alike."""
     moved_m: float = 0.05
-    """The robot has driven farther than this meanwhile [m] ..."""
+    """Distance that the robot must have driven meanwhile [m]."""
     turned_rad: float = 0.05
-    """... or turned farther than this [rad]."""
+    """Turn that does instead of `moved_m` [rad]."""
     kept: int = 4
-    """So many scans are compared: what is repeated may be cut into revolutions in turn here and
-    there."""
+    """Number of scans that are compared: what is repeated may be cut into revolutions in turn here
+    and there."""
 
 
 PARAMS = FrozenLidarParams()

@@ -40,29 +40,27 @@ class LidarViewParams:
     cover_m: float = 0.005
     """Ranges this near to the shortest measurable one may be a cover on the lidar [m]."""
     cover_width: float = 0.7
-    """They are a cover if they lie side by side over this angle: not even a wall that touches a
-    lidar of 0.1 m is as near over more than 0.63 rad [rad]."""
+    """Angle over which such ranges must lie side by side to be a cover: not even a wall that
+    touches a lidar of 0.1 m is as near over more than 0.63 rad [rad]."""
     body_m: float = 0.02
     """An echo farther inside the footprint is the robot's own body, as for the stop field [m]."""
     least_echoes: float = 0.01
     """If a smaller share of the beams has an echo, no beam is believed: in the largest hall, a
     stretch of a wall or a person is in reach, and stray light makes fewer echoes than this."""
     fine: float = 0.5
-    """A side is open if this share of its beams sees something."""
+    """Share of its beams that must see something for a side to be open."""
     closed: float = 0.1
-    """A side is dark if less than this share of its beams sees something."""
+    """Share of its beams below which a side is dark."""
     closed_s: float = 3.0
-    """A side that is dark for this long may be blocked [s]."""
+    """Time after which a dark side may be blocked [s]."""
     sudden_m: float = 0.1
-    """A dark side is blocked if the robot moved less than this, and turned less than `sudden_rad`,
-    since it was open [m]."""
+    """Motion since a side was open below which, with `sudden_rad`, a dark side is blocked [m]."""
     sudden_rad: float = 0.15
-    """See `sudden_m` [rad]."""
+    """Turn since a side was open below which, with `sudden_m`, a dark side is blocked [rad]."""
     past_m: float = 1.0
-    """A dark side is also blocked if the robot has moved farther than this, or turned farther than
-    `past_rad`, since it became dark [m]."""
+    """Motion since a side became dark above which it is also blocked [m]."""
     past_rad: float = 1.0
-    """See `past_m` [rad]."""
+    """Turn since a side became dark above which it is also blocked [rad]."""
 
 
 PARAMS = LidarViewParams()

@@ -20,12 +20,11 @@ class MotionDiagnosisParams:
     """When a part of the robot counts as broken; set by hand."""
 
     stands_share: float = 0.25
-    """A side that moves at less than this share of its command, and slower than `stands_slack`,
-    does not turn."""
+    """Share of its command below which, with `stands_slack`, a side does not turn."""
     stands_slack: float = 0.02
-    """See `stands_share` [m/s]."""
+    """Speed below which, with `stands_share`, a side does not turn [m/s]."""
     told_speed: float = 0.04
-    """A side with a smaller command than this is no evidence [m/s]."""
+    """Command below which a side is no evidence [m/s]."""
     witness_wz: float = 0.2
     """The gyro decides between two explanations whose turn rates differ by at least this
     [rad/s]."""
@@ -41,15 +40,15 @@ class Fault(enum.IntEnum):
     """In which way the robot does not do as it is told; the gravest is the largest."""
 
     MOVES = 1
-    """It stood and moves untold: a hand, or the board."""
+    """Moves without a command: pushed by hand, or by the board."""
     OTHERWISE = 2
-    """Told to move, it moves in another way."""
+    """Moves otherwise than commanded."""
     JUMPS = 3
-    """Its odometry reports what no robot can do, over and over."""
+    """Reports leaps of the odometry, over and over, that no robot can make."""
     DRIVES = 4
-    """It stood and drives by itself, evenly as motors do, or for long."""
+    """Drives without a command, evenly as motors do, or for long."""
     GOES_ON = 5
-    """Told to stand, it does not brake."""
+    """Does not brake on a command to stand."""
 
 
 class Finding(NamedTuple):

@@ -32,7 +32,7 @@ from trolley_base.safety.motion_limits import MotionLimits
 
 @dataclass(frozen=True, slots=True)
 class MotionSupervisionParams:
-    """What a sound base may do: as tight as `bench.base.obedience` has no false alarm with."""
+    """Bounds for a sound base: the tightest without a false alarm in `bench.base.obedience`."""
 
     delay_ns: int = 220_000_000
     """Time until a zero acts on the motors and shows in the odometry, if it has not been measured
@@ -40,71 +40,72 @@ class MotionSupervisionParams:
     least_delay_ns: int = 100_000_000
     """Shortest delay that is believed, however short the measured one [ns]."""
     braking_share: float = 0.7
-    """Share of the configured deceleration with which the robot brakes at least."""
+    """Least share of the configured deceleration with which the robot brakes."""
     turn_braking_share: float = 0.6
-    """The same for its turn rate, whose braking nobody measures."""
+    """Least share of the configured angular deceleration, which nobody measures."""
     standing_speed: float = 0.015
-    """A slower robot counts as standing, given encoders and backlash [m/s]."""
+    """Speed below which the robot counts as standing, given encoders and backlash [m/s]."""
     standing_wz: float = 0.05
-    """The same for turning [rad/s]."""
+    """Turn rate below which the robot counts as standing, given encoders and backlash [rad/s]."""
     braking_excess_m: float = 0.004
-    """A robot that goes this much farther than its braking distance does not brake [m]."""
+    """Distance beyond the braking distance from which on the robot does not brake [m]."""
     braking_excess_rad: float = 0.02
-    """The same for turning [rad]."""
+    """Turn beyond the braking distance from which on the robot does not brake [rad]."""
     smooth_ns: int = 100_000_000
-    """Its speed when it was told to brake is the mean over this time [ns]."""
+    """Time over which the mean speed at a command to brake is taken [ns]."""
     uneven: float = 0.5
-    """One wheel may brake later than the other: this share of the speed may show as a turn, and of
-    the turn as speed."""
+    """Share of the speed that may show as a turn, and of the turn as speed: one wheel may brake
+    later than the other."""
     following_ns: int = 180_000_000
-    """A side follows a new command at the latest this long after the delay [ns]."""
+    """Time after the delay within which a side follows a new command [ns]."""
     fastest_share: float = 1.4
-    """A side may move at this many times its commanded speed, plus `fast_slack`."""
+    """Greatest multiple of its commanded speed at which a side may move, `fast_slack` apart."""
     fast_slack: float = 0.04
     """Added to the highest allowed speed, for what the other side contributes [m/s]."""
     slowest_share: float = 0.5
-    """A side must move at this share of its commanded speed, less `slow_slack`."""
+    """Least share of its commanded speed at which a side must move, `slow_slack` apart."""
     slow_slack: float = 0.015
     """Subtracted from the lowest allowed speed, for friction and a dead band [m/s]."""
     fast_excess_m: float = 0.04
-    """A side that goes this much farther than it may drives otherwise than told [m]."""
+    """Distance beyond what it may cover from which on a side drives otherwise than commanded [m].
+    """
     slow_excess_m: float = 0.025
-    """The same for a side that goes less far than it must [m]."""
+    """Distance short of what it must cover from which on a side drives otherwise than commanded
+    [m]."""
     still_share: float = 0.5
-    """A side must cover this share of the distance it is told, to and fro, less `still_slack`."""
+    """Share of the commanded distance, to and fro, that a side must cover, `still_slack` apart."""
     still_slack: float = 0.03
     """Subtracted from the commanded speed, for a dead band [m/s]."""
     still_excess_m: float = 0.05
-    """A side that lags this far behind does not turn [m]: commands may go to and fro so fast that
-    no single one can be held against it."""
+    """Lag from which on a side does not turn: commands may go to and fro so fast that no single one
+    can be held against it [m]."""
     dead_share: float = 0.1
-    """A side must cover this share of the distance it is told, less `still_slack` and what a wrong
+    """Share of the commanded distance that a side must cover, less `still_slack` and what a wrong
     track makes of the other side."""
     dead_excess_m: float = 0.015
-    """A side that lags this far behind does not turn at all [m]."""
+    """Lag from which on a side does not turn at all [m]."""
     ticks: float = 1.5
-    """Each excess grows by this many encoder ticks, for coarse encoders."""
+    """Encoder ticks by which each excess grows, for coarse encoders."""
     least_tick_m: float = 1e-6
-    """Smaller steps are rounding of numbers, not ticks [m]."""
+    """Step below which differences are rounding of numbers, not ticks [m]."""
     rested_ns: int = 500_000_000
-    """After it has stood for this long, a motion is not braking any more [ns]."""
+    """Time of standing after which a motion is not braking any more [ns]."""
     steady_ns: int = 500_000_000
-    """Motors hold a speed for this long, a hand does not [ns]."""
+    """Time for which motors hold a speed and a hand does not [ns]."""
     steady_share: float = 0.15
-    """A speed is held if it varies by less than this share."""
+    """Share by which a speed that is held may vary."""
     steady_speed: float = 0.05
-    """Slower motions are never judged to be steady [m/s]."""
+    """Speed below which a motion is never judged to be steady [m/s]."""
     longest_push_ns: int = 3_000_000_000
-    """A push that lasts longer than this counts as the motors' doing [ns]."""
+    """Duration above which a push counts as the motors' doing [ns]."""
     kept_ns: int = 1_000_000_000
-    """Commands and motions are kept for this long [ns]."""
+    """Time for which commands and motions are kept [ns]."""
     longest_gap_ns: int = 500_000_000
-    """After a longer gap in commands or reports, what came before is forgotten [ns]."""
+    """Gap in commands or reports after which what came before is forgotten [ns]."""
     gyro_wz: float = 0.1
-    """A robot that turns faster than this by its gyro is moving, whatever its wheels say
-    [rad/s]."""
+    """Turn rate by the gyro above which the robot is moving, whatever its wheels say [rad/s]."""
     shown_ns: int = 250_000_000
-    """Whether it moves is judged by the mean over this time [ns]."""
+    """Time over which the mean motion is taken to judge whether the robot moves [ns]."""
 
 
 PARAMS = MotionSupervisionParams()

@@ -37,8 +37,8 @@ class SightDistanceParams:
     seen unless it turns in place: half of what counts as driving into something, as speeds are held
     by a half [m/s]."""
     soft_m: float = 0.08
-    """So near to the middle of such a place: it is a cell wide, and what is remembered of the cells
-    around it is some centimetres off after half a minute [m]."""
+    """Distance from the middle of such a place at which `soft` holds: it is a cell wide, and the
+    cells around it are some centimetres off after half a minute [m]."""
     ahead_m: float = 0.01
     """What lies this much before the footprint's foremost point, as it drives, lies ahead [m]."""
 

@@ -24,12 +24,14 @@ class StopFieldParams:
     """What the stop field allows for; set by hand, and judged by bench/base/braking.py."""
 
     side_margin_m: float = 0.015
-    """The footprint is widened by this to all sides, for errors of lidar and wheels [m]."""
+    """Distance by which the footprint is widened to all sides, for errors of lidar and wheels [m].
+    """
     turning_margin_m: float = 0.007
-    """The same where the robot turns in place, which wheels do exactly: one that was stopped
-    before a wall must be able to turn away from it [m]."""
+    """Distance by which it is widened where the robot turns in place, which wheels do exactly: one
+    that was stopped before a wall must be able to turn away from it [m]."""
     per_metre: float = 0.05
-    """It is widened by this share of the way to each place, for slip and the odometry's errors."""
+    """Share of the distance to each place by which it is widened, for slip and the odometry's
+    errors."""
     body_depth_m: float = 0.02
     """An echo farther inside the outline is the robot's own body, a mast or a cable [m]."""
     grazing: float = 0.03
@@ -42,10 +44,10 @@ class StopFieldParams:
     """A period of base and the age of what the odometry says, which come on top of the delay of
     the wheels [s]."""
     parts: int = 8
-    """So many parts of a command are judged at once, then as many between the last one that is
-    possible and the next."""
+    """Number of parts of a command that are judged at once, then as many between the last possible
+    one and the next."""
     least: float = 0.02
-    """Where not even this part of a command is possible, none is."""
+    """Least part of a command that is driven; with less, none is."""
 
 
 PARAMS = StopFieldParams()

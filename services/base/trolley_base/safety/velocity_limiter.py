@@ -25,13 +25,13 @@ class VelocityLimiterParams:
     """How the velocity limiter judges what it does; set by hand."""
 
     max_dt: float = 0.1
-    """A longer time between two decisions counts as this: no leap in speed after a pause [s]."""
+    """Longest time between two decisions that counts: no leap in speed after a pause [s]."""
     standing_speed: float = 0.02
-    """Slower than this is standing, for the stop field as a reason [m/s]."""
+    """Speed below which the robot stands, for the stop field as a reason [m/s]."""
     standing_wz: float = 0.05
-    """The same for turning [rad/s]."""
+    """Turn rate below which the robot stands, for the stop field as a reason [rad/s]."""
     blocked_ns: int = 200_000_000
-    """What hinders the robot is named once it has done so for this long [ns]."""
+    """Time for which something must hinder the robot to be named [ns]."""
     lost_shown_ns: int = 5_000_000_000
     """How long a loss of commands is shown if none comes [ns]."""
     late_shown_ns: int = 1_000_000_000
@@ -191,21 +191,21 @@ class VelocityLimiter:
 
     def _find_hindrance(self, wanted: Twist2D, around: _Around) -> _Hindrance | None:
         """Say what keeps the robot from moving as wanted, None while it is on its ramp."""
-        stands = _stands(self._twist)
+        is_standing = _stands(self._twist)
         # A program creeps, or lets a side come softly to where something stood, for the moment only
         # in which its robot swings round; a person wonders.
         creeps = around.by_hand and self._sight.is_creeping(self._twist)
-        if _stands(wanted) or not (stands or creeps):
+        if _stands(wanted) or not (is_standing or creeps):
             return None
         sight = self._sight.look(wanted, around.unseen, by_hand=around.by_hand)
         free = self._field.scale(wanted, around.echoes)
         if sight.scale < free:
             if not around.by_hand and self._sight.is_coming_softly(self._twist):
                 return None
-            ending = "so it does not move there" if stands else "so it moves there at a creep"
+            ending = "so it does not move there" if is_standing else "so it moves there at a creep"
             message = f"The lidar sees nothing {sight.where}, {ending}."
-            return _Hindrance("held" if stands else "ok", codes.BLIND, message)
-        if stands and free < 1.0:
+            return _Hindrance("held" if is_standing else "ok", codes.BLIND, message)
+        if is_standing and free < 1.0:
             return _Hindrance("held", codes.STOP_FIELD, codes.SENTENCES[codes.STOP_FIELD])
         return None
 

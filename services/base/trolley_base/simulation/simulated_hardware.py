@@ -17,7 +17,7 @@ from trolley_base.world.simulation import STEP_S
 WATCHDOG_NS = 500_000_000
 """A board whose host has fallen silent stops by itself after this long, as real ones do [ns]."""
 HALF_TRACK_M = 0.1
-"""Of the wheels that can be broken; it only says what one of them alone makes of the robot [m]."""
+"""Half the track of wheels that can be broken: what one of them alone makes of the robot [m]."""
 CHARGER_REACH_M = 0.3
 CHARGING_RATE = 4.0
 

@@ -23,11 +23,11 @@ class GaitParams:
     leg_radius_m: float = 0.06
     """Radius of a leg [m]."""
     stride_m: float = 1.2
-    """Both legs have swung once after this distance [m]."""
+    """Distance after which both legs have swung once [m]."""
     touch_m: float = 0.001
-    """Nobody walks nearer to the robot than this, which is touching it [m]."""
+    """Distance to the robot within which nobody walks, which is touching it [m]."""
     places_tried: int = 20
-    """Of so many random places, a person begins at the first that keeps off the robot."""
+    """Number of random places, of which a person begins at the first that keeps off the robot."""
 
 
 PARAMS = GaitParams()

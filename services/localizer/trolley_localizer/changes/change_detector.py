@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.gridmap.kernels import spread_over
-from trolley.messages.changing import ChangeKind
+from trolley.messages.map_changes import ChangeKind
 from trolley_localizer.changes.change_grid import ChangeGrid
 from trolley_localizer.changes.mirror_detector import judge_beams
 from trolley_localizer.changes.shapes import Box, Cells, box_of, convex_hull, runs_of, shared
@@ -33,44 +33,48 @@ class ChangeParams:
     """When a change of the map is proposed. All values were found by hand."""
 
     step_m: float = 0.2
+    """Distance after which the next scan is looked at: scans from one place say the same [m]."""
     step_s: float = 5.0
-    """The next look is after this distance or time: scans from one place say the same [m, s]."""
+    """Time after which the next scan is looked at at the latest [s]."""
     max_gap_s: float = 1.0
-    """Of a gap between scans no more than this is observed time [s]."""
+    """Most of a gap between scans that counts as observed time [s]."""
     max_dev_m: float = 0.05
+    """Standard deviation of the position above which scans are not used [m]."""
     max_dev_rad: float = 0.02
-    """The pose must be surer than this (standard deviations) [m, rad]."""
+    """Standard deviation of the heading above which scans are not used [rad]."""
     max_turn_radps: float = 0.7
-    """The robot must not turn faster [rad/s]."""
+    """Turn rate above which scans are not used [rad/s]."""
     reach_m: float = 5.0
-    """Echoes from farther away are scattered too far by the error of the heading [m]."""
+    """Range above which echoes are not used: the error of the heading scatters them too far [m]."""
     margin_m: float = 0.15
-    """Walls this near to the end of a beam may be where it ended [m]."""
+    """Distance from the end of a beam within which a wall may be where it ended [m]."""
     visits_beside: int = 2
+    """Visits for a change that a cell needs for the change to grow over it."""
     visits_in_time: int = 5
+    """Number of visits that fit into the time after which a change is proposed."""
     visits: int = 4
-    """A change begins at cells with `visits` visits for it and grows over those with
-    `visits_beside`; `visits_in_time` fit into the time after which a change is proposed."""
+    """Visits for a change that a cell needs for the change to begin there."""
     looks_against: int = 3
-    """In the present visit, so many looks against a change end it at once."""
+    """Looks against a change within one visit that end it at once."""
     parallax_m: float = 0.5
-    """It was seen from places this far apart [m]."""
+    """Least distance between the places from which a change was seen [m]."""
     gap_m: float = 0.15
-    """Cells this near to each other are one thing [m]."""
+    """Gap below which neighbouring cells belong to one object [m]."""
     mirror_m: float = 0.3
-    """What is this near to a mirror or a pane may be its doing [m]."""
+    """Distance from a mirror or a pane within which echoes may be reflections [m]."""
     same_share: float = 0.4
-    """Boxes are of one thing if they share this much of the smaller one."""
+    """Share of the smaller box that two boxes of one object have in common."""
     max_changes: int = 20
+    """Number of changes that are proposed at once; more mean another map."""
     max_strokes: int = 300
-    """More changes at once mean another map; so do more strokes for one of them."""
+    """Number of strokes of a change above which it means another map, too."""
 
 
 PARAMS = ChangeParams()
 _LEAST_CELLS: dict[ChangeKind, int] = {"appeared": 4, "gone": 6}
-"""A change has at least this many cells."""
+"""Least number of cells of a change, by its kind."""
 MOST_DISMISSED = 200
-"""The oldest dismissals are forgotten."""
+"""Number of dismissals that are remembered; the oldest are forgotten first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,11 +87,11 @@ class Change:
     cells: Cells
     """(n, 2) row, column on the map."""
     box: Box
-    """That holds them."""
+    """Smallest box that holds the cells."""
     seconds: int
-    """Observed time since it was first seen so [s]."""
+    """Observed time since the change was first seen [s]."""
     score: float
-    """How sure that is, 0 ... 1, in steps of 0.1."""
+    """Confidence in the change, 0 ... 1, in steps of 0.1."""
 
     @property
     def outline(self) -> NDArray[np.float64]:

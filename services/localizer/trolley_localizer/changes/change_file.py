@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.messages.changing import ChangeKind
+from trolley.messages.map_changes import ChangeKind
 from trolley_localizer.changes.change_detector import MOST_DISMISSED, ChangeDetector, MarkedChange
 from trolley_localizer.kernels.changes import COLUMNS
 

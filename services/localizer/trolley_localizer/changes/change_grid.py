@@ -8,7 +8,7 @@ from trolley_localizer.kernels import changes as kernels
 from trolley_localizer.kernels.changes import COLUMNS, TILE, TILE_CELLS, ChangeEvidence
 
 _MOST_TILES = 2048
-"""More are not kept: 13 numbers a cell are at most 27 MB, and far less in a flat."""
+"""Number of tiles that are kept; 13 numbers a cell are at most 27 MB, and far less in a flat."""
 _SPARE_TILES = 64
 """Tiles that are free at the beginning of each scan."""
 

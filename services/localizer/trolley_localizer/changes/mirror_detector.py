@@ -24,32 +24,35 @@ class MirrorParams:
     """When a wall is suspected to be a mirror. All values were found by hand."""
 
     step_m: float = 0.1
-    """Scans from nearly the same place say the same: one per this distance counts [m]."""
+    """Distance after which the next scan counts: scans from nearly one place say the same [m]."""
     max_looks: float = 20.0
-    """A cell remembers so many looks; later ones outweigh earlier ones."""
+    """Looks that a cell remembers; later ones outweigh earlier ones."""
     share_to_suspect: float = 0.65
+    """Share of the looks that must speak for a mirror to suspect one."""
     share_to_keep: float = 0.45
-    """Share of the looks that must speak for a mirror to suspect one, and to go on doing so."""
+    """Share of the looks that must speak for a mirror to go on suspecting it."""
     min_looks: float = 25.0
-    """Looks at the cells of a line that must speak for it."""
+    """Number of looks at a line's cells that must speak for a mirror."""
     max_missed: float = 1.0
-    """Looks from which the robot's own image may be missing, if it was not seen more often."""
+    """Number of looks, without the robot's own image, above which there is no mirror, unless the
+    image was seen more often."""
     min_length_m: float = 0.4
     """Shortest line [m]."""
     min_parallax_m: float = 0.6
-    """The robot must have looked from places this far apart [m]."""
+    """Least distance between the places from which the robot looked [m]."""
     min_depth_dev_m: float = 0.25
-    """A plain wall behind a gap may lie as deep as one stands before it: what is mirrored must lie
-    at different depths (standard deviation) [m]."""
+    """Least standard deviation of the depths of what is mirrored: a plain wall behind a gap may lie
+    as deep as one stands before it [m]."""
     line_width_m: float = 0.1
+    """Distance from a line within which a cell belongs to it [m]."""
     max_gap_m: float = 0.3
+    """Widest gap within a line [m]."""
     same_normal: float = 0.9
-    """Cells belong to one line if they lie this near to it [m], with gaps no wider [m], and their
-    normals agree (cosine)."""
+    """Least product of a cell's normal and the line's (cosine)."""
     known_m: float = 0.3
-    """A line whose middle is this near to a known mirror or pane is no news [m]."""
+    """Distance from a known mirror or pane within which a line is not reported [m]."""
     max_lines: int = 20
-    """More lines are not proposed."""
+    """Number of lines that are proposed at most."""
 
 
 PARAMS = MirrorParams()
@@ -73,7 +76,7 @@ class Suspect:
     end: tuple[float, float]
     """The other end."""
     score: float
-    """How sure that is, 0 ... 1, in steps of 0.1."""
+    """Confidence in the mirror, 0 ... 1, in steps of 0.1."""
 
 
 class MirrorDetector:

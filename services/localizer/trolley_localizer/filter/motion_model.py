@@ -15,7 +15,7 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, wrap_angle
 
 _SHORT_M = 0.01
-"""A shorter step has no direction worth a turn [m]."""
+"""Length below which a step has no direction of its own [m]."""
 
 
 @dataclass(frozen=True, slots=True)

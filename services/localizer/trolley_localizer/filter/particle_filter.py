@@ -34,22 +34,26 @@ from trolley_localizer.matching.likelihood_field import FULL_SCORE, LikelihoodFi
 
 @dataclass(frozen=True, slots=True)
 class ParticleFilterParams:
-    """What the configuration leaves open."""
+    """Parameters that the configuration does not offer."""
 
     bin_m: float = 0.5
+    """Edge of the bins of pose space for KLD sampling [m] (AMCL's)."""
     bins_turn: int = 36
-    """Bins of pose space for KLD sampling: edge [m], and bins in a full turn (AMCL's)."""
+    """Number of bins in a full turn for KLD sampling (AMCL's)."""
     wide_every: int = 8
+    """Number of particles per one that gets wider noise (by hand)."""
     wide_factor: float = 4.0
-    """One particle in so many gets this many times the noise: wheels slip on rugs, and encoders may
-    miss a reversal (by hand)."""
+    """Factor on the noise of those: wheels slip on rugs, and encoders may miss a reversal (by
+    hand)."""
     renewed_every: int = 20
+    """Number of particles per one that each resampling draws anew around the aligned estimate (by
+    hand)."""
     renewed_dev_m: float = 0.05
+    """Standard deviation of the position of particles drawn anew [m] (by hand)."""
     renewed_dev_rad: float = 0.02
-    """One particle in so many is drawn anew around the aligned estimate at each resampling, with
-    these standard deviations [m, rad] (by hand)."""
+    """Standard deviation of the heading of particles drawn anew [rad] (by hand)."""
     cluster_reach: tuple[tuple[float, float], ...] = ((1.0, 0.6), (0.7, 0.5), (0.7, 0.5))
-    """How far around the heaviest place a cluster reaches, mean after mean [m, rad] (by hand)."""
+    """Reach of a cluster around the heaviest place, for each mean in turn [m, rad] (by hand)."""
 
 
 PARAMS = ParticleFilterParams()

@@ -26,15 +26,17 @@ class ScanMatcherParams:
     """How a scan is aligned with the map. All values were found by hand."""
 
     floor_m: float = 0.003
+    """Least deviation of the odometry's position per scan, even at rest [m]."""
     floor_rad: float = 0.003
-    """Deviation of the odometry per scan even of a robot that stands [m, rad]."""
+    """Least deviation of the odometry's heading per scan, even at rest [rad]."""
     beam_dev_m: float = 0.05
-    """Deviation of one beam's end from the wall [m]."""
+    """Standard deviation of a beam's end from the wall [m]."""
     independent_beams: float = 60.0
-    """As how many independent beams a scan counts: neighbours share their errors."""
+    """Number of independent beams that a scan counts as: neighbours share their errors."""
     least_dev_m: float = 0.01
+    """Least standard deviation of the estimated position: the map is not more exact [m]."""
     least_dev_rad: float = 0.005
-    """The estimate is never surer than this: the map itself is not more exact [m, rad]."""
+    """Least standard deviation of the estimated heading: the map is not more exact [rad]."""
     widths_m: tuple[float, ...] = (0.25, 0.1)
     """Widths of Welsch's function: alignment begins wide and ends narrow [m]."""
     max_steps: int = 8
@@ -43,35 +45,35 @@ class ScanMatcherParams:
 
 @dataclass(frozen=True, slots=True)
 class PoseEstimatorParams:
-    """When a pose from elsewhere replaces the aligned one. Found by hand.
-
-    Leads are differences of the mean robust score of a scan, 0 ... 1.
-    """
+    """When a pose from elsewhere replaces the aligned one. Found by hand."""
 
     cluster_lead: float = 0.03
-    """The heaviest cluster of particles must be better by this."""
+    """Lead by which the heaviest cluster of particles replaces the estimate."""
     try_lead: float = 0.05
-    """A pose that was tried at random must be better by this."""
+    """Lead by which a pose that was tried at random replaces the estimate."""
     far_lead: float = 0.25
-    """... and by this as well where it is far: a jump takes more than furniture that was moved."""
+    """Extra lead that a far pose needs: a jump takes more than furniture that was moved."""
     far_m: float = 0.5
+    """Distance beyond the odometry's error from which on a pose is far [m]."""
     far_rad: float = 0.5
-    """What is far, beyond what the odometry may be off [m, rad]."""
+    """Turn beyond the odometry's error from which on a pose is far [rad]."""
     score_drop: float = 0.1
-    """A score this far below the usual one starts tries around the estimate."""
+    """Drop below the usual score at which poses around the estimate are tried."""
     num_tries: int = 1500
+    """Number of poses that are tried."""
     try_dev_m: float = 0.25
+    """Standard deviation of the positions that are tried [m]."""
     try_dev_rad: float = 0.15
-    """How many poses are tried, and how far around: standard deviations [m, rad]."""
+    """Standard deviation of the headings that are tried [rad]."""
     back_support: float = 0.65
-    """A pose close by from which the map explains so much of a scan is taken by a robot that is
-    off the map: what speaks for a place more than against it (`ProofParams.between`)."""
+    """Support from which on a robot off the map takes a pose close by: what speaks for a place more
+    than against it (`ProofParams.between`)."""
     back_farness: float = 0.5
-    """... unless it is farther away than this share of what is far."""
+    """Share of what is far within which such a pose must lie."""
     score_slack: float = 0.01
-    """Alignment may lower the score by this: the odometry has a say, too."""
+    """Most by which alignment may lower the score: the odometry has a say, too."""
     usual_smoothing: float = 0.05
-    """Share of each scan in the usual score."""
+    """Weight of each scan in the usual score."""
     phase_step: float = 0.6180339887
     """The golden ratio moves the choice of beams evenly from scan to scan."""
 
@@ -175,7 +177,7 @@ class ScanView:
     score: float
     """Mean robust score of the estimate, 0 ... 1."""
     drift: tuple[float, float]
-    """How far off the odometry may have led the estimate [cells, rad]."""
+    """Most that the odometry may have led the estimate astray [cells, rad]."""
     is_trusted: bool
     """Whether the estimate is believed so far."""
 

@@ -22,43 +22,50 @@ from trolley_localizer.matching.map_matcher import BeamSet
 
 @dataclass(frozen=True, slots=True)
 class ScanToScanParams:
-    """How scans are compared. Set by hand, unless it says otherwise."""
+    """How scans are compared. Set by hand unless stated otherwise."""
 
     num_bins: int = 360
-    """Directions of a view."""
+    """Number of directions of a view."""
     reach_bins: int = 2
-    """Directions that differ by so many bins are the same: headings err, walls are met askew."""
+    """Number of bins by which matching directions may differ: headings err, walls are met askew."""
     slack_m: float = 0.15
+    """Distance by which two ranges may differ [m]."""
     slack_share: float = 0.02
-    """By how much distances may differ [m], and by what share."""
+    """Share of the range by which two ranges may differ, besides `slack_m`."""
     least_compared: int = 30
-    """Fewer beams than this say nothing."""
+    """Number of beams below which a comparison says nothing."""
     least_overlap: float = 0.7
-    """Two scans that agree less than this were not taken on one drive. Where the robot drives on
-    the map or off it they agree in 0.97 of the beams, and in 0.05 to 0.6 where it was carried."""
+    """Overlap below which two scans are not of one drive. Where the robot drives, on the map or off
+    it, they agree in 0.97 of the beams, and in 0.05 to 0.6 where it was carried."""
     usual_overlap: float = 0.95
-    """Where the wheels' step lets two scans agree less, the wheels slip: the scans' own holds."""
+    """Overlap by the wheels' step below which the wheels slip and the step between the scans counts
+    instead."""
     renew_m: float = 0.3
+    """Distance after which the earlier scan is replaced [m]."""
     renew_rad: float = 0.3
+    """Turn after which the earlier scan is replaced [rad]."""
     renew_s: float = 5.0
-    """After so far [m, rad] or so long [s], a new scan takes the place of the earlier one."""
+    """Time after which the earlier scan is replaced [s]."""
     field_m: float = 10.0
-    """How far around the robot scans are aligned with each other [m]."""
+    """Distance from the robot within which scans are aligned with each other [m]."""
     wall_m: float = 0.5
-    """Farther from an echo there is nothing to be aligned with [m]."""
+    """Distance from an echo beyond which nothing is aligned with it [m]."""
     widths_m: tuple[float, ...] = (0.25, 0.1)
-    """Widths of Welsch's function, one after the other [m]."""
+    """Widths of Welsch's function, in the order of their use [m]."""
     max_steps: int = 8
-    """Gauss-Newton steps at each."""
+    """Gauss-Newton steps at each width."""
     odom_dev_m: float = 0.05
+    """Standard deviation of the odometry's position between two scans [m]."""
     odom_dev_rad: float = 0.03
-    """How far the wheels may be off between two scans [m, rad]."""
+    """Standard deviation of the odometry's heading between two scans [rad]."""
     beam_dev_m: float = 0.05
+    """Standard deviation of a beam's end [m]."""
     independent_beams: float = 60.0
-    """Deviation of one beam [m], and as how many a scan counts."""
+    """Number of independent beams that a scan counts as."""
     floor_m: float = 0.01
+    """Least error of the position of aligned scans [m]."""
     floor_rad: float = 0.004
-    """Aligned scans are off by this at least [m, rad]."""
+    """Least error of the heading of aligned scans [rad]."""
 
 
 PARAMS = ScanToScanParams()

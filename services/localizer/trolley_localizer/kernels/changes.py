@@ -36,13 +36,14 @@ robot looked from [cells]."""
 MOST_VISITS = 8
 """More visits than these add no certainty."""
 _VISITS_LOST = 2
-"""A visit that contradicts a change cancels this many."""
+"""Number of visits for a change that one against it cancels."""
 _SIDE = 2.0
+"""Distance to either side on which a wall must go on for a beam to have passed through it, not by
+its edge [cells]."""
 _SIDE_WALL = 1.5
-"""A wall must continue on both sides of where a beam went through: what was passed at an edge, or
-along a face, within the error of the pose, was not passed through [cells]."""
+"""Distance from a wall of the map within which a place beside the beam belongs to it [cells]."""
 _AT_WALL = 2.0
-"""An end this close to a wall of the map is that wall [cells]."""
+"""Distance from a wall of the map within which a beam's end is that wall [cells]."""
 
 
 class ChangeEvidence(NamedTuple):
@@ -408,6 +409,6 @@ def grow_gone(
                 if not touches:
                     continue
                 at = find_row(evidence, corner[0] + row, corner[1] + col)
-                stands = at >= 0 and evidence.table[at, HIT] > since_s
-                if not stands and is_at_edge(cells, corner[0] + row, corner[1] + col):
+                is_occupied = at >= 0 and evidence.table[at, HIT] > since_s
+                if not is_occupied and is_at_edge(cells, corner[0] + row, corner[1] + col):
                     mask[row, col] = 1

@@ -13,7 +13,7 @@ from trolley_localizer.kernels.elementary import sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines
 
 _BLOCK = 32
-"""End points are computed in whole blocks: those left over would run one by one."""
+"""Number of end points computed at once; those left over would run one by one."""
 
 
 @loose_kernel("contract")
@@ -343,8 +343,9 @@ def count_through(
 
 
 _MAX_SHIFT = 2.0
+"""Most that a Gauss-Newton step moves the pose [cells]."""
 _MAX_TURN = 0.1
-"""A Gauss-Newton step moves the pose no farther than this [cells, rad]."""
+"""Most that a Gauss-Newton step turns the pose [rad]."""
 
 
 @kernel

@@ -31,29 +31,32 @@ class ReflectionParams(NamedTuple):
     """When a beam counts as mirrored. All values were found by hand."""
 
     at_wall_m: float = 0.2
+    """Distance from the wall within which a beam ended at it [m]."""
     behind_m: float = 0.3
-    """A beam ended at the wall, or behind it, by this [m]."""
+    """Distance behind the wall from which on a beam ended behind it [m]."""
     wall_reach_m: float = 0.4
-    """The line of a wall is fitted to what lies this close to a hit [m]."""
+    """Distance from a hit within which the line of a wall is fitted [m]."""
     wall_side_m: float = 0.1
-    """The wall must extend this far on both sides: beams that graze an edge tell nothing [m]."""
+    """Extent of the wall needed on both sides: beams that graze an edge tell nothing [m]."""
     wall_roughness_m: float = 0.04
-    """Hits may lie this far from the line [m]."""
+    """Distance that hits may lie from the line [m]."""
     min_hits: int = 4
-    """A line is fitted to at least this many hits."""
+    """Number of hits that a line needs."""
     min_incidence: float = 0.3
-    """Flatter beams are scattered too far by a small error of the wall's direction (cosine)."""
+    """Least cosine of the angle to the normal: flatter beams are scattered too far by a small error
+    of the wall's direction."""
     near_m: float = 0.1
+    """Distance from a wall within which a mirrored end lies [m]."""
     near_share: float = 0.02
-    """A mirrored end lies this close to a wall [m], plus this share of its distance from the
-    mirror."""
+    """Share of its distance from the mirror that adds to `near_m`."""
     plain_m: float = 0.15
-    """A plain end lies this close to a wall [m]."""
+    """Distance from a wall within which an end that was not mirrored lies [m]."""
     free_margin_m: float = 0.3
-    """The reflected path must be free of walls up to this far before its end [m]."""
+    """Length before the end up to which the reflected path must be free of walls [m]."""
     body_m: float = 0.35
+    """Radius of the circle that holds the robot [m]."""
     lidar_m: float = 0.05
-    """The robot lies within this of its centre, and its lidar has at least this radius [m]."""
+    """Least radius of the lidar [m]."""
 
 
 PARAMS = ReflectionParams()

@@ -19,35 +19,39 @@ class SearchParams:
     """How the whole map is searched. All values were found by hand."""
 
     sigma_m: float = 0.12
-    """A pose scores by end points this near to walls (standard deviation): wider than in the
-    filter, since cells and headings are tried in steps [m]."""
+    """Standard deviation of an end point from the wall: wider than in the filter, since cells and
+    headings are tried in steps [m]."""
     apart_m: float = 0.6
+    """Distance within which only the best of several poses is aligned [m]."""
     apart_rad: float = 0.5
-    """Of poses nearer to each other than this only the best is aligned [m, rad]."""
+    """Turn within which only the best of several poses is aligned [rad]."""
     same_m: float = 0.3
+    """Distance within which aligned poses are one place [m]."""
     same_rad: float = 0.3
-    """Aligned poses nearer to each other than this are one place [m, rad]."""
+    """Turn within which aligned poses are one place [rad]."""
     max_places: int = 40
-    """This many places get a closer look."""
+    """Number of places that get a closer look."""
     score_margin: float = 0.12
-    """A place this far below the best mean score (0 ... 1) gets none."""
+    """Margin below the best mean score (0 ... 1) beyond which a place gets no closer look."""
     min_score: float = 0.25
-    """Nor does a place with a lower mean score."""
+    """Mean score below which a place gets no closer look."""
     num_beams: int = 90
-    """Beams of the scan that are searched with."""
+    """Number of beams of the scan that are searched with."""
     clear: float = 0.75
-    """Where even the best place is supported less than this, much has been moved about, and the
-    search, which looks at ends only, may have kept a place beside the right one: look around the
-    first few."""
+    """Support of the best place below which the first few are searched around: much has been moved,
+    and the search, which sees ends only, may have kept a place beside the right one."""
     num_unclear: int = 3
-    """... around so many."""
+    """Number of places that are searched around then."""
     around_steps: int = 3
+    """Number of steps to each side of such a place."""
     around_step_m: float = 0.25
+    """Length of such a step [m]."""
     around_rad: float = 0.25
-    """Steps to each side, their length [m], and the turn to each side [rad], around a place."""
+    """Turn to each side of such a place [rad]."""
     top_block_m: float = 1.6
+    """Edge of the largest blocks of cells of branch and bound [m]."""
     leaf_block_m: float = 0.1
-    """Edges of the largest and the smallest blocks of cells that branch and bound looks at [m]."""
+    """Edge of the smallest blocks of cells of branch and bound [m]."""
 
 
 PARAMS = SearchParams()

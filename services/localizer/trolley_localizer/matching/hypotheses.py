@@ -19,26 +19,28 @@ class HypothesisParams:
     """When a place stands out. All values were found by hand."""
 
     max_places: int = 12
-    """Only the best places of a search are followed."""
+    """Number of places of a search that are followed."""
     view_m: float = 0.15
+    """Distance from the last view beyond which a view is new [m]."""
     view_rad: float = 0.2
-    """A new view is one from a place [m] or heading [rad] this different."""
+    """Turn from the last view beyond which a view is new [rad]."""
     stale_m: float = 0.5
+    """Distance after which it is worth searching again [m]."""
     stale_rad: float = 0.7
-    """After this distance [m] or turn [rad] it is worth searching again."""
+    """Turn after which it is worth searching again [rad]."""
     give_up: float = 0.3
-    """A place whose mean support falls this far behind the best is given up."""
+    """Mean support behind the best place at which a place is given up."""
     clear: float = 0.7
-    """A place with less support stands out on the map of another building, too, in some scan, but
-    not in several views."""
+    """Mean support below which a place may not stand out at once: on the map of another building
+    one does, too, in some scan, but not in several views."""
     few_views: int = 3
-    """... in this many views."""
+    """Number of views after which a place with less support than `clear` may stand out."""
     patient_scans: int = 30
-    """A robot that gets no other views does without them after this many scans."""
+    """Number of scans that do instead of `few_views` where the robot gets no other views."""
     lasting_lead: float = 0.8
-    """Share of the usual lead that is enough when it has lasted that long."""
+    """Share of the usual lead that is enough after `few_views` or `patient_scans`."""
     doubtful_lead: float = 2.0
-    """This many times the usual lead is needed by a place that the scan supports moderately."""
+    """Factor on the lead that a place with moderate support needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +48,11 @@ class RivalParams:
     """When a rival replaces the estimate. All values were found by hand."""
 
     max_rivals: int = 4
-    """Only the best places are followed beside an estimate."""
+    """Number of places that are followed beside an estimate."""
     margin: float = 0.1
-    """A place that is supported less than the estimate by more than this is no rival."""
+    """Support below the estimate's beyond which a place is no rival."""
     take_over: float = 0.3
-    """A rival takes over when its support, summed over the views, leads by this."""
+    """Lead in support, summed over the views, at which a rival takes over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,25 +60,28 @@ class ProofParams:
     """When a place that was found without a prior is believed."""
 
     between: float = 0.65
-    """Views that support it more speak for it, others against it. The best places on maps of other
-    houses had 0 ... 0.69 of the first view (median 0.3) and less of the next; right ones 0.8 ...
-    1.0, and 0.57 ... 0.9 where a third of the furniture had been moved (found by
+    """Support above which a view speaks for a place, below which against it. The best places on
+    maps of other houses had 0 ... 0.69 of the first view (median 0.3) and less of the next; right
+    ones 0.8 ... 1.0, and 0.57 ... 0.9 where a third of the furniture had been moved (found by
     `bench/localizer/second_visits`)."""
     bound: float = 0.15
-    """It is right, or wrong, when the sum over the views has come this far: at once from 0.8 on."""
+    """Sum over the views at which a place is right, or wrong: at once from a support of 0.8 on."""
     pinned: float = 0.25
-    """A view that pins the pose less counts for less, in proportion: along a bare corridor every
-    place fits. Right places are pinned by 0.2 ... 0.3 in rooms, by less than 0.1 in corridors."""
+    """Certainty of the pose below which a view counts for less, in proportion: along a bare
+    corridor every place fits. Right places have 0.2 ... 0.3 in rooms, less than 0.1 in corridors.
+    """
     new_m: float = 0.5
+    """Distance from the view before below which a view counts for less, in proportion: it shows the
+    same walls again [m]."""
     new_rad: float = math.pi
-    """A view from nearer to the one before [m, rad] counts for less, in proportion: it shows the
-    same walls again."""
+    """Turn from the view before below which a view counts for less, in proportion [rad]."""
     doubt_per_m: float = 1.0
+    """Growth of the bound, as a share of itself, with each metre driven before without a proof: by
+    then the map may well be of another house [1/m]."""
     most_doubt: float = 2.0
-    """The bound grows by this share of itself with each metre driven before without a proof, at
-    most by so much [1/m, 1]: by then, the map may well be of another house."""
+    """Most that the bound grows, as a share of itself."""
     most_m: float = 2.0
-    """Undecided after this distance, it is given up [m]."""
+    """Distance after which an undecided proof is given up [m]."""
 
 
 PARAMS = HypothesisParams()

@@ -13,10 +13,12 @@ from trolley.gridmap import GridMap, distance_transform
 from trolley_localizer.kernels.layout import Lines
 
 MAX_DISTANCE_M = 2.0
-"""Farther from a wall the field is flat: a wall that far away is not the one that was hit [m]."""
+"""Distance from a wall beyond which the field is flat: that wall is not the one that was hit [m].
+"""
 LEAST_VARIANCE = 1e-6
+"""Smallest variance that a pose can be set with [m^2, rad^2]."""
 MOST_VARIANCE = 25.0
-"""Smallest and largest variance that a pose can be set with [m^2, rad^2]."""
+"""Largest variance that a pose can be set with [m^2, rad^2]."""
 
 FULL_SCORE = 65535
 """Score of a cell that holds a wall."""

@@ -78,25 +78,28 @@ class MatchParams:
     """How beams speak for a pose, and how a rough pose is aligned."""
 
     wide_m: float = 0.3
+    """Reach with which alignment starts [m] (by hand)."""
     narrow_m: float = 0.1
-    """Alignment starts with a wide reach and ends with a narrow one [m] (by hand)."""
+    """Reach with which alignment ends [m] (by hand)."""
     max_steps: int = 12
     """Gauss-Newton steps at each reach."""
     through_weight: float = 0.5
+    """Weight against a pose of the share of beams that went through a wall of the map and end at
+    another, as behind furniture that was taken away."""
     astray_weight: float = 3.0
-    """What beams that went through a wall of the map take off a pose's support, per share of all.
-
-    Where a piece of furniture was taken away they end at the wall behind it, which says little; a
-    beam that ends nowhere as well is next to impossible at the true place. Measured in rooms with a
-    third of the furniture moved, and on recorded drives: `astray` is 0 ... 0.03 at true places, and
-    0.03 ... 0.14 at the wrong ones that explain as many ends."""
+    """Weight against a pose of the share of beams that went through a wall and end on free floor,
+    which is next to impossible at the true place. Measured in rooms with a third of the furniture
+    moved, and on recorded drives: that share is 0 ... 0.03 at true places, and 0.03 ... 0.14 at the
+    wrong ones that explain as many ends."""
     mirror_depth_m: float = 0.1
-    """A wall is thinner: an end point this far behind its line is seen in the mirror [m]."""
+    """Depth behind a wall's line from which on an end point is seen in a mirror: walls are thinner
+    [m]."""
     shifts_m: tuple[float, ...] = (0.3, 0.5)
+    """Distances at which the scan must not fit as well for a pose to be pinned [m]."""
     num_shifts: int = 8
-    """A pose is pinned if the scan does not fit as well this far beside it, to all sides [m]."""
+    """Number of directions in which the pose is shifted."""
     num_cast: int = 180
-    """About this many beams are followed through the map, and twice as many are scored."""
+    """Number of beams that are followed through the map, about; twice as many are scored."""
 
 
 PARAMS = MatchParams()
@@ -117,11 +120,11 @@ class MatchScore:
     known: float
     """Share of beams that end where the map knows what is there, 0 ... 1."""
     beams: int
-    """How many beams were looked at."""
+    """Number of beams that were compared."""
     score: float
     """Mean robust score of end points, 0 ... 1; finer than `match`."""
     known_score: float
-    """The same of those that end where the map knows what is there."""
+    """Mean robust score of end points where the map knows what is there, 0 ... 1."""
 
     @property
     def value(self) -> float:

@@ -12,14 +12,17 @@ from trolley_localizer.filter.pose_estimator import AlignedPose
 
 @dataclass(frozen=True, slots=True)
 class ReachParams:
-    """How far off it may have been led; set by hand."""
+    """How far off the robot may be from its estimate; set by hand."""
 
     devs: float = 3.0
+    """Number of standard deviations within which a place is in reach."""
     more_m: float = 0.5
+    """Distance beyond them within which a place is in reach [m]."""
     more_rad: float = 0.3
-    """No farther than so many standard deviations, and so much more [m, rad]."""
+    """Turn beyond them within which a place is in reach [rad]."""
     lasts_m: float = 5.0
-    """On the map for so long [m] without a place within reach, it may be anywhere."""
+    """Distance on the map without a place within reach after which the robot may be anywhere [m].
+    """
 
 
 PARAMS = ReachParams()

@@ -11,22 +11,24 @@ from trolley.scanning import ScanInput
 
 @dataclass(frozen=True, slots=True)
 class RestParams:
-    """When it rests; set by hand."""
+    """When the localizer rests; set by hand."""
 
     settled: int = 10
-    """So many scans in a row must have shown the same first,"""
+    """Number of scans in a row that must show the same before the localizer rests."""
     look_s: float = 1.0
-    """and even then one is used each time this long has passed [s]."""
+    """Time after which a scan is used even at rest [s]."""
     still_m: float = 0.005
+    """Distance within which the odometry of a standing robot stays [m]."""
     still_rad: float = 0.005
-    """The odometry of a robot that stands stays within this of where it was [m, rad]."""
+    """Turn within which the odometry of a standing robot stays [rad]."""
     same_m: float = 0.03
+    """Difference in range within which an echo is the same [m]."""
     same_share: float = 0.02
-    """An echo is the same within this distance [m] and this share of its range."""
+    """Share of its range that adds to `same_m`."""
     least_same: float = 0.85
-    """Share of the echoes that must be the same,"""
+    """Share of the echoes that must be the same."""
     least_both: float = 0.7
-    """and share of them that both scans must have: lidars miss an echo now and then."""
+    """Share of the echoes that both scans must have: lidars miss one now and then."""
 
 
 PARAMS = RestParams()

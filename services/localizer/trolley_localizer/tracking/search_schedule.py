@@ -11,7 +11,7 @@ class SearchSchedule:
     is_wanted: bool = True
     is_running: bool = False
     is_void: bool = False
-    """The one that runs began before the robot was carried off or put elsewhere."""
+    """Whether the running search began before the robot was carried off or put elsewhere."""
     since_s: float = math.inf
     """Robot time since the last search began [s]."""
     unproven_m: float = 0.0

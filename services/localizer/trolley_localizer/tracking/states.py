@@ -13,28 +13,30 @@ from trolley_localizer.tracking.tracking_state import TrackingMonitor
 
 @dataclass(frozen=True, slots=True)
 class FollowingParams:
-    """When the localizer changes its mind about a pose. All values were found by hand."""
+    """When the localizer replaces or drops a pose. All values were found by hand."""
 
     loyalty: float = 0.15
-    """An estimate that has proven right, and that no beam contradicts, is preferred by this much:
-    odometry seldom loses it, while furniture that was moved may well make another place fit
+    """Support that an estimate is given in advance once it has proven right and no beam contradicts
+    it: odometry seldom loses it, while furniture that was moved may well make another place fit
     better."""
     loyalty_astray: float = 0.05
-    """This share of beams that end nowhere behind walls takes all of `loyalty` away."""
+    """Share of beams that end nowhere behind walls at which all of `loyalty` is gone."""
     tried_m: float = 0.5
-    """A given pose that the map does not explain well is believed only after this distance [m]."""
+    """Distance after which a given pose that the map explains poorly is believed [m]."""
     least_known: float = 0.5
-    """Where less of the beams ends on what the map knows, the robot is off the map."""
+    """Share of beams ending on what the map knows below which the robot is off the map."""
     search_known: float = 0.8
-    """A search asks too much of the true place where less of the beams does."""
+    """Share of beams ending on what the map knows below which a search asks too much of the true
+    place."""
     known_smoothing_s: float = 0.4
     """Time constant of that share [s]."""
     trusted_m: float = 5.0
-    """A robot that comes back from further off the map must prove where it is [m]."""
+    """Distance off the map from which on a robot that comes back must prove where it is [m]."""
     searched_m: float = 0.5
-    """A place is believed only if a search no longer ago than this has found none beside it [m]."""
+    """Distance since the last search within which a place is believed if the search found none
+    beside it [m]."""
     doubted_m: float = 3.0
-    """An estimate that has been in doubt over this distance may be wrong after all [m]."""
+    """Distance in doubt after which an estimate may be wrong after all [m]."""
 
 
 PARAMS = FollowingParams()

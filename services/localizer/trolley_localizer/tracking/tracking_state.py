@@ -13,25 +13,26 @@ class TrackingParams:
     """When an estimate is believed. All values were found by hand."""
 
     scans_to_believe: int = 3
-    """This many scans in a row must support a pose before it is believed."""
+    """Number of scans in a row that must support a pose before it is believed."""
     smoothing_s: float = 0.4
     """Time constant of the support: a person walking by is no reason to doubt [s]."""
     max_step_s: float = 0.3
     """Longest time between two scans that counts: a gap says nothing about the pose [s]."""
     silent_s: float = 1.0
-    """After this long without seeing anything that the map knows, it is no longer sure [s]."""
+    """Time without seeing anything that the map knows after which the pose is unsure [s]."""
     vouched_s: float = 10.0
-    """A search that found nothing better vouches for a pose with little support this long [s]."""
+    """Time for which a search that found nothing better vouches for a pose with little support [s].
+    """
     vouched_slack: float = 0.15
-    """... as long as the support falls by no more than this."""
+    """Drop of the support at which it no longer vouches."""
     grace_s: float = 1.0
-    """An estimate that was believed stays so this long while it is checked against other places,
-    unless its support is poor [s]."""
+    """Time for which a believed estimate stays so while it is checked against other places, unless
+    its support is poor [s]."""
     untried_support: float = 0.2
-    """A given pose that was never believed is kept as unsure down to this support: where furniture
+    """Support down to which a given pose that was never believed is kept as unsure: where furniture
     was moved about it, only driving on can show whether it is right."""
     sudden_drop: float = 0.2
-    """Support this far below the usual one is a reason to search, however high it is."""
+    """Drop below the usual support that is a reason to search, however high the support is."""
     usual_s: float = 8.0
     """Time constant of the usual support [s]."""
 
@@ -48,7 +49,8 @@ class Evidence:
     spread_m: float
     """Spread of the hypotheses [m]."""
     is_silent: bool
-    """Too few echoes, or too few where the map knows what is there, to say anything."""
+    """Whether there are too few echoes, or too few where the map knows what is there, to say
+    anything."""
     is_open: bool = False
     """Whether this is the right place is still to be proven."""
     known: float = 1.0

@@ -22,9 +22,9 @@ WANTED: tuple[Any, ...] = (topics.POSE, topics.ZONES, topics.POSES, topics.TOURS
 """What an edit has to know of the robot."""
 Facts = dict[str, Any]
 ANSWER_NS = 1_400_000_000
-"""Local time after which who asked hears that it takes longer."""
+"""Local time after which a request is answered that the edit takes longer [ns]."""
 MAX_REMEMBERED = 8
-"""Number of edits of which one can still ask what came of them."""
+"""Number of edits whose outcome can still be asked for."""
 
 
 class EditTask:

@@ -26,48 +26,48 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class AlignmentParams:
-    """When walls fit, and where it is tried. Set by hand, with tests/unit/mapper."""
+    """When walls fit, and where alignment is tried. Set by hand, with tests/unit/mapper."""
 
     max_points: int = 3000
-    """Points of its walls that a map is compared by."""
+    """Number of wall points by which a map is compared."""
     coarse_cells: int = 320
     """Cells along the longer side of the grid that all placements are tried on."""
     min_coarse_m: float = 0.1
-    """Their edge at least [m]."""
+    """Least edge of those cells [m]."""
     max_coarse_step_rad: float = math.radians(6.0)
-    """Step between the angles that are tried, at most [rad]."""
+    """Largest step between the angles that are tried [rad]."""
     min_coarse_step_rad: float = math.radians(1.0)
-    """And at least [rad]."""
+    """Smallest step between the angles that are tried [rad]."""
     placements_per_angle: int = 2
     """Placements that are kept for each angle."""
     max_refined: int = 24
     """Placements that are refined."""
     agrees_m: float = 0.12
-    """A wall agrees with one this near [m]."""
+    """Distance within which a wall agrees with another [m]."""
     contradicts_m: float = 0.25
-    """And contradicts free floor this far from any wall [m]."""
+    """Distance from any wall beyond which a wall on free floor contradicts the map [m]."""
     sigma_m: float = 0.1
     """Standard deviation of a wall [m]."""
     fine_sigma_m: float = 0.03
-    """The same for the last refinement [m]."""
+    """Standard deviation of a wall in the last refinement [m]."""
     min_agreeing_m: float = 3.0
     """Length of walls that must agree [m]."""
     min_share: float = 0.8
     """Share of the walls on known ground that must agree."""
     rival: float = 0.8
-    """Another placement with more than this share of the best score makes it ambiguous."""
+    """Share of the best score above which another placement makes it ambiguous."""
     purer: float = 0.03
-    """So does one whose share of agreeing walls is greater by this, if at least `rival_length`
-    long."""
+    """Lead in the share of agreeing walls at which another placement makes it ambiguous, if at
+    least `rival_length` long."""
     rival_length: float = 0.2
     """Least agreeing length of such a placement, as a share of the best one's."""
     same_m: float = 0.5
-    """Placements nearer to each other than this, and turned by less than `same_rad`, are the same
-    [m]."""
+    """Distance within which placements are the same, if they differ by less than `same_rad` [m]."""
     same_rad: float = math.radians(10.0)
-    """See `same_m` [rad]."""
+    """Turn within which placements are the same, if they lie within `same_m` [rad]."""
     free_penalty: float = 1.5
-    """A wall across free floor says more against a placement than a wall on a wall says for it."""
+    """Weight of a wall across free floor against a placement, where a wall on a wall has 1 for it.
+    """
 
 
 PARAMS = AlignmentParams()
@@ -81,7 +81,7 @@ class Alignment:
     agreeing_m: float
     """Length of its walls that lie on walls of this map, about [m]."""
     share: float
-    """Of its walls that lie where this map is known, how much lies on walls, 0 to 1."""
+    """Share of its walls, where this map is known, that lie on walls, 0 to 1."""
 
 
 class _Side:

@@ -21,9 +21,9 @@ from trolley_mapper.edit.map_versions import MapVersions
 PLAN_FILE = "map_edit.json"
 """The plan's name in the robot's state folder, until it is carried out."""
 LOAD_NS = 60_000_000_000
-"""Local time after which a map counts as not loaded."""
+"""Local time after which a map counts as not loaded [ns]."""
 MAX_TRIES = 5
-"""A service counts as not there after so many requests without an answer."""
+"""Number of requests without an answer after which a service counts as absent."""
 KNOWN = ("localized", "unsure")
 """States of a pose that the new map's localization can start from."""
 NO_ROOM = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP)
@@ -39,23 +39,23 @@ class SwitchPlan(Struct, frozen=True, kw_only=True):
     """
 
     schema: int = 2
-    """Of the file; counted up when its form changes. Older files have none."""
+    """Version of the file's format. Files of the first version have none."""
     map: str
     """The map to be loaded."""
     of: str
     """The map that the robot was on."""
     version: int | None
-    """Of the map, from which it holds; None: whichever."""
+    """Version of the map from which the plan holds; None for any."""
     old_T_new: Pose2D
     """Maps points of the new map to the old one."""
     zones: list[Zone] = []
-    """To be stored."""
+    """Zones to store."""
     zones_gone: list[str] = []
-    """To be deleted."""
+    """Names of the zones to delete."""
     places: list[SavedPose] = []
-    """To be stored."""
+    """Places to store."""
     tours: list[Tour] = []
-    """To be stored."""
+    """Tours to store."""
 
 
 def store_plan(state: Path, plan: SwitchPlan) -> None:

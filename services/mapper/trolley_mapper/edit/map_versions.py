@@ -29,9 +29,9 @@ from trolley.state_file import Unreadable, keep_unreadable, parse, render
 from trolley.zones import ZoneFile
 
 SCHEMA = 1
-"""Of the entry `trolley` in a map's YAML file; counted up when its form changes."""
+"""Version of the format of the entry `trolley` in a map's YAML file."""
 MAX_KEPT = 20
-"""Former versions of a map; then the oldest is dropped."""
+"""Number of former versions of a map that are kept; then the oldest is dropped."""
 _KEPT = re.compile(r"([0-9]{4,9})\.yaml")
 _REMEDY = "make room on the disk, or check the folder and its rights"
 
@@ -40,7 +40,7 @@ class Version(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What a map's YAML file says of its version."""
 
     schema: int | None = None
-    """Of this entry; older files have none."""
+    """Version of this entry's format; older files have none."""
     number: int
     before: int | None = None
     """The version that `take_back` goes back to."""
@@ -49,11 +49,11 @@ class Version(Struct, frozen=True, kw_only=True, omit_defaults=True):
     made_of: str | None = None
     """The map that the first version was made of, if it was another."""
     zones_added: list[str] = []
-    """Names of the zones that came with it."""
+    """Names of the zones that this version added."""
     what: str = ""
-    """What was done, for people."""
+    """What was done, in words for people."""
     saved_at: str | None = None
-    """UTC, ISO 8601."""
+    """When it was saved: UTC, ISO 8601."""
 
 
 class Change(Struct, frozen=True, kw_only=True):

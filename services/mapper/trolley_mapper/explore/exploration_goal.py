@@ -21,9 +21,9 @@ class Limits:
     """What must not be exceeded, whatever glass doors seem to show."""
 
     radius_m: float
-    """No farther from home than this [m]."""
+    """Greatest distance from home [m]."""
     area_m2: float
-    """Enough floor for any house [m^2]."""
+    """Greatest floor area: enough for any house [m^2]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,15 +33,15 @@ class Scene:
     grid: GridMap
     """The map as it is now."""
     pose: Pose2D
-    """map_T_base."""
+    """Pose of the robot in the map (`map_T_base`)."""
     is_lost: bool
     """Whether the mapper does not know where the robot is."""
     is_unsure: bool
-    """Whether it doubts it."""
+    """Whether the mapper is unsure where the robot is."""
     zones: Sequence[Zone]
     """Those of the map that is being extended, and those that people have drawn."""
     home: Pose2D
-    """Where to drive in the end: map_T_base."""
+    """Pose to return to in the end (`map_T_base`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,15 +82,15 @@ class ExplorationGoal:
 
     goal: SendGoal
     frontier: Frontier | None
-    """What it is to show; None: the way home."""
+    """The frontier that the goal is to show; None on the way home."""
     sent_s: float
-    """When it was chosen, robot time [s]."""
+    """When the goal was chosen, robot time [s]."""
     limit_s: float
-    """How long it may take [s]."""
+    """Time that the goal may take [s]."""
     area_m2: float
-    """Floor that was known when it was chosen [m^2]."""
+    """Floor that was known when the goal was chosen [m^2]."""
     heard_s: float
-    """When it was sent last, or something was heard of it, robot time [s]."""
+    """When the goal was last sent or heard of, robot time [s]."""
 
     @property
     def id(self) -> str:

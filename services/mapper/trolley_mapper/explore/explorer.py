@@ -53,31 +53,32 @@ class ExplorerParams:
     survey_period_s: float = 2.0
     """Time between two surveys of the map while a goal is driven to [s]."""
     better: float = 2.0
-    """Another frontier replaces the one that is driven to if it is worth this many times more."""
+    """Factor on the worth by which another frontier replaces the present one."""
     better_growth_m2: float = 0.5
-    """And only after this much new floor was found since the last choice [m^2]."""
+    """Floor found since the last choice after which another frontier may replace the present one
+    [m^2]."""
     growth_m2: float = 0.5
-    """A goal that adds less floor than this is barren [m^2]."""
+    """Floor that a goal must add not to be barren [m^2]."""
     max_barren: int = 12
-    """Exploring ends after this many barren goals in a row."""
+    """Number of barren goals in a row after which exploring ends."""
     max_failed: int = 5
-    """After this many failed goals in a row it is the robot that is stuck, not the places."""
+    """Number of failed goals in a row after which it is the robot that is stuck, not the places."""
     goal_s: float = 40.0
     """Time that any goal may take [s]."""
     goal_s_per_m: float = 12.0
-    """Time that it may take besides for each metre of its path [s/m]."""
+    """Extra time that a goal may take for each metre of its path [s/m]."""
     answer_s: float = 5.0
-    """A goal that nothing was heard of for this long is sent again [s]."""
+    """Silence after which a goal is sent again [s]."""
     wait_s: float = 60.0
     """Time to wait for a planner, or for a pose [s]."""
     start_s: float = 15.0
     """Time within which the map must show somewhere to go [s]."""
     min_area_m2: float = 1.0
-    """With less floor than this after `start_s` the robot is boxed in [m^2]."""
+    """Floor below which the robot is boxed in after `start_s` [m^2]."""
     lost_s: float = 5.0
-    """A pose that is lost for longer pauses exploring [s]."""
+    """Time after which a lost pose pauses exploring [s]."""
     unsure_s: float = 30.0
-    """A pose that is unsure for longer pauses exploring [s]."""
+    """Time after which an unsure pose pauses exploring [s]."""
     xy_tolerance_m: float = 0.15
     """Position tolerance of the goals [m]."""
     yaw_tolerance_rad: float = 0.3
@@ -85,7 +86,7 @@ class ExplorerParams:
     any_yaw_rad: float = 3.2
     """Heading tolerance for a lidar that sees all round [rad]."""
     home_m: float = 20.0
-    """Length that the path home counts as where none is known [m]."""
+    """Length assumed for the path home where none is known [m]."""
 
 
 PARAMS = ExplorerParams()
@@ -103,7 +104,7 @@ class Progress:
     """Floor that was known when a goal last added any [m^2]."""
     num_sent: int = 0
     num_barren: int = 0
-    """Goals since then."""
+    """Number of goals since then that added no floor."""
     num_failed_in_row: int = 0
     num_unreachable: int = 0
     """Wide frontiers without a path to them, once no other is left."""

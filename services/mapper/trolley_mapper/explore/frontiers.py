@@ -26,15 +26,16 @@ class FrontierParams:
     """How goals are found for frontiers, and compared. Set by hand."""
 
     max_distance_m: float = 2.0
-    """From a goal to the frontier that it belongs to, at most [m]."""
+    """Greatest distance from a goal to its frontier [m]."""
     view_m: float = 3.0
-    """Unknown floor within this distance of a goal counts as what it would show [m]."""
+    """Distance from a goal within which it would show unknown floor [m]."""
     num_rays: int = 90
-    """Rays that are cast for that, all round."""
+    """Number of rays, all round, that are cast to measure that floor."""
     num_goals: int = 8
     """Goals that are compared for each frontier."""
     max_step_aside_m: float = 0.6
-    """A path begins this far away at most where the robot stands too near to something [m]."""
+    """Greatest distance to the begin of a path where the robot stands too near to an obstacle [m].
+    """
 
 
 PARAMS = FrontierParams()
@@ -63,14 +64,15 @@ class Frontier:
     """A piece of the border between free and unknown floor, and the best place to look from."""
 
     x: float
-    """A place on it, in the map [m]."""
+    """x of a place on it, in the map [m]."""
     y: float
+    """y of that place [m]."""
     goal: Pose2D
-    """map_T_base, with the unknown ahead."""
+    """Pose to drive to (`map_T_base`), with the unknown ahead."""
     distance_m: float
     """Length of the path to the goal [m]."""
     gain_m2: float
-    """Unknown floor that the goal would show at most [m^2]."""
+    """Most unknown floor that the goal would show [m^2]."""
 
     @property
     def worth(self) -> float:
@@ -109,10 +111,12 @@ def find_frontiers(area: TraversableArea, here: Pose2D, clearance: Clearance) ->
     cost, seed = _empty(area), _empty(area)
     start = _nearest_passable(area, here, passable)
     spread_into(cost, seed, passable, start, UNREACHED // 2)
-    stands = np.flatnonzero((cost != UNREACHED) & (room_m >= clearance.standing_m)).astype(np.int32)
+    standing = np.flatnonzero((cost != UNREACHED) & (room_m >= clearance.standing_m)).astype(
+        np.int32
+    )
     near, goal = _empty(area), _empty(area)
     free = (area.kinds == FREE).astype(np.uint8)
-    spread_into(near, goal, free, stands, _steps(area, PARAMS.max_distance_m))
+    spread_into(near, goal, free, standing, _steps(area, PARAMS.max_distance_m))
     frontiers: list[Frontier] = []
     unreachable: list[tuple[float, float]] = []
     for cells in _frontier_cells(area, free, clearance.width_m):

@@ -4,15 +4,15 @@ import math
 from dataclasses import dataclass
 
 SAME_M = 0.6
-"""Frontiers nearer to each other than this are one place [m]."""
+"""Distance within which frontiers are one place [m]."""
 MAX_ARRIVALS = 2
-"""A frontier that is still there after the robot has stood before it so often stays unknown."""
+"""Number of times that the robot stands before a frontier before it stays unknown."""
 MAX_FAILURES = 2
-"""A frontier that could not be reached so often is not tried again."""
+"""Number of failures after which a frontier is not tried again."""
 REGION_M = 1.5
-"""Frontiers this near to where goals came to nothing belong to the same region [m]."""
+"""Distance from failed goals within which frontiers belong to the same region [m]."""
 MAX_BARREN = 2
-"""A region is dropped after so many goals there that added no floor: behind a mirror the frontiers
+"""Number of goals without new floor after which a region is dropped: behind a mirror the frontiers
 move on, and what is seen there comes and goes."""
 
 
@@ -21,9 +21,9 @@ class Visits:
     """What came of the goals at one place."""
 
     x: float
-    """In the map [m]."""
+    """x of the place in the map [m]."""
     y: float
-    """In the map [m]."""
+    """y of the place in the map [m]."""
     arrivals: int = 0
     failures: int = 0
 

@@ -16,9 +16,9 @@ class StepParams(NamedTuple):
     """Limits of a Gauss-Newton step. Set by hand."""
 
     max_shift: float = 0.3
-    """Of one step [m]."""
+    """Greatest shift of one step [m]."""
     max_turn: float = 0.15
-    """Of one step [rad]."""
+    """Greatest turn of one step [rad]."""
     without_normal: float = 0.3
     """Weight of a point without a direction of its own: it may be on the other side of a corner."""
 

@@ -13,17 +13,18 @@ class NormalParams(NamedTuple):
     """Which neighbours of a point show the direction of its surface. Set by hand."""
 
     reach: float = 0.12
-    """Those within this distance [m]."""
+    """Distance within which neighbours count [m]."""
     reach_gaps: float = 3.5
-    """Or within this many gaps between beams, where beams lie farther apart."""
+    """Number of gaps between beams within which neighbours count where beams lie farther apart."""
     jump: float = 0.08
-    """Neighbours farther apart than this belong to two things [m]."""
+    """Distance beyond which neighbours belong to two objects [m]."""
     jump_gaps: float = 4.0
-    """Or farther apart than this many gaps: a wall seen at 14 degrees."""
+    """Number of gaps beyond which neighbours belong to two objects where beams lie farther apart: a
+    wall seen at 14 degrees."""
     rough: float = 0.02
-    """Root mean square distance from the line beyond which it is none [m]."""
+    """Root mean square distance of the points beyond which they form no line [m]."""
     rough_share: float = 0.004
-    """What is added to it for each metre of range."""
+    """Extra distance for each metre of range."""
 
 
 NORMAL = NormalParams()

@@ -14,13 +14,13 @@ IN_FREE_SPACE = 2
 THROUGH_SURFACE = 3
 
 SAME_SIDE = 0.75
-"""Points whose normals have a greater product are of one surface, and averaged."""
+"""Least product of the normals of points that are averaged as one surface."""
 PARTNERS = 0.6
-"""A point is aligned with a surfel if the product of their normals is greater."""
+"""Least product of the normals of a point and the surfel that it is aligned with."""
 NOT_BEHIND = 0.0
-"""A surfel explains a point if the product of their normals is greater."""
+"""Least product of the normals of a point and the surfel that explains it."""
 MARGIN_M = 0.3
-"""A beam that goes on behind a surface by less than this does not contradict it [m]."""
+"""Distance behind a surface below which a beam that goes on does not contradict it [m]."""
 
 
 @kernel

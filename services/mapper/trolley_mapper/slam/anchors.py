@@ -8,7 +8,7 @@ from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.pose_graph import between
 
 OWN_WITHIN_M = 3.0
-"""Places of a map made before that are farther than this from all keyframes do not move [m]."""
+"""Distance from all keyframes beyond which places of an earlier map do not move [m]."""
 
 
 class Anchors:

@@ -16,10 +16,10 @@ MapJob = LoopJob | JoinJob
 
 @dataclass(frozen=True, slots=True)
 class BackEndParams:
-    """What to remember. Set by hand."""
+    """Limits of the back end. Set by hand."""
 
     max_pending: int = 30
-    """Closures that wait for one that agrees with them."""
+    """Number of closures that wait for one that agrees with them."""
 
 
 PARAMS = BackEndParams()

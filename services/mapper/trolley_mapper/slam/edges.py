@@ -15,11 +15,11 @@ class EdgeParams:
     """Which matches become edges. Found with bench/mapper/."""
 
     max_edges: int = 3
-    """A keyframe gets scan-match edges to this many others at most."""
+    """Number of scan-match edges that a keyframe gets at most."""
     min_share: float = 0.12
-    """Each must have contributed at least this share of the matched points."""
+    """Least share of the matched points that the other keyframe of an edge contributes."""
     odometry_variance: float = 1e-6
-    """Added to the odometry's covariance, so that it can be inverted [m^2, rad^2]."""
+    """Variance added to the odometry's covariance, so that it can be inverted [m^2, rad^2]."""
 
 
 PARAMS = EdgeParams()

@@ -30,41 +30,44 @@ class JoinParams:
     """Where a loose part is searched for, and when it is joined. Set by hand."""
 
     place_m: float = 2.5
-    """Places that are searched lie this far apart along an axis [m]."""
+    """Distance between searched places along an axis [m]."""
     window_m: float = 4.0
-    """Half the window at each of them: floor that was not driven over is searched, too [m]."""
+    """Half the search window at each place: floor that was not driven over is searched, too [m]."""
     around_m: float = 12.0
-    """Keyframes this near to a place are compared with [m]."""
+    """Distance from a place within which keyframes are compared [m]."""
     reach_m: float = 14.0
-    """Surfaces this near to it [m]."""
+    """Distance from a place within which surfaces are compared [m]."""
     devs: float = 4.0
-    """Places beyond this many standard deviations of the odometry are not searched."""
+    """Number of the odometry's standard deviations beyond which places are not searched."""
     hint_window: tuple[float, float] = (0.4, 0.15)
     """Half the window where an earlier closure leads [m, rad]."""
     max_hints: int = 3
-    """Earlier closures that are followed up with each scan."""
+    """Number of earlier closures that are followed up with each scan."""
     proof_m: float = 3.0
-    """A join is believed once closures agree over this distance driven [m]."""
+    """Distance driven over which closures must agree for a join [m]."""
     clear_proof_m: float = 0.6
-    """Or over this, where they show little that is new [m]."""
+    """Distance driven over which closures must agree where their scans show little that is new [m].
+    """
     turn_m: float = 0.5
-    """A turn by 1 rad shows as much that is new as driving this far [m/rad]."""
+    """Distance that shows as much that is new as a turn by 1 rad [m/rad]."""
     clear_explained: float = 0.75
-    """They show little that is new if they explain this share of their points."""
+    """Share of their points that scans must explain to show little that is new."""
     pinned: float = 100.0
-    """Information on the place that they show together in every direction, or they may lie anywhere
-    along a corridor [1/m^2]."""
+    """Information on the place that the scans must give together in every direction, or they may
+    lie anywhere along a corridor [1/m^2]."""
     lead: float = 20.0
     """Lead in log-likelihood over any other place: as of one scan that fits well, and nowhere else.
     """
     max_checked: int = 12
-    """Scans of the part that are compared with the map before it is joined."""
+    """Number of the part's scans that are compared with the map before it is joined."""
     checked_near_m: float = 0.15
-    """A point this near to a surface is explained then: the part may be a little bent [m]."""
+    """Distance from a surface within which a point is explained then: the part may be slightly bent
+    [m]."""
     min_match: float = 0.8
     """Share of all their points in known space that must be explained."""
     joint_error: float = 25.0
-    """Squared error that the odometry across the gap may add; else the wheels slipped there."""
+    """Squared error that the odometry across the gap may add; with more the wheels slipped there.
+    """
 
 
 PARAMS = JoinParams()

@@ -24,7 +24,7 @@ class KeyframeMapParams:
     """When keyframes are redundant. Set by hand."""
 
     same_place: float = 1.2
-    """Keyframes nearer than this share of the distance between keyframes show the same."""
+    """Share of the distance between keyframes below which two of them show the same."""
 
 
 PARAMS = KeyframeMapParams()

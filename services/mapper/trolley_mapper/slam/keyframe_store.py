@@ -17,15 +17,16 @@ class KeyframeStoreParams:
     """How keyframes nearby are chosen. Set by hand."""
 
     min_edge_m: float = 0.15
-    """An edge counts as this long at least: two keyframes that see the same drift, too [m]."""
+    """Least length that an edge counts as: two keyframes that see the same drift, too [m]."""
     alike_distance_m: float = 2.0
-    """Keyframes alike are looked for within this distance along edges [m]."""
+    """Distance along edges within which similar keyframes are searched for [m]."""
     turn_m: float = 0.3
-    """A keyframe that looks another way shows less of what is seen from here [m/rad]."""
+    """Distance that a turn by 1 rad counts as: a keyframe with another heading shows less of what
+    is seen from here [m/rad]."""
     apart_turn_m: float = 0.5
-    """Keyframes are apart by their headings, too [m/rad]."""
+    """Distance that a turn by 1 rad between chosen keyframes counts as [m/rad]."""
     min_apart_m: float = 0.2
-    """Chosen keyframes lie at least this far apart [m]."""
+    """Least distance between chosen keyframes [m]."""
 
 
 PARAMS = KeyframeStoreParams()

@@ -26,19 +26,19 @@ class LocalMapParams:
     sigma_m: float = 0.03
     """Standard deviation of a point from its surface [m]."""
     independent_points: float = 60.0
-    """A scan counts as this many independent points."""
+    """Number of independent points that a scan counts as."""
     width_m: float = 0.05
     """Residual at which a point counts half, about [m]."""
     last_reach_m: float = 0.12
-    """In the end points have partners within this distance [m]."""
+    """Distance within which points have partners in the last steps [m]."""
     max_iterations: int = 25
-    """Gauss-Newton steps of an alignment at most."""
+    """Number of Gauss-Newton steps of an alignment at most."""
     normal_noise: float = 0.01
     """Share of the information that is noise."""
     turn_m: float = 3.0
-    """A turn by 1 rad counts as a distance of this [m]."""
+    """Distance that a turn by 1 rad counts as [m]."""
     near_m: float = 0.08
-    """A point this near to a surface is explained by it [m]."""
+    """Distance from a surface within which a point is explained by it [m]."""
     fine_cell_m: float = 0.05
     """Cell edge of the grid for correlative matching [m]."""
     blur_m: float = 0.07
@@ -46,16 +46,16 @@ class LocalMapParams:
     num_levels: int = 5
     """Levels of its pyramid."""
     search_far_m: float = 12.0
-    """Points farther from the robot are not searched with: the alignment after it takes them [m].
-    """
+    """Distance from the robot beyond which points are left out of the search; the alignment after
+    it takes them [m]."""
     search_spare_m: float = 1.0
-    """The grid reaches this far beyond what a search needs, for the next one nearby [m]."""
+    """Extra reach of the grid beyond a search, for the next one nearby [m]."""
     search_points: int = 180
-    """Points of a scan that are searched with, about."""
+    """Approximate number of a scan's points that are searched with."""
     free_beams: int = 120
-    """Beams of each keyframe that mark free space, about."""
+    """Approximate number of each keyframe's beams that mark free space."""
     prior_times: int = 3
-    """The floor of a map made before counts as seen by this many keyframes (by hand)."""
+    """Number of keyframes that the floor of an earlier map counts as seen by (by hand)."""
 
 
 PARAMS = LocalMapParams()

@@ -34,49 +34,49 @@ class LoopParams:
     """Where loops are searched for, and which are believed. Found with bench/mapper/."""
 
     query_distance_m: float = 2.0
-    """Keyframes within this distance along edges are looked for together [m]."""
+    """Distance along edges within which keyframes are searched for together [m]."""
     max_query: int = 5
-    """And at most this many."""
+    """Number of keyframes that are searched for together at most."""
     place_distance_m: float = 5.0
-    """An old place is made of keyframes within this distance along edges [m]."""
+    """Distance along edges within which keyframes form an old place [m]."""
     max_place: int = 20
-    """And of at most this many."""
+    """Number of keyframes that form an old place at most."""
     max_places: int = 3
-    """Old places that are tried for each keyframe."""
+    """Number of old places that are tried for each keyframe."""
     apart_m: float = 3.0
-    """They lie at least this far apart [m]."""
+    """Least distance between old places that are tried [m]."""
     overlap_m: float = 2.5
-    """Places farther than the window and this cannot show the same [m]."""
+    """Distance beyond the window above which two places cannot show the same [m]."""
     window_rad_per_m: float = 0.006
     """Growth of the window with the distance driven [rad/m]."""
     window_m: float = 0.5
-    """Half the search window after no distance [m]."""
+    """Half the search window before any distance was driven [m]."""
     window_rad: float = 0.2
-    """Half its range of headings after no distance [rad]."""
+    """Half the range of headings before any distance was driven [rad]."""
     max_window_m: float = 8.0
-    """Half the window at most [m]."""
+    """Greatest half of the search window [m]."""
     min_score: float = 0.5
-    """The search looks for no lower score, 0 ... 1."""
+    """Score below which the search stops, 0 ... 1."""
     pull: float = 0.05
-    """How much better a pose in the window's corner must be than one in its middle."""
+    """Lead in score that a pose in the window's corner needs over one in its middle."""
     min_match: float = 0.85
-    """Share of the points in known space that a closure explains."""
+    """Share of the points in known space that a closure must explain."""
     min_explained: float = 0.45
-    """Share of all points that it explains."""
+    """Share of all points that a closure must explain."""
     agree_m: float = 0.15
-    """Two closures agree if one leads to the other within this [m]."""
+    """Distance within which one closure must lead to another for them to agree [m]."""
     agree_rad: float = 0.04
-    """And within this [rad]."""
+    """Turn within which one closure must lead to another for them to agree [rad]."""
     agree_distance_m: float = 6.0
-    """And if their ends lie this near to each other [m]."""
+    """Distance within which the ends of two closures must lie for them to agree [m]."""
     doubtful_strain: float = 4.0
-    """Closures that raise it by more than this each must be borne out along `proof_m`: on drives
+    """Rise of the squared error above which closures must be borne out along `proof_m`: on drives
     with a scan a metre right ones raised it by up to 0.5, wrong ones in corridors by 17."""
     proof_m: float = 3.0
-    """Doubtful closures are believed once they agree over this distance driven [m]."""
+    """Distance driven over which doubtful closures must agree to be believed [m]."""
     max_strain: float = 250.0
-    """A closure that is believed raises the squared error of all edges by no more than this: right
-    ones raised it by up to 90 after bad odometry, wrong ones by 700."""
+    """Greatest rise of the squared error of all edges by a closure: right ones raised it by up to
+    90 after bad odometry, wrong ones by 700."""
 
 
 PARAMS = LoopParams()

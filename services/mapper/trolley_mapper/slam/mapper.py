@@ -39,25 +39,25 @@ from trolley_mapper.slam.tracking_state import TrackingState
 
 @dataclass(frozen=True, slots=True)
 class MapperParams:
-    """How far off a pose may be that does not come from a scan. Set by hand."""
+    """How uncertain poses from elsewhere are, and when mapping waits. Set by hand."""
 
     origin_devs: tuple[float, float] = (0.001, 0.001)
-    """Of the pose that a new map begins at [m, rad]."""
+    """Standard deviations of the pose that a new map begins at [m, rad]."""
     jump_devs: tuple[float, float] = (0.3, 0.3)
-    """After a jump of the odometry [m, rad]."""
+    """Standard deviations after a jump of the odometry [m, rad]."""
     given_devs: tuple[float, float] = (0.2, 0.15)
-    """Of a start pose on an existing map [m, rad]."""
+    """Standard deviations of a start pose on an existing map [m, rad]."""
     slip_devs: tuple[float, float] = (0.3, 0.3)
-    """Of what the wheels report of a step in which they slipped [m, rad]."""
+    """Standard deviations of the odometry over a step in which the wheels slipped [m, rad]."""
     blind_devs: tuple[float, float] = (0.35, 0.2)
-    """After driving blindly so far that the pose is less sure, one scan cannot tell where it is:
-    a new part begins [m, rad]."""
+    """Standard deviations above which one scan cannot tell where the robot is after driving
+    blindly: a new part begins [m, rad]."""
     blind_times: float = 3.0
-    """While nothing is seen, a keyframe waits for this many times the usual distance."""
+    """Factor on the distance between keyframes while nothing is seen."""
     min_part: int = 3
-    """Loose parts of fewer scans are forgotten when the next one begins."""
+    """Number of scans below which a loose part is forgotten when the next one begins."""
     slip_patience: float = 2.0
-    """While wheels slip, a keyframe waits for this many times the usual distance."""
+    """Factor on the distance between keyframes while wheels slip."""
 
 
 PARAMS = MapperParams()

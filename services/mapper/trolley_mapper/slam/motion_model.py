@@ -15,15 +15,15 @@ class MotionModelParams:
     """
 
     still_m: float = 0.01
-    """Position, whatever the odometry says [m]."""
+    """Deviation of the position, whatever the odometry says [m]."""
     still_rad: float = 0.01
-    """Heading, whatever the odometry says [rad]."""
+    """Deviation of the heading, whatever the odometry says [rad]."""
     distance_share: float = 0.12
-    """Position, as a share of the distance driven (alpha3)."""
+    """Deviation of the position, as a share of the distance driven (alpha3)."""
     turn_share: float = 0.12
-    """Heading, as a share of the turn (alpha1)."""
+    """Deviation of the heading, as a share of the turn (alpha1)."""
     turn_rad_per_m: float = 0.04
-    """Heading, for each metre driven [rad/m] (alpha2)."""
+    """Deviation of the heading for each metre driven [rad/m] (alpha2)."""
 
 
 PARAMS = MotionModelParams()

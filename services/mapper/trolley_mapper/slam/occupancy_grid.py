@@ -18,14 +18,15 @@ class OccupancyParams:
     """Log-odds in hundredths, and what follows from them (Thrun 2005, table 9.1). Set by hand."""
 
     rise: int = 60
-    """Of a cell where a beam ends."""
+    """Log-odds that a cell gains where a beam ends."""
     fall: int = 20
-    """Of a cell that a beam passes."""
+    """Log-odds that a cell loses where a beam passes."""
     wall_from: int = 62
-    """A cell is a wall from two keyframes' ends on (0.65 is OCCUPIED_FROM), as long as at least
-    one beam in four ends there. While there is but one keyframe, its ends are all the walls."""
+    """Log-odds from which on a cell is a wall: the ends of two keyframes' beams (0.65 is
+    OCCUPIED_FROM), as long as at least one beam in four ends there. While there is but one
+    keyframe, its ends are all the walls."""
     limit: int = 600
-    """Of any cell at most."""
+    """Greatest log-odds of a cell, up or down."""
     margin_cells: int = 40
     """Cells that are added on each side when the grid must grow."""
 

@@ -11,24 +11,24 @@ from trolley.geometry import Pose2D
 
 @dataclass(frozen=True, slots=True)
 class OdometryScaleParams:
-    """What is believed, and from when on. Found with bench/mapper/."""
+    """How the odometry's scales are estimated. Found with bench/mapper/."""
 
     scale_dev: float = 0.06
     """Standard deviation of the scales before the first metre."""
     errors: tuple[float, float] = (0.012, 0.012)
     """Error of a measured distance and turn [m, rad]."""
     fading: float = 0.995
-    """A measurement counts by this factor after each later one, so that some 200 count."""
+    """Factor on a measurement's weight with each later one, so that some 200 count."""
     min_distance_m: float = 0.1
-    """Shorter distances are no measurement [m]."""
+    """Distance below which a drive is no measurement [m]."""
     min_turn_rad: float = 0.1
-    """Smaller turns are no measurement [rad]."""
+    """Angle below which a turn is no measurement [rad]."""
     slip_share: float = 0.15
-    """Disagreement by more than this is slip and no wrong scale."""
+    """Disagreement above which the wheels slipped, rather than the scale being wrong."""
     max_bend_rad: float = 0.4
-    """Paths that bend more are left out: their chord says little of their length [rad]."""
+    """Bend above which paths are left out: their chord says little of their length [rad]."""
     min_information: tuple[float, float] = (2500.0, 2500.0)
-    """The scan must show distance and turn at least this well [1/m^2, 1/rad^2]."""
+    """Least information of the scan on distance and turn [1/m^2, 1/rad^2]."""
 
 
 PARAMS = OdometryScaleParams()

@@ -35,15 +35,15 @@ class PoseGraphParams:
     phi: float = 10.0
     """Squared error beyond which a loop begins to count less (Agarwal 2013, Phi), set by hand."""
     max_iterations: int = 30
-    """Damped Gauss-Newton steps at most."""
+    """Number of damped Gauss-Newton steps at most."""
     min_damping: float = 1e-6
-    """Share of the diagonal that is added to it (Levenberg, Marquardt)."""
+    """Share of the diagonal that is added to it as damping (Levenberg, Marquardt)."""
     inlier: float = 25.0
-    """Squared error of a loop up to which it may hold, when loops contradict each other."""
+    """Squared error up to which a loop may hold when loops contradict each other."""
     sharpening: float = 1.6
     """Growth of the non-convexity from step to step (Yang 2020, mu)."""
     max_information: float = 2.5e5
-    """Averaging makes nothing surer than this: a deviation of 2 mm or mrad."""
+    """Greatest information that averaging gives: a deviation of 2 mm or mrad."""
 
 
 PARAMS = PoseGraphParams()

@@ -8,9 +8,9 @@ from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.occupancy_grid import prior_walls
 
 WINDOW_CELLS = 3
-"""Walls within this many cells show which way the surface faces."""
+"""Distance within which walls show which way a surface faces [cells]."""
 FREE_EVERY = 2
-"""Of the free cells one in this many along each axis is kept."""
+"""Number of free cells along each axis of which one is kept."""
 
 
 def prior_keyframe(number: int, grid: GridMap) -> Keyframe:

@@ -27,84 +27,88 @@ class ScanMatcherParams:
     """When a match is good, and where else a scan is tried. Found with bench/mapper/."""
 
     min_dev_m: float = 0.004
-    """The position is never believed to be surer than this [m]."""
+    """Least standard deviation of the position [m]."""
     min_dev_rad: float = 0.002
-    """The heading is never believed to be surer than this [rad]."""
+    """Least standard deviation of the heading [rad]."""
     contradiction: float = 3.0
-    """Beyond this many standard deviations odometry and scan contradict each other."""
+    """Number of standard deviations beyond which odometry and scan contradict each other."""
     gate_devs: tuple[float, float] = (0.05, 0.08)
-    """Besides, the odometry may be off by this much at any scan, late or slipping [m, rad]."""
+    """Standard deviations of the odometry at any scan, besides its model: it may be late or slip
+    [m, rad]."""
     slip_cost: float = 8.0
-    """Wheels that slip may report anything: log-likelihood that any pose costs at most, set by hand
-    as 4 standard deviations do."""
+    """Most log-likelihood that a pose costs, since wheels that slip may report anything; set by
+    hand as 4 standard deviations do."""
     evidence: float = 25.0
     """Log-likelihood of a scan that is explained in all its points: neighbours err together."""
     contradiction_cost: float = 1.5
-    """A point that contradicts what is known weighs this many that are explained."""
+    """Number of explained points that a point against what is known outweighs."""
     slip_lead: float = 16.0
-    """Lead in log-likelihood over where the odometry leads of a pose that it speaks against: turns
-    that wheels had missed led by 32 to 45, places that look alike by 4."""
+    """Lead in log-likelihood that a pose needs against the odometry: turns that wheels had missed
+    led by 32 to 45, places that look alike by 4."""
     slipping_information: float = 0.05
-    """Information of wheels that slipped at the last scan, as a share: else they carry the pose
-    along little by little where the scan does not show it well."""
+    """Share of the odometry's information that is kept after wheels slipped at the last scan: with
+    more they carry the pose along little by little where the scan does not show it well."""
     min_match: float = 0.6
-    """Share of the points in known space that a good match explains."""
+    """Share of the points in known space that a good match explains at least."""
     min_explained: float = 0.25
-    """Share of all points that a good match explains."""
+    """Share of all points that a good match explains at least."""
     min_explained_points: int = 15
-    """Number of points that a good match explains."""
+    """Number of points that a good match explains at least."""
     max_new_contradicts: float = 0.15
-    """A scan of what was not seen before contradicts by at most this share of its points."""
+    """Greatest share of its points by which a scan of unseen surroundings contradicts the map."""
     min_window: tuple[float, float] = (0.35, 1.0)
-    """Half the search window where the scan does not fit where it is expected [m, rad]."""
+    """Least half of the search window where the scan does not fit where it is expected [m, rad]."""
     doubtful_cost: float = 3.0
-    """A pose that the odometry speaks against by this log-likelihood must have no rival."""
+    """Log-likelihood of the odometry against a pose above which it must have no rival."""
     rival_window: tuple[float, float] = (1.0, 0.3)
     """Half the window in which a scan is tried a quarter turn and more away [m, rad]."""
     rival_lead: float = 8.0
-    """Lead in log-likelihood over those, or nobody knows which way round the robot is."""
+    """Lead in log-likelihood that a pose needs over the rivals in `rival_window`; with less the
+    robot's heading is unknown."""
     max_window: tuple[float, float] = (2.0, 1.6)
-    """The same at most [m, rad]."""
+    """Greatest half of the search window [m, rad]."""
     window_per_m: float = 2.0
-    """It grows by this for each metre that the odometry reports: wheels that spin report distance
-    that was not driven, and some report reversing as driving forward."""
+    """Growth of the search window for each metre that the odometry reports: wheels that spin report
+    distance that was not driven, and some report reversing as driving forward."""
     window_per_rad: float = 1.0
-    """It grows by this for each radian that the odometry reports."""
+    """Growth of the search window for each radian that the odometry reports."""
     min_score: float = 0.4
-    """The search looks for no lower score, 0 ... 1."""
+    """Score below which the search stops, 0 ... 1."""
     pull: float = 0.08
-    """How much better a pose in the window's corner must be than one in its middle."""
+    """Lead in score that a pose in the window's corner needs over one in its middle."""
     lead_as_before: float = 0.03
-    """Lead in quality of a pose that follows from the motion so far."""
+    """Lead in quality that a pose needs that follows from the motion so far."""
     lead_stood_again: float = 0.01
-    """The same where it stood just before."""
+    """Lead in closeness, as a share of the points, that the last pose needs while wheels slip."""
     lead_stood: float = 0.03
-    """Lead in closeness, as a share of the points, of a pose from which the robot did not move."""
+    """Lead in closeness, as a share of the points, that the robot's last pose needs."""
     lead_still: float = 0.07
-    """Lead in closeness of a scan that is read as one from a standing robot."""
+    """Lead in closeness that a scan needs that is read as one from a standing robot."""
     lead: float = 0.05
-    """Lead in quality of a pose that the search has found."""
+    """Lead in quality that a pose from the search needs."""
     below_usual: float = 0.1
-    """A match by this much below the usual one is doubted."""
+    """Drop below the usual match at which a match is doubted."""
     smoothing: float = 0.05
-    """Share by which a match changes what is usual."""
+    """Weight of a match in the usual one."""
     apart_m: float = 0.05
-    """Where odometry and the motion so far lead this far apart, both are tried [m]."""
+    """Distance between the odometry's pose and that of the motion so far from which on both are
+    tried [m]."""
     apart_rad: float = 0.06
-    """The same [rad]."""
+    """Turn between the odometry's pose and that of the motion so far from which on both are tried
+    [rad]."""
     bent_rad: float = 0.03
-    """Turn during a scan from which on it is tried as one from a standing robot [rad]: wheels that
-    spin during a scan bend it."""
+    """Turn during a scan from which on it is tried as one from a standing robot, too: wheels that
+    spin during a scan bend it [rad]."""
     below_when_bent: float = 0.03
-    """And a match by this much below the usual one from which on it is."""
+    """Drop below the usual match from which on a scan is tried as one from a standing robot."""
     close_m: float = 0.04
-    """A point this near to a surface lies on it, stricter than for a match [m]."""
+    """Distance from a surface within which a point lies on it, stricter than for a match [m]."""
     far_share: float = 0.95
-    """One sees as far as this share of the points lies near."""
+    """Share of a scan's points within whose range it is taken to see."""
     stood_m: float = 0.02
-    """A step from which on it is tried whether the robot stood [m]."""
+    """Step from which on it is tried whether the robot stood [m]."""
     min_telling_points: int = 3
-    """Lead in points that is needed besides."""
+    """Lead in points that is needed besides the leads in quality and closeness."""
 
 
 PARAMS = ScanMatcherParams()
@@ -119,14 +123,14 @@ class MatchQuality:
     explained: float
     """Share of all points that are explained, 0 ... 1."""
     is_good: bool
-    """It fits, and shows enough of what is known to be sure."""
+    """Whether it fits, and shows enough of what is known to be sure."""
     is_new: bool = False
-    """It shows little of what is known, and nothing speaks against where the odometry leads."""
+    """Whether it shows little of what is known, and nothing contradicts the odometry's pose."""
     contradicts: float = 0.0
     """Share of all points that lie where nothing should be, or behind a surface, 0 ... 1."""
 
     is_ambiguous: bool = False
-    """Wheels slipped, and nobody knows which of several poses is right."""
+    """Whether wheels slipped and several poses remain possible."""
 
     @property
     def log_likelihood(self) -> float:

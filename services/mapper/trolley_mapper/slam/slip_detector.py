@@ -15,11 +15,11 @@ class SlipParams:
     """When wheels count as slipping. Set by hand."""
 
     fading: float = 0.85
-    """Share of what was before each scan that still counts: about seven scans."""
+    """Weight that earlier motion keeps with each scan: about seven scans count."""
     min_reported: tuple[float, float] = (0.06, 0.2)
-    """The wheels must report this much before it is judged [m, rad]."""
+    """Motion that the wheels must report before it is judged [m, rad]."""
     driven_share: float = 0.5
-    """A smaller share of that is driven where wheels slip."""
+    """Share of the reported motion below which the wheels slip."""
 
 
 PARAMS = SlipParams()

@@ -12,7 +12,7 @@ from trolley_mapper.kernels import lines as kernels
 from trolley_mapper.kernels.layout import Cloud
 
 SPACING_M = 0.025
-"""Neighbouring points of a scan nearer to each other than this tell the same [m]."""
+"""Distance below which neighbouring points of a scan say the same [m]."""
 
 FRONT_END = FrontEndParams(
     least_range_m=1e-3,

@@ -13,11 +13,12 @@ class TrackingParams:
     """What it takes to believe a pose. Set by hand."""
 
     max_step_s: float = 0.3
-    """A pause of the lidar proves nothing: it counts as a bad match for at most this long [s]."""
+    """Longest time that a gap between scans counts as a bad match: a pause of the lidar proves
+    nothing [s]."""
     lost_after_m: float = 1.5
-    """Or it is lost after driving this far without a good match, where scans are few [m]."""
+    """Distance driven without a good match after which the pose is lost where scans are few [m]."""
     proof_m: float = 0.4
-    """A pose that was given or found is believed after this distance without a bad match [m]."""
+    """Distance without a bad match after which a given or found pose is believed [m]."""
 
 
 PARAMS = TrackingParams()
@@ -31,11 +32,12 @@ class TrackingState:
     bad_s: float = 0.0
     """Time without a good match [s]."""
     bad_m: float = 0.0
-    """Distance driven without one [m]."""
+    """Distance driven without a good match [m]."""
     proof_m: float = math.inf
     """Distance driven without a bad match since the pose was given [m]."""
     breaks: bool = False
-    """The scans contradict what was seen before: a new part of the map must begin."""
+    """Whether the scans contradict what was seen before, so that a new part of the map must begin.
+    """
 
     @classmethod
     def unproven(cls) -> "TrackingState":

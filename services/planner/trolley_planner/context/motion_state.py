@@ -6,10 +6,10 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
+from trolley_planner.context.commanded_velocity import CommandedVelocity
 from trolley_planner.context.planning_context import CostmapManager
-from trolley_planner.context.velocity import CommandedVelocity
 from trolley_planner.control.controller import Motion, limits_of
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.sensing.inputs import Inputs
 
 
@@ -18,9 +18,9 @@ class MotionStateParams:
     """Where commands start from; by hand."""
 
     most_elapsed_s: float = 0.1
-    """Longer gaps between commands than this count as this."""
+    """Longest time between two commands that is reckoned with; longer gaps count as this."""
     spinning_mps: float = 0.15
-    """Highest speed during a spin."""
+    """Highest speed at which a turn still counts as a spin."""
 
 
 MOTION = MotionStateParams()
@@ -48,7 +48,7 @@ class ControlInput:
 
 
 class MotionState:
-    """Puts inputs and the last command together.
+    """Combines the inputs with the last command.
 
     Args:
         config: of the planner.
@@ -66,7 +66,7 @@ class MotionState:
         self._commanded_ns: int | None = None
 
     def set_config(self, config: PlannerConfig) -> None:
-        """Heed other limits from the next command on."""
+        """Apply other limits from the next command on."""
         self._config = config
 
     @property
@@ -110,7 +110,7 @@ class MotionState:
         )
 
     def limits(self, goal_speed: float | None) -> Limits:
-        """Return what the robot may do now: the least of all limits but those of the place.
+        """Return the robot's present limits: the lowest of all except those of the place.
 
         Raises:
             Refused: the robot itself is not known.
@@ -126,6 +126,6 @@ class MotionState:
         return limits_of(config, speed, robot.max_wz, robot.deceleration)
 
     def turn_limits(self) -> Limits | None:
-        """Return what the robot may do while it turns in place, None while it is not known."""
+        """Return the limits of a turn in place, None while they are unknown."""
         is_known = self._inputs.robot is not None and self._costmap_manager.context is not None
         return self.limits(MOTION.spinning_mps) if is_known else None

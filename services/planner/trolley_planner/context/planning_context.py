@@ -19,30 +19,30 @@ from trolley_planner.control.controller import Controller
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.control.pure_pursuit import PurePursuit
-from trolley_planner.control.rollout import zone_speed
+from trolley_planner.control.robot_motion import zone_speed
+from trolley_planner.costmap.connected_components import cells_around, components_of
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.costmap.inflation import LETHAL
-from trolley_planner.costmap.parts import cells_around, parts_of
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
-from trolley_planner.paths.hybrid_astar.motions import Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, Task
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
 WINDOW_MARGIN_M = 0.4
 SPEEDS = ("max_speed_mps", "max_turn_radps", "slow_speed_mps", "unsure_speed_mps")
-"""Settings that each command reads anew: a change of others takes a new context."""
+"""Settings that are read for each command; a change of any other needs a new context."""
 SEEN_M = 0.8
-"""Distances to what stands around are computed up to this, where ways are searched."""
+"""Distances to obstacles are computed up to this where maneuvers are searched [m]."""
 TURN_STEP_RAD = 0.1
-"""Turns are checked in steps of this angle."""
+"""Angle between the poses at which a turn is checked [rad]."""
 
 
 class PlanningContext:
-    """The parts that belong together and are made anew when the map or the robot changes.
+    """Costmaps and planners that are rebuilt together when the map or the robot changes.
 
     Args:
         grid: the map, or an empty one around the robot.
@@ -78,7 +78,7 @@ class PlanningContext:
         )
 
     def seen_clearance(self, pose_grid: Pose2D, enough_m: float) -> float:
-        """Return the same from all obstacles in the local costmap, in which it must lie."""
+        """Return the clearance of a pose in the local costmap from all obstacles in it."""
         return clearance_at(
             self.local_costmap.field,
             self.local_costmap.body,
@@ -104,7 +104,7 @@ class PlanningContext:
     def tight_places(
         self, points: NDArray[np.float64], room_m: float, aside_m: float
     ) -> NDArray[np.bool_]:
-        """Say at which points (n, 2) of a path there is little room for the footprint.
+        """Say at which points (n, 2) of a path the footprint has little clearance.
 
         Args:
             points: in `grid` [m], in the local costmap.
@@ -117,7 +117,7 @@ class PlanningContext:
         return found
 
     def reachable(self, pose_grid: Pose2D) -> Callable[[Pose2D], bool]:
-        """Return what says of a pose within `half_m` whether floor leads there from the robot.
+        """Return a test of whether a pose within `half_m` can be reached from the robot.
 
         Args:
             pose_grid: of the robot.
@@ -125,7 +125,7 @@ class PlanningContext:
         costmap = self.costmap
         part = cells_around(costmap.shape, costmap.resolution_m, pose_grid, 2.0 * self.half_m)
         first_row, first_col = part[0].start, part[1].start
-        labels = parts_of(costmap.weights[part] != LETHAL)
+        labels = components_of(costmap.weights[part] != LETHAL)
         num_rows, num_cols = labels.shape
 
         def cell_of(place: Pose2D) -> tuple[int, int]:
@@ -150,7 +150,7 @@ class PlanningContext:
         return zone_speed(self.local_costmap.field, pose_grid.x, pose_grid.y)
 
     def find_maneuver(self, task: Task, half_m: float) -> Maneuver | None:
-        """Return a maneuver by what is seen now; it backs only over what is known.
+        """Return a maneuver on the present costmap; it backs up only over known floor.
 
         Args:
             task: from where to where, in `grid`.
@@ -190,7 +190,7 @@ class CostmapManagerParams:
     """Upkeep of the costmap; by hand."""
 
     fade_s: float = 1.0
-    """Time between two looks for what can be forgotten."""
+    """Time between two passes that forget old obstacles."""
     edge_share: float = 0.25
     """In frame `odom` the costmap moves when the robot comes this near to its edge, as a share
     of `odom_size_m`."""
@@ -227,7 +227,7 @@ class CostmapManager:
         self._num_jumps = 0
 
     def set_config(self, config: PlannerConfig) -> None:
-        """Plan by other settings; on the same costmaps where only speeds change, and they fit."""
+        """Apply other settings; keep costmaps that still fit where only speeds change."""
         before, self._config = self._config, config
         speeds = {name: getattr(config, name) for name in SPEEDS}
         has_changed = msgspec.structs.replace(before, **speeds) != config
@@ -329,7 +329,7 @@ class CostmapManager:
             self.context.costmap.forget_old(now_ns)
 
     def update_position(self, here: Pose2D | None) -> None:
-        """Update where the robot is: keep-out zones open for a robot that must leave them."""
+        """Update the robot's position: it may cross keep-out zones that it must leave."""
         if self.context is not None and here is not None:
             self.context.costmap.set_position(here.x, here.y)
 
@@ -357,7 +357,7 @@ class CostmapManager:
     def _rebuild_around(
         self, footprint: Footprint, robot: Robot, goals: Sequence[Pose2D], is_new_robot: bool
     ) -> bool:
-        """Make the costmap anew around robot and goals, in frame `odom`, where the old one ends.
+        """Rebuild the costmap around robot and goals, in frame `odom`, where the old one ends.
 
         What was seen stays.
         """

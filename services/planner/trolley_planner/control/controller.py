@@ -1,4 +1,4 @@
-"""What all controllers have in common, and the braking check that none of them gets past."""
+"""What all controllers share, and the braking check that every command passes."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
+from trolley_planner.control.critics import Target
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.proximity import would_meet_people, would_meet_robots
-from trolley_planner.control.rollout import DT_S, ROLLOUT, Limits, Target, stopping_clearance
+from trolley_planner.control.robot_motion import DT_S, ROBOT_MOTION, Limits, stopping_clearance
 
 MAX_REVERSE = 0.25
 """Highest speed backwards [m/s]: few lidars look that way."""
@@ -25,7 +26,7 @@ class Motion:
 
 
 def limits_of(config: PlannerConfig, speed: float, turn: float, deceleration: float) -> Limits:
-    """Return what the robot may do at the moment.
+    """Return the robot's present limits.
 
     Args:
         config: the planner's own limits.
@@ -54,7 +55,7 @@ class Controller(Protocol):
     """(n, 3) x, y, yaw in `grid`: what the last command leads to, `DT_S` apart."""
 
     def reset(self) -> None:
-        """Forget what was, as when the robot was driven by somebody else."""
+        """Start afresh, as after somebody else drove the robot."""
 
     def command(
         self,
@@ -77,7 +78,7 @@ class Controller(Protocol):
 
 
 def limits_here(limits: Limits, local_costmap: LocalCostmap, pose: Pose2D) -> Limits:
-    """Return the limits at a place: nobody backs into what was never seen."""
+    """Return the limits at a place: no backing into floor that was never seen."""
     return (
         limits if local_costmap.known_floor.sees_behind(pose) else limits._replace(max_reverse=0.0)
     )
@@ -91,7 +92,7 @@ def safe_command(
     give_m: float = 0.0,
     may_back: bool | None = None,
 ) -> Twist2D:
-    """Return as much of a velocity as lets the robot stop before it touches anything or anybody.
+    """Return the part of a velocity from which the robot can stop before it touches anything.
 
     A robot that stands too close already may still move away.
 
@@ -112,11 +113,11 @@ def safe_command(
         start[3], start[4] = share * wanted.vx, share * wanted.wz
         now, smallest = stopping_clearance(start, field, local_costmap.body, limits)
         if would_meet_people(
-            start, field.walkers, local_costmap.body, limits.deceleration, ROLLOUT.delay_s
+            start, field.walkers, local_costmap.body, limits.deceleration, ROBOT_MOTION.delay_s
         ):
             continue
         if would_meet_robots(
-            start, field.robots, local_costmap.body, limits.deceleration, ROLLOUT.delay_s
+            start, field.robots, local_costmap.body, limits.deceleration, ROBOT_MOTION.delay_s
         ):
             continue
         if smallest >= min(limits.clearance_m, now - give_m):

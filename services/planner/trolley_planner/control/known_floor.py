@@ -1,4 +1,4 @@
-"""What the robot may back into, by what it has seen. As in `base`, a cell is met in its middle."""
+"""Floor that the robot has seen and may back over. As in `base`, a cell is met in its middle."""
 
 import itertools
 
@@ -13,16 +13,16 @@ from trolley_planner.costmap.fine_grid import FineGrid
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import UNKNOWN, WALL
 from trolley_planner.costmap.obstacle_grid import OBSTACLES
-from trolley_planner.paths.hybrid_astar.room import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
+from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
 
 BACK_STEPS_M = (0.05, 0.1, 0.15)
-"""To back up, the robot must know what is this far behind it [m]."""
+"""Distances behind the robot at which the floor must be known before it backs up [m]."""
 MIDDLE_CELLS = 0.25
-"""Nearer to the middle of a cell than this along both axes is in its middle."""
+"""Distance from a cell's centre, along both axes, within which a point is in its middle [cells]."""
 
 
 class KnownFloor:
-    """Says of places whether it is known that they are free.
+    """Tells which places are known to be free.
 
     Args:
         costmap: what was seen where.
@@ -34,7 +34,7 @@ class KnownFloor:
         self._edge, self._behind = footprint.edge_points, _points_behind(footprint)
 
     def sees_behind(self, pose: Pose2D) -> bool:
-        """Say whether what the robot would back into is known.
+        """Say whether the floor behind the robot is known.
 
         A lidar that looks all round goes on looking there, so the map will do, too. Any other must
         have seen lately that it is free, or the map must have a wall there, which costs enough.
@@ -45,7 +45,7 @@ class KnownFloor:
         return self._knows(pose.transform_points(self._behind))
 
     def sees_along(self, poses: NDArray[np.float64]) -> bool:
-        """Say whether what the robot would back into is known, on its way along poses (n, 3)."""
+        """Say whether the floor along poses (n, 3) that it backs through is known."""
         moved = [Pose2D(*pose.tolist()).transform_points(self._edge) for pose in poses]
         points = np.concatenate(moved)
         off = np.abs(points / self._costmap.resolution_m % 1.0 - 0.5)

@@ -35,22 +35,22 @@ class LocalCostmapParams(NamedTuple):
     unreached_m: float = 100.0
     """Cost-to-go of places from which no path leads on."""
     edge_rise_m: float = 0.5
-    """Beside reached places the cost-to-go rises by this much from cell to cell,"""
+    """Rise of the cost-to-go from cell to cell beside the cells that the search reached."""
     edge_cells: int = 3
-    """over this many cells."""
+    """Number of cells beside the reached ones over which the cost-to-go rises."""
     border_cells: float = 0.02
-    """Points of the path this near to the border of two cells belong to both."""
+    """Distance from a border within which a point of the path belongs to both cells."""
     escape_m: float = 0.3
-    """Within this radius around the robot lethal cells are passable,"""
+    """Radius around the robot within which lethal cells are passable, so that it can leave them."""
     escape_weight: int = 240
-    """at this weight."""
+    """Weight of lethal cells within `escape_m` of the robot."""
     tight_weight: int = 80
     """Weight of places with less than the usual clearance, where they may be passed at all."""
     narrow_m: float = 0.08
-    """With less room than this beside the robot"""
+    """Clearance at the robot below which a metre of the path counts `narrow_factor` times."""
     narrow_factor: float = 3.0
-    """a metre of the path counts this much: getting on must be worth driving close to walls,
-    and backwards too."""
+    """Weight of a metre of the path in narrow places: progress must be worth driving close to
+    walls, and backwards."""
 
 
 LOCAL = LocalCostmapParams()
@@ -63,7 +63,7 @@ class InflationTables(NamedTuple):
 
     usual: NDArray[np.uint8]
     tight: NDArray[np.uint8]
-    """Where places with less than the usual clearance may be passed."""
+    """Used where places with less than the usual clearance may be passed."""
 
 
 class CoarseCells(NamedTuple):
@@ -118,27 +118,27 @@ class LocalCostmap:
         self._moving = NOBODY, NO_ROBOTS
 
     def update_moving(self, now_ns: int) -> None:
-        """Move those who walk, and other robots, on to where they are now."""
+        """Predict people and other robots to the present."""
         moving = self._costmap.moving
         self._moving = moving.walkers_at(now_ns), moving.robots_at(now_ns)
 
     def leave_people_out(self) -> None:
-        """Take nobody to walk, until `update_moving`."""
+        """Ignore people until `update_moving`."""
         self._moving = NOBODY, self._moving[1]
 
     def walkers_now(self) -> NDArray[np.float64]:
-        """Return the discs (n, 6) of those who walk, see `Field.walkers`; a copy."""
+        """Return the discs (n, 6) of walking people, see `Field.walkers`; a copy."""
         return self._moving[0].copy()
 
     def is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
-        """Say whether somebody walks, or another robot drives, this near to a place [m]."""
+        """Say whether a person or a robot moves near a place [m]."""
         walkers, robots = self._moving
         moving = np.concatenate([walkers[:, [0, 1, 4]], robots[:, 0]])
         away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, 2]
         return bool((away < within_m).any())
 
     def update(self, x: float, y: float, is_tight: bool = False) -> None:
-        """Centre on a point of `grid` [m] and compute the distances there anew.
+        """Centre on a point of `grid` [m] and recompute the distances.
 
         Args:
             x: of the robot.
@@ -310,7 +310,7 @@ def coarsen_into(out_m: NDArray[np.float32], distance_m: NDArray[np.float32], pa
 
 @kernel
 def raise_to(values: NDArray[np.float32], others: NDArray[np.float32]) -> None:
-    """Raise values (n,) to others where these are larger; without branches, so many at a time."""
+    """Raise values (n,) to others where these are larger; without branches, to vectorize."""
     for index in range(values.shape[0]):
         values[index] = max(values[index], others[index])
 
@@ -336,7 +336,7 @@ def costs_to_metres(
 
 @kernel
 def slope_edges(cost_m: NDArray[np.float32], unreached_m: float, rise_m: float, width: int) -> None:
-    """Let the cost-to-go rise beside the cells that were reached, instead of jumping.
+    """Let the cost-to-go rise gradually beside the cells that were reached.
 
     Between two cells it is interpolated; a jump would push the robot out of narrow passages.
 

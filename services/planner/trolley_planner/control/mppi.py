@@ -17,20 +17,17 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Twist2D
 from trolley.jit import kernel
 from trolley_planner.control.controller import Motion, first_step, limits_here, state_of
+from trolley_planner.control.critics import Target, downhill_point
 from trolley_planner.control.local_costmap import LocalCostmap
-from trolley_planner.control.rollout import (
+from trolley_planner.control.robot_motion import (
     DT_S,
-    ROLLOUT,
     Limits,
-    Scene,
-    Target,
     advance,
     allowed_speed,
-    downhill_point,
     followed,
-    rollouts_into,
     trace_into,
 )
+from trolley_planner.control.rollout import ROLLOUT, Scene, rollouts_into
 from trolley_planner.costmap.footprint import clearance_at
 from trolley_planner.sensing.beams import wrapped
 
@@ -109,7 +106,7 @@ class Mppi:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last solution, as when somebody else drove the robot."""
+        """Forget the last solution, as after somebody else drove the robot."""
         self._controls = np.zeros((self._steps, 2))
         self.trajectory = np.empty((0, 3), dtype=np.float32)
 

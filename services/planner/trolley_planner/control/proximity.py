@@ -26,41 +26,42 @@ class ProximityParams(NamedTuple):
     """How close is too close to people and other robots; all by hand."""
 
     most_spread_m: float = 0.15
-    """A person's disc grows with time, as fast as their velocity is unsure, by this much at most
+    """Most that a person's disc grows with time; it grows as fast as their velocity is uncertain
     [m]."""
     robot_spread_mps: float = 0.05
-    """The same for a robot, which does what it says but for the error of its pose,"""
+    """Rate at which the disc of another robot grows, for the error of its pose [m/s]."""
     robot_most_spread_m: float = 0.1
-    """and its limit [m]."""
+    """Most that the disc of another robot grows with time [m]."""
     meet_m: float = 0.06
-    """A gap smaller than this counts as a collision [m],"""
+    """Gap below which the robot and a disc count as colliding [m]."""
     sure_s: float = 1.2
-    """if it happens within this time; later much may change [s]."""
+    """Time ahead within which a collision is ruled out; people may change course later [s]."""
     near_m: float = 0.4
-    """Gaps smaller than this cost, the more the smaller [m]."""
+    """Gap below which being near has a cost, which grows as the gap closes [m]."""
     standing_mps: float = 0.05
-    """A robot slower than this cannot run into anybody [m/s],"""
+    """Speed below which the robot is not to blame for a collision [m/s]."""
     leaving: float = -0.5
-    """nor can one that drives away from them: cosine of the angle between."""
+    """Cosine of the angle between course and disc below which the robot drives away and is not to
+    blame."""
     touch_m: float = 0.18
-    """Gaps smaller than this [m]"""
+    """Gap below which being in the way costs more, weighted by `touch` [m]."""
     touch: float = 120.0
-    """cost this much more, per square metre of what is missing: it is in the way [1/m^2]."""
+    """Cost of the square of what a gap lacks of `touch_m` [1/m^2]."""
     moving: float = 3.0
-    """Touching somebody costs this much more per speed of the robot [s/m]."""
+    """Increase of that cost per speed of the robot [s/m]."""
     stand_s: float = 6.0
-    """A rollout ends with the robot standing there for this long [s]:"""
+    """Time that the robot is taken to stand at the end of a rollout [s]."""
     pass_s: float = 0.7
-    """who comes in that time is taken to be there for so long [s],"""
+    """Time for which a person who passes the standing robot counts as near it [s]."""
     right_m: float = 0.05
-    """whoever walks is taken to keep this much to their right by then [m]: of two sides that seem
-    as good, the robot chooses the one that people expect it to,"""
+    """Distance that a walking person is taken to keep to their right by then, so that of two equal
+    sides the robot chooses the one that people expect [m]."""
     sure_later_s: float = 8.0
-    """and counts the less the later they come: 1/e after this time [s]."""
+    """Time after which a person who comes later counts 1/e as much [s]."""
     brake_dt_s: float = 0.05
     """Time step of the braking check [s]."""
     longest_brake_s: float = 10.0
-    """The braking check ends after this time [s]."""
+    """Time after which the braking check ends [s]."""
     most_cost: float = 1.5
     """Highest cost of one person, where touching costs 1: an overlap by half of `near_m`."""
 

@@ -16,21 +16,18 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Twist2D
 from trolley.jit import kernel
 from trolley_planner.control.controller import Motion, first_step, limits_here, state_of
+from trolley_planner.control.critics import Target, downhill_point
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import best_plain_into
-from trolley_planner.control.rollout import (
+from trolley_planner.control.robot_motion import (
     DT_S,
-    ROLLOUT,
     Limits,
-    Scene,
-    Target,
     advance,
     allowed_speed,
-    downhill_point,
     followed,
-    rollout,
     trace_into,
 )
+from trolley_planner.control.rollout import ROLLOUT, Scene, rollout
 from trolley_planner.costmap.footprint import clearance_at
 from trolley_planner.sensing.beams import wrapped
 
@@ -39,11 +36,11 @@ class PursuitParams(NamedTuple):
     """Lookahead and regulation; by hand."""
 
     lookahead_s: float = 1.0
-    """The carrot lies this far ahead in time,"""
+    """Time that the carrot lies ahead of the robot at its present speed."""
     least_lookahead_m: float = 0.35
-    """but at least this far"""
+    """Least distance from the robot to the carrot."""
     most_lookahead_m: float = 1.2
-    """and at most this far."""
+    """Greatest distance from the robot to the carrot."""
     turn_in_place_rad: float = 0.7
     """The robot turns before it drives if the carrot is farther off its heading than this."""
     tight_radius_m: float = 0.6
@@ -52,11 +49,11 @@ class PursuitParams(NamedTuple):
 
 PURSUIT = PursuitParams()
 LOOKAHEAD_SHARES = (1.0, 0.6, 0.35)
-"""A nearer carrot is tried where the drive towards the usual one would collide."""
+"""Shares of the lookahead distance that are tried in turn until a drive would not collide."""
 
 
 class PurePursuit:
-    """Steers for a carrot: a fiftieth of the work of `Mppi`, and less foresight.
+    """Steers for a carrot: a fiftieth of the work of `Mppi`, with less foresight.
 
     Args:
         config: horizon.

@@ -1,4 +1,4 @@
-"""The costmap: map, zones and what the lidar sees, and what it costs to pass near all that."""
+"""The costmap: map, zones and what the lidar sees, inflated."""
 
 import math
 from collections.abc import Sequence
@@ -42,13 +42,13 @@ class CostmapParams:
     padding_m: float = 0.02
     """Added to the inscribed radius: cells round an obstacle's place to half their edge."""
     tight_cells: float = 0.3
-    """What is seen lies in its cell up to this much farther away than the cell's centre."""
+    """Most that a seen obstacle lies farther away than the centre of its cell."""
     squeeze_weight: int = 60 * WEIGHT_UNIT
     """Weight of cells where the robot fits only if all lies well in its cells."""
     beside_m: float = 0.15
     """A person nearer to the robot's outline than this is an obstacle as well."""
     most_flipped: int = 40
-    """If more cells than this change at once, the distances between them are computed anew, too;
+    """If more cells than this change at once, the distances between them are recomputed, too;
     found by bench/planner/costmap."""
     closed_s: float = 60.0
     """A place where the robot did not get through is tried again after this time."""
@@ -58,7 +58,7 @@ COSTMAP = CostmapParams()
 
 
 class Costmap:
-    """One grid of everything that is in the way.
+    """One grid of all obstacles.
 
     All arrays have the shape (rows, cols) and lie in frame `grid`; `frame_T_grid` places them in
     the frame of the goals, `grid_T_frame` is its inverse. Two sets of weights are kept: of the
@@ -151,7 +151,7 @@ class Costmap:
         self._social_layer.update(people, self.obstacle_layer.grid)
 
     def take_over(self, other: "Costmap") -> None:
-        """Take what was seen on another costmap, whose cells lie on this one's."""
+        """Copy what was seen from another costmap with aligned cells."""
         corner = self.to_grid(other.frame_T_grid)
         rows, cols = round(corner.y / self.resolution_m), round(corner.x / self.resolution_m)
         self.obstacle_layer.take_over(other.obstacle_layer, rows, cols)
@@ -176,7 +176,7 @@ class Costmap:
         self.obstacle_layer.mark_all_dirty()
 
     def reopen(self) -> None:
-        """Open all that was closed."""
+        """Reopen all closed places."""
         if self._closed_until_ns is not None:
             self._closed_until_ns = None
             self._closed[:] = 0
@@ -189,9 +189,9 @@ class Costmap:
             return False
         first_row, last_row, first_col, last_col = dirty
         shape = last_row + 1 - first_row, last_col + 1 - first_col
-        stands = np.empty(shape, dtype=np.uint8)
-        compose_into(stands, self._layers(), (first_row, first_col), not self.unknown_is_free)
-        flipped = replace_mask(self._stands, stands, (first_row, first_col))
+        is_occupied = np.empty(shape, dtype=np.uint8)
+        compose_into(is_occupied, self._layers(), (first_row, first_col), not self.unknown_is_free)
+        flipped = replace_mask(self._stands, is_occupied, (first_row, first_col))
         boxes = self._social_layer.pop_changed()
         if len(flipped) <= COSTMAP.most_flipped:
             edge_m, reach_m = self.resolution_m, self._reach_m
@@ -215,7 +215,7 @@ class Costmap:
         self._weigh(np.array([(0, self.shape[0], 0, self.shape[1])]))
 
     def _measure(self, flipped: NDArray[np.int64]) -> tuple[int, int, int, int]:
-        """Compute the distances anew around all of many cells (n, 2); return the box of them."""
+        """Recompute the distances around many cells (n, 2); return their box."""
         (rows, cols), low, high = self.shape, flipped.min(axis=0), flipped.max(axis=0)
         reach = math.ceil(self._reach_m / self.resolution_m)
         around = int(low[0]), int(high[0]), int(low[1]), int(high[1])

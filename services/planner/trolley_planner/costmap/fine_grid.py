@@ -1,4 +1,4 @@
-"""What stands around a place, in cells fine enough to check the footprint to a centimetre."""
+"""Obstacles around a place, in cells fine enough to check the footprint to a centimetre."""
 
 import math
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class FineGrid:
         """(rows, cols) to the nearest obstacle."""
 
     def update(self, first: tuple[int, int], size: tuple[int, int], has_seen: bool = True) -> None:
-        """Fill a box anew.
+        """Refill a box.
 
         Args:
             first: row and column of the costmap at its corner; may lie outside.

@@ -18,9 +18,9 @@ from trolley.jit import kernel
 from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
 
 EDGE_SPACING_M = 0.03
-"""Distance of the points on the edge: an obstacle between two of them is seen 2 mm too far."""
+"""Spacing of the points on the edge; an obstacle between two of them seems 2 mm too far [m]."""
 FEW_SPACING_M = 0.12
-"""The same for a first look: at 0.15 m an obstacle is seen 12 mm too far."""
+"""Spacing of the points for a first check; an obstacle at 0.15 m seems 12 mm too far [m]."""
 NO_LIMITS = np.full((1, 1), np.inf, dtype=np.float32)
 """Stands for a costmap without speed zones."""
 
@@ -62,7 +62,7 @@ class Body(NamedTuple):
 
 
 FEW_DO_M = 0.08
-"""Clearances larger than this need not be exact: few points find them, 2 cm too long at most."""
+"""Clearance above which few points are exact enough, 2 cm too long at most [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

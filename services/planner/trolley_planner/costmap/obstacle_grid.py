@@ -25,23 +25,24 @@ class ObstacleParams(NamedTuple):
     mark_evidence: int = 3
     """Evidence that each scan with an echo adds; one that sees through takes away 1."""
     person_margin_m: float = 0.05
-    """Echoes this near to a person's disc are theirs [m],"""
+    """Distance from a person's disc within which echoes belong to that person."""
     trail_s: float = 0.5
-    """and so is what was seen where they were within this time, if it is seen no more [s]."""
+    """Time for which obstacles seen where a person was are taken for that person once unseen."""
     widest_gap_rad: float = 0.06
-    """Nothing is known between neighbouring beams farther apart than this."""
+    """Angle between neighbouring beams above which the floor between them stays unknown."""
     all_round_rad: float = 1.95 * math.pi
-    """A lidar that covers less does not look all round."""
+    """Field of view from which on a lidar counts as seeing all round."""
     sight_scans: int = 3
-    """Such a lidar looks where one of so many of the newest scans saw floor."""
+    """Number of newest scans that count as the present view of a lidar that does not see all round.
+    """
     recent_s: float = 15.0
-    """What it saw free is free for this long out of its view,"""
+    """Time for which floor seen free stays free out of the lidar's view."""
     kept_s: float = SIGHT.memory_s - 3.0
-    """and to the end of what was begun in time for this long: at `base`'s creep that is 1.2 m. A
-    little later `base` lets nobody drive there."""
+    """Time for which floor seen free stays free for a drive that began within `recent_s`: 1.2 m at
+    `base`'s creep speed. A little later `base` lets nobody drive there."""
     stood_s: float = SIGHT.trail_s - 20.0
-    """Where the robot stood is free out of its view for this long: it leaves a dead end as it came;
-    `base` lets it for 20 s more."""
+    """Time for which floor that the robot stood on stays free out of view, so that it can leave a
+    dead end as it came; 20 s less than `base`'s own limit."""
 
 
 OBSTACLES = ObstacleParams()
@@ -78,10 +79,10 @@ def see_through(grid: ObstacleGrid, row: int, col: int, scan_number: int) -> Non
     if grid.evidence[row, col] == 0 or grid.touched[row, col, 0] == scan_number:
         return
     grid.touched[row, col, 0] = scan_number
-    grid.evidence[row, col] -= 1
-    if grid.evidence[row, col] == 0:
-        grid.hits[row, col] = 0
-        mark_dirty(grid.dirty, row, col)
+    if grid.evidence[row, col] > 1:
+        grid.evidence[row, col] -= 1
+    else:
+        forget_cell(grid, row, col)
 
 
 @kernel
@@ -259,9 +260,7 @@ def fade(grid: ObstacleGrid, now_ticks: int, kept_ticks: tuple[int, int, int]) -
                 continue
             kept = min(least + per_hit * int(grid.hits[row, col]), most)
             if now_ticks - grid.seen_ticks[row, col] > kept:
-                grid.evidence[row, col] = 0
-                grid.hits[row, col] = 0
-                mark_dirty(grid.dirty, row, col)
+                forget_cell(grid, row, col)
 
 
 @kernel
@@ -273,9 +272,7 @@ def forget_near(grid: ObstacleGrid, x_cells: float, y_cells: float, radius_cells
         for col in range(left, right):
             near = is_in_disc(row, col, x_cells, y_cells, radius_cells)
             if near and grid.evidence[row, col] > 0:
-                grid.evidence[row, col] = 0
-                grid.hits[row, col] = 0
-                mark_dirty(grid.dirty, row, col)
+                forget_cell(grid, row, col)
 
 
 @kernel
@@ -310,9 +307,7 @@ def clear_inside_robot(
             x = grid.points[row, col, 0] / resolution_m
             y = grid.points[row, col, 1] / resolution_m
             if inside_polygon(polygon_cells, x, y):
-                grid.evidence[row, col] = 0
-                grid.hits[row, col] = 0
-                mark_dirty(grid.dirty, row, col)
+                forget_cell(grid, row, col)
 
 
 @kernel
@@ -323,7 +318,7 @@ def seen_lately(
     cols: NDArray[np.int64],
     since: tuple[int, float],
 ) -> NDArray[np.bool_]:
-    """Say of cells (n,) whether beams passed lately, or beside what stands, in a cell beside them.
+    """Say for cells (n,) whether beams passed lately, or beside what stands, in a cell beside them.
 
     Args:
         grid: what was seen.
@@ -341,15 +336,17 @@ def seen_lately(
         row, col = rows[index], cols[index]
         is_seen = observed[row, col] >= first_scan or stood_ticks[row, col] > first_ticks
         if not is_seen:
-            stands, is_beside = False, False
+            is_occupied, is_beside = False, False
             for near_row in range(max(row - 1, 0), min(row + 1, last_row) + 1):
                 for near_col in range(max(col - 1, 0), min(col + 1, last_col) + 1):
-                    stands |= evidence[near_row, near_col] != 0 or walls[near_row, near_col] != 0
+                    is_occupied |= (
+                        evidence[near_row, near_col] != 0 or walls[near_row, near_col] != 0
+                    )
                     is_beside |= (
                         observed[near_row, near_col] >= first_scan
                         or stood_ticks[near_row, near_col] > first_ticks
                     )
-            is_seen = stands and is_beside
+            is_seen = is_occupied and is_beside
         seen[index] = is_seen
     return seen
 
@@ -416,9 +413,7 @@ def lift_cells(
                 trail_s = 0.0 if grid.touched[row, col, 1] == scan_number else OBSTACLES.trail_s
                 px, py = grid.points[row, col, 0], grid.points[row, col, 1]
                 if off_trail(walkers[index], px, py, trail_s) < OBSTACLES.person_margin_m:
-                    grid.evidence[row, col] = 0
-                    grid.hits[row, col] = 0
-                    mark_dirty(grid.dirty, row, col)
+                    forget_cell(grid, row, col)
 
 
 @kernel
@@ -428,3 +423,11 @@ def mark_dirty(dirty: NDArray[np.int64], row: int, col: int) -> None:
     dirty[1] = max(dirty[1], row)
     dirty[2] = min(dirty[2], col)
     dirty[3] = max(dirty[3], col)
+
+
+@kernel
+def forget_cell(grid: ObstacleGrid, row: int, col: int) -> None:
+    """Forget the obstacle seen in a cell."""
+    grid.evidence[row, col] = 0
+    grid.hits[row, col] = 0
+    mark_dirty(grid.dirty, row, col)

@@ -112,7 +112,7 @@ class ObstacleLayer:
         self.beams = self.static_beams = beams
 
     def take_over(self, other: "ObstacleLayer", rows: int, cols: int) -> None:
-        """Take what another layer of the same resolution has seen, where both lie.
+        """Copy what another layer of the same resolution has seen, where both overlap.
 
         Args:
             other: the layer before this one.
@@ -138,7 +138,7 @@ class ObstacleLayer:
         return max(self._scan_number - OBSTACLES.sight_scans, 0) + 1
 
     def remove_people(self, walkers: NDArray[np.float64]) -> None:
-        """Remove people by the newest scan from what stands.
+        """Remove the people of the newest scan from the obstacles.
 
         Args:
             walkers: (n, 5) in `grid`: x, y [m], velocity [m/s], radius [m].
@@ -155,7 +155,7 @@ class ObstacleLayer:
         within_s: float,
         stood_s: float = OBSTACLES.stood_s,
     ) -> NDArray[np.bool_]:
-        """Say of cells (n,) whether the lidar saw them, and where it does not look, lately.
+        """Say which cells (n,) the lidar sees free, or saw free lately where it does not look.
 
         Beside what stands no beam passes: there a neighbouring cell will do. Where the robot
         itself stood it may go back for longer.

@@ -23,9 +23,10 @@ class SpeedZoneParams:
     braking_mps2: float = 0.5
     """Deceleration before the zone."""
     early_m: float = 0.1
-    """The robot is slow this much before the zone, since it follows commands late."""
+    """Distance before the zone at which its limit already holds, since the robot follows commands
+    late."""
     reach_m: float = 1.2
-    """Farther away than this the zone does not matter yet."""
+    """Distance from the zone beyond which it has no effect."""
 
 
 SPEED_ZONES = SpeedZoneParams()
@@ -105,10 +106,10 @@ class StaticLayer:
         return int(y_grid / self._resolution_m), int(x_grid / self._resolution_m)
 
     def _inflate(self) -> None:
-        """Compute distances and weights anew after the map or the zones changed."""
+        """Recompute distances and weights after the map or the zones changed."""
         shape = self.kinds.shape[0], self.kinds.shape[1]
         self.keepout = np.zeros(shape, dtype=np.uint8)
-        """Set in keep-out zones, those apart that the robot is in and must leave:"""
+        """(rows, cols) 1 in keep-out zones, except those that the robot is in and must leave."""
         leaving = np.zeros(shape, dtype=np.bool_)
         for zone in self._zones:
             if zone.kind == "keepout":
@@ -119,7 +120,7 @@ class StaticLayer:
                 else:
                     self.keepout[mask] = 1
         self.leaving = leaving if self._leaving else None
-        """their cells, None if there are none."""
+        """(rows, cols) cells of the zones that the robot must leave; None if there are none."""
         blocked = self.walls | self.keepout
         if not self._unknown_is_free:
             blocked |= (self.kinds == UNKNOWN_KIND).astype(np.uint8)

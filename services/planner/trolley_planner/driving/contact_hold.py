@@ -18,14 +18,14 @@ class ContactParams:
     """When the robot stands still because somebody touches it; by hand."""
 
     touch_m: float = 0.06
-    """Something nearer to the outline than this counts as touching: it includes the lidar's
+    """Distance from the outline below which an obstacle counts as touching; it includes the lidar's
     noise."""
     came_m: float = 0.4
-    """Whoever moved this near to the outline"""
+    """Distance from the outline within which a moving person is remembered as close."""
     lately_s: float = 1.0
-    """within this time is taken to be who touches it now,"""
+    """Time after which a person who came close is no longer taken for what touches the robot."""
     same_m: float = 0.3
-    """if what touches it is this near to where they were, and not a wall beside the robot."""
+    """Distance from where the person was within which an echo is theirs rather than a wall's."""
 
 
 CONTACT = ContactParams()
@@ -53,7 +53,7 @@ class ContactHold:
     def update(
         self, now_ns: int, beams: NDArray[np.float64], people: Sequence[TrackedPerson], pose: Pose2D
     ) -> None:
-        """Take a new scan in.
+        """Take in a new scan.
 
         Args:
             now_ns: robot time.
@@ -75,7 +75,7 @@ class ContactHold:
             self._since_ns = now_ns
 
     def must_stand(self, now_ns: int) -> bool:
-        """Say whether the robot had better stand."""
+        """Say whether the robot should stand still."""
         since_ns = self._since_ns
         return since_ns is not None and now_ns - since_ns < self._patience_ns
 

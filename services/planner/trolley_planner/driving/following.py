@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.goals import Goal, Tolerances
 from trolley_planner.people.tracker import Track
 
@@ -21,46 +21,47 @@ class FollowingParams:
     """How a person is picked, followed and given up; all by hand."""
 
     pick_m: float = 0.6
-    """Who is pointed at stands this near to the point."""
+    """Distance from the chosen point within which a person is picked."""
     ahead_rad: float = 0.8
-    """The nearest ahead is looked for this far to both sides."""
+    """Angle to either side of straight ahead within which the nearest person is picked."""
     most_size_m: float = 0.7
-    """What is seen of a standing person is no larger than this."""
+    """Largest extent of the echoes of a standing person."""
     lost_s: float = 3.0
-    """Out of sight for this long is lost."""
+    """Time out of sight after which a person is lost."""
     unseen_s: float = 0.5
-    """Out of sight for this long, the robot goes to where it saw them last."""
+    """Time out of sight after which the robot drives to where it last saw the person."""
     walks_on_s: float = 1.0
-    """Who is out of sight is taken to walk on for this long."""
+    """Time for which a person out of sight is taken to walk on."""
     astray_m: float = 0.35
-    """They are looked for this near to there,"""
+    """Radius in which a person is searched for when just out of sight."""
     astray_mps: float = 0.5
-    """and the farther, the longer they are out of sight."""
+    """Growth of that radius with the time out of sight."""
     footstep_m: float = 0.1
-    """Distance between two remembered places of the person."""
+    """Distance between two remembered positions of the person."""
     trail_m: float = 6.0
     """Length of the track that is remembered."""
     moved_m: float = 0.15
     """The place to drive to moves in steps no smaller than this."""
     closer_m: float = 0.4
-    """The place to drive to lies this much nearer than it is to stay,"""
+    """Distance by which the target lies nearer to the person than the distance to keep."""
     lead_s: float = 1.5
-    """and nearer by what they walk in this time: the controller slows down before it."""
+    """Time for which the person's walk moves the target farther on, since the controller slows down
+    before it."""
     beside_m: float = 0.45
-    """However near it may come, the robot's outline stays this far from the person's middle."""
+    """Least distance from the robot's outline to the centre of the person."""
     set_off_m: float = 0.2
-    """A robot that stands goes on when they are this much farther away than it is to stay."""
+    """Distance beyond the one to keep at which a standing robot sets off."""
     slack_m: float = 0.3
-    """Behind somebody who walks it stands only this much nearer than it is to stay: it had better
-    drive a little slower."""
+    """Distance short of the one to keep at which the robot stops behind a walking person; until
+    then it only slows down."""
     catch_up_per_s: float = 0.6
     """How much faster than the person the robot drives, per metre that it lags behind [1/s]."""
     least_mps: float = 0.1
     """Slowest speed while it catches up."""
     face_rad: float = 0.3
-    """A robot that stands turns to a person this far beside where it looks."""
+    """Bearing of the person beyond which a standing robot turns towards them."""
     turn_gain: float = 1.5
-    """Turn rate per such angle [1/s]."""
+    """Turn rate per bearing [1/s]."""
 
 
 FOLLOWING = FollowingParams()
@@ -116,7 +117,7 @@ class Following:
         return float(self._place[0]), float(self._place[1])
 
     def update(self, tracks: Sequence[Track], now_ns: int) -> None:
-        """Find the person among what a scan shows.
+        """Find the person in a scan.
 
         Args:
             tracks: of the newest scan.
@@ -161,7 +162,7 @@ class Following:
         return Pose2D(float(later[0]), float(later[1]), 0.0)
 
     def moved_goal(self, goal: Goal, now_ns: int) -> Goal | None:
-        """Return the goal where it belongs now, None if it is near enough to there."""
+        """Return the goal moved behind the person, None if it is near enough already."""
         place = self.place_behind(now_ns)
         is_near = goal.pose.distance_to(place) < FOLLOWING.moved_m
         return None if is_near else replace(goal, pose=place)
@@ -192,7 +193,7 @@ class Following:
         return self._stands
 
     def turn_to(self, here: Pose2D, limits: Limits) -> Twist2D:
-        """Return the velocity of a robot that stands, and keeps its eyes on them."""
+        """Return the velocity that turns a standing robot towards the person."""
         bearing = _bearing(here, self._place)
         if abs(bearing) < FOLLOWING.face_rad:
             return Twist2D.zero()
@@ -200,7 +201,7 @@ class Following:
         return Twist2D(0.0, 0.0, min(max(rate, -limits.max_turn), limits.max_turn))
 
     def _found_again(self, tracks: Sequence[Track], now_ns: int) -> Track | None:
-        """Return what stands near to where they must be by now, None if nothing does."""
+        """Return the track nearest to the predicted position, None if none is near."""
         unseen_s = self.unseen_s(now_ns)
         expected = self._place + min(unseen_s, FOLLOWING.walks_on_s) * self._velocity
         reach_m = FOLLOWING.astray_m + FOLLOWING.astray_mps * unseen_s

@@ -8,7 +8,7 @@ from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
-from trolley_planner.control.rollout import Limits, allowed_speed
+from trolley_planner.control.robot_motion import Limits, allowed_speed
 from trolley_planner.goals import Tolerances, nearest_free_pose
 
 
@@ -19,9 +19,9 @@ class AlignmentParams:
     start_m: float = 0.3
     """The alignment takes over this near to the goal."""
     least_mps: float = 0.03
-    """Slower commands than this"""
+    """Speed below which a command does not move a real robot."""
     least_radps: float = 0.12
-    """or this do not move a real robot."""
+    """Turn rate below which a command does not move a real robot."""
     speed_gain: float = 2.2
     """Speed per distance that is left [1/s]."""
     turn_gain: float = 3.0
@@ -79,8 +79,8 @@ class FinalAlignment:
         if not self._is_turning:
             return self._drive(motion, goal, distance, limits)
         if turned:
-            stands = abs(motion.twist.vx) < 0.02 and abs(motion.twist.wz) < 0.05
-            return None if stands else Twist2D.zero()
+            is_standing = abs(motion.twist.vx) < 0.02 and abs(motion.twist.wz) < 0.05
+            return None if is_standing else Twist2D.zero()
         return Twist2D(0.0, 0.0, turn_rate(turn, limits))
 
     def _errors(self, motion: Motion, goal: Pose2D) -> tuple[float, float]:
@@ -133,9 +133,9 @@ class ApproachParams:
     turn_as_m: float = 0.3
     """A turn by one radian that is left at the goal counts as this distance."""
     goal_clearance_m: float = 0.005
-    """At a tight goal at least this clearance is left;"""
+    """Least clearance of the final pose at a tight goal."""
     beside_m: float = 0.02
-    """beside one with less, the nearest place with this."""
+    """Least clearance of the pose that replaces a goal with less than `goal_clearance_m`."""
     window_edge_m: float = 0.6
     """The goal is checked once it lies this far inside the local costmap."""
 
@@ -177,7 +177,7 @@ class GoalApproach:
 
     @property
     def near(self) -> Tolerances:
-        """How near to `aim` is near enough to the goal."""
+        """Tolerances around `aim` within which the robot is at the goal."""
         xy, offset = self._tolerances.xy, self.aim.distance_to(self._goal)
         return Tolerances(max(xy - offset, 0.3 * xy), self._tolerances.yaw)
 
@@ -189,7 +189,7 @@ class GoalApproach:
         return self._tolerances.any_heading or turn <= self._tolerances.yaw
 
     def let_go(self) -> None:
-        """Leave driving to the controller again."""
+        """Hand driving back to the controller."""
         self._alignment = None
 
     def left_m(self, pose: Pose2D) -> float:
@@ -200,7 +200,7 @@ class GoalApproach:
         return distance + APPROACH.turn_as_m * abs(wrap_angle(self.aim.yaw - pose.yaw))
 
     def update_aim(self, pose: Pose2D, is_blocked: bool) -> bool:
-        """Aim beside the goal where something stands on it; True if the aim was moved.
+        """Aim beside an occupied goal; True if the aim was moved.
 
         Args:
             pose: of the robot; the local costmap must be centred on it.
@@ -235,7 +235,7 @@ class GoalApproach:
         return True
 
     def takes_over(self, pose: Pose2D, remaining_m: float) -> bool:
-        """Say whether the final approach drives: near, and nothing between.
+        """Say whether the final approach takes over: near the goal, nothing in between.
 
         Args:
             pose: of the robot.

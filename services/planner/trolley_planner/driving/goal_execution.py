@@ -1,4 +1,4 @@
-"""Driving to one goal: along the route, onto the goal, and free again where the path is blocked."""
+"""Driving to one goal: along the route, onto the goal, with recovery where the path is blocked."""
 
 import math
 from dataclasses import replace
@@ -10,8 +10,10 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
+from trolley_planner.control.critics import Target
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
-from trolley_planner.control.rollout import ROLLOUT, Limits, Target
+from trolley_planner.control.robot_motion import Limits
+from trolley_planner.control.rollout import ROLLOUT
 from trolley_planner.driving.goal_approach import GoalApproach
 from trolley_planner.driving.maneuvering import Maneuvering
 from trolley_planner.driving.progress_monitor import ProgressMonitor
@@ -99,7 +101,7 @@ class GoalExecution:
         return twist
 
     def replan_if_due(self, now: ControlInput) -> None:
-        """Look for a better path, which takes longer and need not come before the command."""
+        """Replan if due; this takes longer and follows the command."""
         changes = self.route.changes
         self.route.replan_if_due(now.motion.pose, now.now_ns)
         if self.route.changes != changes:
@@ -126,7 +128,7 @@ class GoalExecution:
         return twist
 
     def _maneuver(self, now: ControlInput) -> Twist2D:
-        """Return the velocity along a way with headings."""
+        """Return the velocity along a maneuver."""
         twist = self._maneuvering.command(now, self._approach)
         if self._maneuvering.has_arrived:
             self.outcome = "arrived"
@@ -135,7 +137,7 @@ class GoalExecution:
         return twist
 
     def _hurry(self, now: ControlInput) -> Twist2D:
-        """Return the velocity out of people's way: near the place is good enough."""
+        """Return the velocity out of people's way, with wide tolerances at the place."""
         if now.motion.pose.distance_to(self.goal_grid) < self.goal.tolerances.xy:
             self.outcome = "arrived"
         return self._control(now)
@@ -178,12 +180,12 @@ class GoalExecution:
 
     @property
     def is_recovering(self) -> bool:
-        """Whether it tries to get free."""
+        """Whether a recovery behaviour is active."""
         return self.recovery.sequence.current is not None
 
     @property
     def is_waiting(self) -> bool:
-        """Whether the robot stands before a goal that something stands on."""
+        """Whether the robot waits before an occupied goal."""
         return self._progress.is_waiting_at_goal
 
     @property
@@ -212,7 +214,7 @@ class GoalExecution:
     # What others decide.
 
     def move_goal(self, goal: Goal) -> None:
-        """Drive somewhere else from now on, as behind a person who walks on.
+        """Drive to another pose from now on, as behind a person who walks on.
 
         Args:
             goal: in the frame of the goals, without via points.
@@ -225,14 +227,14 @@ class GoalExecution:
         self.outcome = None
 
     def stand(self) -> None:
-        """Note that the robot stands on purpose, as near as it is to be to a person."""
+        """Note that the robot stands on purpose, as behind a person."""
         self.outcome = None
         self._progress.reset_progress()
         self._approach.let_go()
         self.context.controller.reset()
 
     def resume_after_wait(self, waited_ns: int) -> None:
-        """Drive on after giving way: that time does not count, and another path may be better."""
+        """Continue after giving way: that time does not count, and another path may be better."""
         self.recovery.sequence.excuse(waited_ns)
         self.recovery.end()
         self._drive_on()
@@ -261,7 +263,7 @@ class GoalExecution:
     # What may go wrong.
 
     def _waits_at_goal(self, now: ControlInput) -> bool:
-        """Say whether to stand before the goal because something is on it; fail if it stays."""
+        """Say whether to wait before an occupied goal; fail if it stays occupied."""
         # Things are seen from one side only: if no path leads to the goal, it is occupied as well.
         is_occupied = self._approach.is_occupied or self.route.is_blocked
         left_m = self.remaining_m(now.motion.pose)
@@ -282,11 +284,11 @@ class GoalExecution:
             self._begin_recovery_action(now)
 
     def _is_path_free(self, now: ControlInput) -> bool:
-        """Say whether nothing that is seen keeps the robot from driving on."""
+        """Say whether the path ahead is free of obstacles."""
         return self._has_path and not self.route.is_blocked and not self._progress.is_held(now)
 
     def _recover(self, now: ControlInput) -> Twist2D:
-        """Return the velocity of the present recovery action, and end it when it is over."""
+        """Return the velocity of the current recovery behaviour, and end it when it is done."""
         is_free = self._is_path_free(now)
         if self.recovery.has_lost_patience(now.now_ns, is_path_free=is_free):
             self._begin_recovery_action(now)
@@ -297,14 +299,14 @@ class GoalExecution:
         return twist
 
     def _begin_recovery_action(self, now: ControlInput) -> None:
-        """Begin the next recovery action, or give up."""
+        """Begin the next recovery behaviour, or give up."""
         self._maneuvering.stop()
         is_blocked, left_m = not self._is_path_free(now), self.remaining_m(now.motion.pose)
         if not self.recovery.begin_next(now, is_blocked=is_blocked, left_m=left_m):
             self.outcome = "failed"
 
     def _drive_on(self) -> None:
-        """Begin anew after a recovery action, or a wait."""
+        """Continue after a recovery behaviour or a wait."""
         self._approach.let_go()
         self._progress.reset()
         self.route.must_replan = True

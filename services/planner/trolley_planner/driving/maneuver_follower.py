@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.control.controller import Motion
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.driving.goal_approach import turn_rate
-from trolley_planner.paths.hybrid_astar.motions import FORWARDS, TURNING, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, TURNING, Maneuver
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,27 +18,27 @@ class FollowerParams:
     """How a maneuver is followed; all by hand."""
 
     stalled_s: float = 1.5
-    """A maneuver is given up when the robot was held up for this long,"""
+    """Time without progress after which a maneuver is given up."""
     stalled_m: float = 0.015
-    """as it is if it moved less than this, turns counted as below."""
+    """Progress below which the robot counts as held up, turns counted by `turn_as_m`."""
     settle_rad: float = 0.03
-    """A turn is over this near to its end."""
+    """Distance to the end of a turn at which it is over."""
     track_m: float = 0.16
     """An error beside the maneuver decays over this distance."""
     ahead_m: float = 0.05
-    """The bend of the maneuver is taken this far ahead: commands take their time."""
+    """Distance ahead at which the curvature is read, since commands act late."""
     strayed_m: float = 0.05
-    """A robot this far beside its maneuver needs another."""
+    """Distance from the maneuver beyond which the robot needs another one."""
     strayed_rad: float = 0.25
-    """The same of its heading."""
+    """Heading error beyond which the robot needs another maneuver."""
     bend_ahead_m: float = 0.3
-    """Before a bend it slows down from this far on: it cannot begin to turn at once."""
+    """Distance before a bend at which the robot slows down, since it cannot turn at once."""
     creep_mps: float = 0.04
     """Speed at the end of a line."""
     arrived_m: float = 0.008
-    """A line is over this near to its end."""
+    """Distance to the end of a line at which it is over."""
     nearest_of: int = 8
-    """The robot is looked for among so many poses of the maneuver from where it was."""
+    """Number of poses ahead of the last one among which the robot's place is found."""
     turn_as_m: float = 0.3
     """A turn by one radian that is left counts as this distance."""
 
@@ -115,7 +115,7 @@ class ManeuverFollower:
         return off > FOLLOWER.strayed_m or off_yaw > FOLLOWER.strayed_rad
 
     def is_stalled(self, pose: Pose2D, elapsed_s: float) -> bool:
-        """Note where the robot is; say whether it has been held up for long, by whomever."""
+        """Record the pose; say whether the robot has been held up for long, for any reason."""
         moved_m = pose.distance_to(self._stalled_at)
         moved_m += FOLLOWER.turn_as_m * abs(wrap_angle(pose.yaw - self._stalled_at.yaw))
         if moved_m > FOLLOWER.stalled_m:

@@ -1,4 +1,4 @@
-"""Driving where the footprint matters: the maneuver of the search over poses, heading by heading.
+"""Driving where the heading of the footprint matters: along maneuvers of the pose search.
 
 In open floor the controller does without. Where there is little room along the path, where the
 robot has no room to turn, and at a goal that it must come to exactly, a maneuver is searched on
@@ -19,12 +19,12 @@ from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change, safe_command
 from trolley_planner.control.known_floor import BACK_STEPS_M
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
-from trolley_planner.control.rollout import caution_speed
+from trolley_planner.control.robot_motion import caution_speed
 from trolley_planner.driving.goal_approach import GoalApproach
 from trolley_planner.driving.maneuver_follower import FOLLOWER, ManeuverFollower
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
-from trolley_planner.paths.hybrid_astar.motions import FORWARDS, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import Task
 
 
@@ -33,67 +33,69 @@ class ManeuverParams:
     """Where maneuvers are searched; all by hand."""
 
     room_m: float = 0.08
-    """A place is tight with less room than this on both sides,"""
+    """Clearance on both sides below which a place is tight."""
     aside_m: float = 0.08
-    """which more room this far beside the path puts right."""
+    """Distance beside the path at which more clearance makes a place no longer tight."""
     turn_room_m: float = 0.02
-    """A turn on the spot is tight with less room than this."""
+    """Clearance below which a turn on the spot is tight."""
     begin_m: float = 0.5
-    """A maneuver is searched once a tight place is this near,"""
+    """Distance to a tight place at which a maneuver is searched."""
     begin_goal_m: float = 2.2
-    """or a goal with little room,"""
+    """Distance to a goal with little room at which a maneuver is searched."""
     beyond_m: float = 0.25
-    """to where the footprint has been out of it for this long."""
+    """Length of path behind a tight place that the maneuver still covers, so that the footprint is
+    out of it."""
     least_m: float = 0.9
-    """It leads at least this far along the path,"""
+    """Least length of path that a maneuver covers."""
     reach_m: float = 1.6
-    """and at most this far;"""
+    """Greatest length of path that a maneuver covers."""
     go_on_m: float = 0.5
-    """the next one is searched this far before its end,"""
+    """Distance to the end of a maneuver at which the next one is searched."""
     farther_m: float = 0.25
-    """if that leads this much farther along the path,"""
+    """Length of path that the next maneuver must cover beyond the present one."""
     longer_m: float = 0.3
-    """and is taken if it is not longer than this one by more than this, turns counted."""
+    """Most by which the next maneuver may be longer than what is left, turns counted."""
     near_goal_m: float = 0.4
-    """One that ends this near to the goal leads to it."""
+    """Distance to the goal within which a maneuver leads to the goal itself."""
     half_m: float = 2.4
-    """It keeps within this distance of the robot, along both axes."""
+    """Half the edge of the square around the robot that a maneuver keeps within."""
     loose_m: float = 0.1
-    """The place at which a maneuver ends on the path may be missed by this much,"""
+    """Tolerance of the position at which a maneuver ends on the path."""
     loose_rad: float = 0.2
-    """and the heading there by this,"""
+    """Tolerance of the heading at the end of a maneuver where the robot cannot turn."""
     free_rad: float = 0.9
-    """or by this where it can turn."""
+    """Tolerance of the heading at the end of a maneuver where the robot can turn."""
     standing_mps: float = 0.1
-    """A maneuver begins where a robot faster than this can stand,"""
+    """Speed above which a maneuver begins where the robot will have stopped."""
     delay_s: float = 0.15
-    """which it begins to do after this time;"""
+    """Time from the decision to the start of the braking."""
     lead_step_m: float = 0.025
-    """and leads there in steps no longer than this."""
+    """Greatest distance between two poses of the way to where the robot will have stopped."""
     brisk: float = 1.3
-    """A maneuver with the clearance that is wanted is driven so much faster beside obstacles than a
-    path: it is known how near they come;"""
+    """Factor on the speed beside obstacles where the maneuver keeps the wanted clearance: it is
+    known how near they come."""
     wary: float = 0.5
-    """and so much slower where by what is measured nothing is left beside it."""
+    """Factor on the speed beside obstacles where the measurements leave no clearance."""
     begin_people_m: float = 0.8
-    """No maneuver is begun while somebody moves this near to the robot,"""
+    """Distance to a moving person within which no maneuver begins."""
     stand_people_m: float = 0.3
-    """and while they do this near it stands."""
+    """Distance to a moving person within which the robot stands still."""
     retry_s: float = 1.0
-    """Time between two searches that find nothing."""
+    """Time between two searches after one that found nothing."""
     blocked_scans: int = 3
-    """A maneuver is given up when so many scans in a row showed something on it,"""
+    """Number of scans in a row that must show an obstacle on a maneuver before it is given up."""
     blocked_m: float = 0.01
-    """by more than this: nearly a fine cell, and what is out of view errs."""
+    """Depth by which an obstacle must reach into a maneuver: nearly a fine cell, and poses out of
+    view err."""
     aside_rad: float = 0.5
-    """A robot that looks so far past its path must turn before it drives along."""
+    """Angle between heading and path above which the robot must turn first."""
 
 
 MANEUVER = ManeuverParams()
 
 
 class Maneuvering:
-    """Drives along maneuvers, where the path ahead asks for one.
+    """Drives along maneuvers where the path ahead needs one.
 
     Args:
         context: costmaps and planner.
@@ -128,11 +130,11 @@ class Maneuvering:
         return 0.0 if self._follower is None else self._follower.left_m + self._rest_m
 
     def stop(self) -> None:
-        """Leave driving to the controller."""
+        """Hand driving back to the controller."""
         self._follower = None
 
     def update(self, motion: Motion, route: Route, approach: GoalApproach, now_ns: int) -> None:
-        """Search a maneuver where one is needed; give up one that is blocked or leads elsewhere.
+        """Search for a maneuver where one is needed; drop one that is blocked or leads elsewhere.
 
         Args:
             motion: of the robot; the local costmap must be centred on it.
@@ -208,7 +210,7 @@ class Maneuvering:
         return safe
 
     def _end(self, now: ControlInput, approach: GoalApproach) -> None:
-        """Note that it is over: the robot has arrived if it led to the goal, and stands."""
+        """End the maneuver: if it led to the goal and the robot stands, it has arrived."""
         twist = now.motion.twist
         if not self._to_goal:
             self.stop()
@@ -218,7 +220,7 @@ class Maneuvering:
                 self.stop()
 
     def _is_through(self, pose: Pose2D) -> bool:
-        """Say whether the robot drives forwards and has room again: the controller does better."""
+        """Say whether the robot drives forwards with clearance: the controller does better."""
         follower, room_m = self._follower, MANEUVER.room_m
         if follower is None or self._to_goal or not follower.is_forwards:
             return False
@@ -237,7 +239,7 @@ class Maneuvering:
         return float(left_m[end] - left_m[needed]) < MANEUVER.farther_m
 
     def _lead(self, motion: Motion) -> list[Pose2D]:
-        """Return the poses to where the robot can stand: maneuvers may begin with a turn."""
+        """Return the poses to where the robot can stop, since maneuvers may begin with a turn."""
         speed, poses = motion.twist.vx, [motion.pose]
         if speed < MANEUVER.standing_mps:
             return poses
@@ -285,7 +287,7 @@ class Maneuvering:
         return min(end, last)
 
     def _is_tight_goal(self, pose: Pose2D, points: NDArray[np.float64], aim: Pose2D) -> bool:
-        """Say whether there is little room at the goal: to stand there, or to turn."""
+        """Say whether the clearance at the goal is small, to stand there or to turn."""
         context = self._context
         if context.seen_clearance(aim, MANEUVER.room_m) < MANEUVER.room_m:
             return True
@@ -299,7 +301,7 @@ class Maneuvering:
         return not context.can_turn_by(aim, turn, MANEUVER.turn_room_m)
 
     def _must_turn_in_little_room(self, pose: Pose2D, points: NDArray[np.float64]) -> bool:
-        """Say whether the robot looks elsewhere than the path leads, and cannot just turn."""
+        """Say whether the robot must turn to the path and lacks the clearance for it."""
         ahead = points[min(len(points) - 1, 6)]
         if math.dist((pose.x, pose.y), (float(ahead[0]), float(ahead[1]))) < 0.1:
             return False
@@ -346,7 +348,7 @@ class Maneuvering:
         return None
 
     def _check_maneuver(self, pose: Pose2D, route: Route, aim: Pose2D) -> None:
-        """Give the maneuver up where something stands on it, or it leads elsewhere."""
+        """Drop the maneuver if an obstacle is on it, or it leads elsewhere."""
         follower = self._follower
         if follower is None:
             return
@@ -364,7 +366,7 @@ class Maneuvering:
 
 
 def _led(maneuver: Maneuver, lead: list[Pose2D]) -> Maneuver:
-    """Return a maneuver with the poses before it that lead to its begin, forwards."""
+    """Return a maneuver with the poses before it that lead to its start, forwards."""
     if len(lead) == 1:
         return maneuver
     before = np.array([(pose.x, pose.y, pose.yaw) for pose in lead[:-1]])

@@ -13,15 +13,15 @@ class ProgressParams:
     """What counts as progress, and as trouble; all by hand."""
 
     turn_rad: float = 0.5
-    """A turn by this much is progress, too,"""
+    """Turn that counts as progress."""
     most_turn_rad: float = 3.0 * math.pi
-    """but not without end."""
+    """Total turn after which turning no longer counts as progress."""
     slip_wheels_m: float = 0.3
-    """Wheels that drove this far"""
+    """Distance driven by the wheels over which slip is judged."""
     slip_share: float = 0.3
-    """while the robot moved less than this share of it are slipping."""
+    """Share of that distance below which the robot's own motion means that the wheels slip."""
     oscillation_m: float = 1.0
-    """A robot that drove this far without getting nearer goes back and forth."""
+    """Distance driven without getting nearer from which on the robot oscillates."""
 
 
 PROGRESS = ProgressParams()
@@ -51,7 +51,7 @@ class ProgressChecker:
         self._last: tuple[Pose2D, Pose2D] | None = None
 
     def reset(self) -> None:
-        """Begin anew, as with a new path or after a try to get free."""
+        """Start over, as with a new path or after recovery."""
         self._mark = None
         self._last = None
 

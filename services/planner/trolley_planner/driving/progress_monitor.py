@@ -1,4 +1,4 @@
-"""What may keep the robot from its goal, and for how long it is patient."""
+"""What may keep the robot from its goal, and how long it waits."""
 
 from dataclasses import dataclass
 
@@ -14,29 +14,29 @@ from trolley_planner.driving.progress_checker import ProgressChecker
 
 @dataclass(frozen=True, slots=True)
 class PatienceParams:
-    """When the robot waits, and when it tries to get free; all by hand."""
+    """When the robot waits, and when recovery begins; all by hand."""
 
     no_path_s: float = 0.7
-    """Recovery begins when the local costmap has held no path for this long."""
+    """Time without a path in the local costmap after which recovery begins."""
     standing_mps: float = 0.03
-    """A robot slower than this,"""
+    """Speed below which the robot may count as standing."""
     standing_radps: float = 0.1
-    """and turning slower than this, counts as standing."""
+    """Turn rate below which the robot may count as standing."""
     on_goal_m: float = 0.1
-    """Nearer to an occupied goal than this the robot does not wait: it has only to turn."""
+    """Distance to an occupied goal within which the robot does not wait: it has only to turn."""
     wait_at_goal_m: float = 0.5
-    """The robot waits this far before an occupied goal, measured from its outline."""
+    """Distance from the robot's outline to an occupied goal at which it waits."""
     goal_patience: float = 4.0
     """It waits there for this many times the usual patience."""
     yield_m: float = 0.8
-    """Somebody moving this near to the outline may be why the robot stands."""
+    """Distance from the outline within which a moving person may be why the robot stands."""
 
 
 PATIENCE = PatienceParams()
 
 
 class ProgressMonitor:
-    """Notices that the robot does not get on, and tells why.
+    """Detects that the robot makes no progress, and why.
 
     Args:
         context: costmaps, and people.
@@ -52,20 +52,20 @@ class ProgressMonitor:
         self._held_s = 0.0
         self._occupied_s = 0.0
         self.is_waiting_at_goal = False
-        """Whether the robot stands before a goal that something stands on."""
+        """Whether the robot waits before an occupied goal."""
 
     def update(self, now_ns: int, pose: Pose2D) -> None:
-        """Take a scan in."""
+        """Take in a scan."""
         costmap = self._context.costmap
         beams, people = costmap.obstacle_layer.beams, costmap.moving.people
         self._contact_hold.update(now_ns, beams, people, pose)
 
     def reset_progress(self) -> None:
-        """Measure anew, as with a new goal."""
+        """Restart the measurement of progress, as with a new goal."""
         self._checker.reset()
 
     def reset(self) -> None:
-        """Measure anew, and be patient again while there is no path."""
+        """Restart the measurement of progress and the wait for a path."""
         self._checker.reset()
         self._no_path_s = 0.0
 
@@ -74,13 +74,13 @@ class ProgressMonitor:
         return self._contact_hold.must_stand(now_ns)
 
     def is_held(self, now: ControlInput) -> bool:
-        """Say whether somebody may be why the robot stands: they touch it, or move near it."""
+        """Say whether a person may be why the robot stands: they touch it, or move near it."""
         near_m = self._context.footprint.circumscribed_m + PATIENCE.yield_m
         moves_near = self._context.local_costmap.is_anyone_near(now.motion.pose, near_m)
         return moves_near or self.must_stand(now.now_ns)
 
     def is_excused(self, twist: Twist2D, now: ControlInput) -> bool:
-        """Say whether somebody holds the robot up, for as long as it is patient."""
+        """Say whether a person holds the robot up, within its patience."""
         is_held = abs(twist.vx) < PROXIMITY.standing_mps and self.is_held(now)
         self._held_s = self._held_s + now.elapsed_s if is_held else 0.0
         return is_held and self._held_s < self._patience_s
@@ -96,13 +96,15 @@ class ProgressMonitor:
         self._no_path_s = 0.0 if is_led else self._no_path_s + now.elapsed_s
         pose, twist = now.motion.pose, now.motion.twist
         trouble = self._checker.check(now.now_ns, left_m, pose, now.odom_T_base)
-        stands = abs(twist.vx) < PATIENCE.standing_mps and abs(twist.wz) < PATIENCE.standing_radps
-        if trouble is None and self._no_path_s > PATIENCE.no_path_s and stands:
+        is_standing = (
+            abs(twist.vx) < PATIENCE.standing_mps and abs(twist.wz) < PATIENCE.standing_radps
+        )
+        if trouble is None and self._no_path_s > PATIENCE.no_path_s and is_standing:
             return codes.BLOCKED
         return trouble
 
     def wait_at_goal(self, left_m: float, elapsed_s: float, *, is_occupied: bool) -> bool:
-        """Note whether the robot waits before a goal; False when it has waited long enough.
+        """Record a wait before an occupied goal; False when it has lasted long enough.
 
         Args:
             left_m: how far it is to the goal.

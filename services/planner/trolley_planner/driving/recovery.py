@@ -1,4 +1,4 @@
-"""What is tried where the robot does not get nearer to its goal: actions of rising effort.
+"""Recovery behaviours in the order of their effort, for a robot that makes no progress.
 
 Each is bounded; the robot gives up when none has helped.
 """
@@ -16,22 +16,23 @@ class RecoveryParams:
     """Bounds of recovery; by hand."""
 
     free_after_m: float = 0.5
-    """A robot that got this much nearer to the goal than ever is free: the actions start over."""
+    """Progress beyond the best so far after which the behaviours start over."""
     detour_m: float = 2.0
-    """A new path longer by this is a detour, on which progress is measured anew,"""
+    """Extra length from which on a new path is a detour; progress is then measured from there."""
     most_detours: int = 2
-    """at most this often."""
+    """Number of detours per goal on which progress is measured from there."""
     most_actions: int = 15
-    """Actions for one goal; then it has failed."""
+    """Number of recovery behaviours per goal after which the goal fails."""
     excused_factor: int = 5
-    """After this many times `give_up_s` the goal fails, even if the robot only stood for people."""
+    """Multiple of `give_up_s` after which the goal fails even if the robot only stood for people.
+    """
 
 
 RECOVERY = RecoveryParams()
 
 
 class RecoveryAction(Enum):
-    """What is tried to get free."""
+    """Recovery behaviours."""
 
     WAIT = "wait"
     CLEAR = "clear"
@@ -49,13 +50,13 @@ RECOVERY_SEQUENCE = (
     RecoveryAction.REROUTE,
     RecoveryAction.WAIT_LONGER,
 )
-"""The order in which they are tried; the last is repeated."""
+"""Recovery behaviours in the order in which they are tried; the last is repeated."""
 MOVES = (RecoveryAction.BACK_UP, RecoveryAction.TURN, RecoveryAction.REROUTE)
-"""These are left out where they are not possible."""
+"""Recovery behaviours that are skipped where the robot has no room for them."""
 
 
 class Recovery:
-    """Which recovery action comes next, and when to give up."""
+    """Which recovery behaviour comes next, and when to give up."""
 
     def __init__(self, config: PlannerConfig) -> None:
         self._give_up_ns = round(config.give_up_s * 1e9)
@@ -73,7 +74,7 @@ class Recovery:
         """What is being tried."""
 
     def update_remaining(self, remaining_m: float) -> None:
-        """Note the length of the path that is left: a robot that gets on is free."""
+        """Record the remaining length of the path: progress ends recovery."""
         if remaining_m < self._best_m - RECOVERY.free_after_m:
             self._step, self._since_ns, self._excused_ns = -1, None, 0
             self._best_m = remaining_m
@@ -81,7 +82,7 @@ class Recovery:
             self._best_m = remaining_m
 
     def update_path_length(self, remaining_m: float) -> None:
-        """Note the length of a new path: a long detour is measured by itself, but not forever."""
+        """Record the length of a new path; on a detour progress restarts there, a few times."""
         is_detour = remaining_m > self._best_m + RECOVERY.detour_m
         if is_detour and self._num_detours < RECOVERY.most_detours:
             self._num_detours += 1
@@ -90,7 +91,7 @@ class Recovery:
     def begin_next(
         self, now_ns: int, is_possible: Callable[[RecoveryAction], bool]
     ) -> RecoveryAction | None:
-        """Begin the next action that is possible; None when it is time to give up.
+        """Begin the next possible behaviour; None when it is time to give up.
 
         Args:
             now_ns: robot time.
@@ -116,7 +117,7 @@ class Recovery:
         return self.current
 
     def end(self) -> None:
-        """End the current action."""
+        """End the current behaviour."""
         self.current = None
 
     def forgive(self, now_ns: int) -> None:
@@ -132,7 +133,7 @@ class Recovery:
             self._excused_ns += time_ns
 
     def elapsed_s(self, now_ns: int) -> float:
-        """Return how long the current action has lasted [s]."""
+        """Return how long the current behaviour has lasted [s]."""
         return (now_ns - self._began_ns) * 1e-9
 
     def is_patient(self, now_ns: int) -> bool:

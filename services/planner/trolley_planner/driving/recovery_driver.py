@@ -1,4 +1,4 @@
-"""How the robot drives while it recovers: it waits, looks again, backs up, turns."""
+"""How the robot drives during recovery: it waits, clears the costmap, backs up, turns."""
 
 import math
 from collections import deque
@@ -10,39 +10,39 @@ from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limited_change, safe_command
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.driving.recovery import Recovery, RecoveryAction
 from trolley_planner.driving.route import Route
 
 
 @dataclass(frozen=True, slots=True)
 class BehaviorParams:
-    """How the robot moves meanwhile; all by hand."""
+    """How the robot moves during recovery; all by hand."""
 
     crumb_m: float = 0.03
     """Distance between two remembered poses of the robot's track."""
     track_m: float = 3.0
     """Length of the track that is remembered."""
     settle_s: float = 0.5
-    """A wait, or a second look, lasts at least this long: time for two scans or so."""
+    """Least duration of a wait or of clearing the costmap: time for about two scans."""
     backing_mps: float = 0.12
-    """Speed of backing up."""
+    """Speed when backing up."""
     lookback_m: float = 0.12
-    """Backing up steers for the track this far behind."""
+    """Distance behind the robot of the point on its track that it backs up towards."""
     spin_radps: float = 0.7
     """Turn rate of a spin."""
     stalled_s: float = 1.0
-    """A motion that was held up for this long is over,"""
+    """Time without motion after which a behaviour ends."""
     longest_s: float = 12.0
-    """and each is after this long."""
+    """Longest duration of a behaviour."""
     standing_mps: float = 0.02
-    """A motion is held up while the robot is slower than this"""
+    """Speed below which the robot may count as held up."""
     standing_radps: float = 0.1
-    """and turns slower than this."""
+    """Turn rate below which the robot may count as held up."""
     forget_radius_m: float = 1.5
-    """What the lidar saw this near is forgotten when the robot looks again."""
+    """Radius around the robot within which obstacles are cleared from the costmap."""
     closed_radius_m: float = 0.2
-    """Radius of the place on the path that is closed where the robot did not get through."""
+    """Radius of the part of the path that is closed where the robot did not get through."""
 
 
 BEHAVIORS = BehaviorParams()
@@ -50,7 +50,7 @@ BEHAVIORS = BehaviorParams()
 
 @dataclass(slots=True)
 class Breadcrumbs:
-    """The robot's track as odometry poses: it was free a moment ago."""
+    """The robot's recent track as odometry poses, along which it can back up."""
 
     crumbs: deque[Pose2D] = field(
         default_factory=lambda: deque[Pose2D](maxlen=round(BEHAVIORS.track_m / BEHAVIORS.crumb_m))
@@ -73,7 +73,7 @@ class Breadcrumbs:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Stands until the path is free, or patience ends."""
+    """Stands until the path is free, or the robot has waited long enough."""
 
     is_blocked: bool
     """Whether something kept the robot from driving on when the wait began."""
@@ -81,11 +81,11 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class LookAgain:
-    """Stands until scans show what is really there."""
+    """Stands until new scans have filled the costmap that was cleared."""
 
 
 class StallDetector:
-    """Notices that a motion is held up, or takes too long."""
+    """Detects that a motion is held up, or takes too long."""
 
     def __init__(self) -> None:
         self._stalled_s = 0.0
@@ -93,10 +93,10 @@ class StallDetector:
 
     def update(self, driven: Twist2D, elapsed_s: float) -> None:
         """Note what of a command was safe to drive."""
-        stands = (
+        is_standing = (
             abs(driven.vx) < BEHAVIORS.standing_mps and abs(driven.wz) < BEHAVIORS.standing_radps
         )
-        self._stalled_s = self._stalled_s + elapsed_s if stands else 0.0
+        self._stalled_s = self._stalled_s + elapsed_s if is_standing else 0.0
         self._elapsed_s += elapsed_s
 
     @property
@@ -167,7 +167,7 @@ class Spin:
 
 
 class RecoveryDriver:
-    """Carries out the recovery actions along a route.
+    """Carries out the recovery behaviours along a route.
 
     Args:
         context: costmaps and planners.
@@ -189,7 +189,7 @@ class RecoveryDriver:
         self._trail.drop(odom_T_base)
 
     def begin_next(self, now: ControlInput, *, is_blocked: bool, left_m: float) -> bool:
-        """Begin the next action; False when it is time to give up.
+        """Begin the next behaviour; False when it is time to give up.
 
         Args:
             now: where the robot is.
@@ -218,7 +218,7 @@ class RecoveryDriver:
         self._behavior = None
 
     def has_lost_patience(self, now_ns: int, *, is_path_free: bool) -> bool:
-        """Say whether a wait has lasted long enough; end it where the path is free."""
+        """Say whether a wait has lasted long enough; end it if the path is free."""
         if not isinstance(self._behavior, Wait):
             return False
         if is_path_free and self._has_settled(now_ns):
@@ -229,7 +229,7 @@ class RecoveryDriver:
         return not self.sequence.is_patient(now_ns)
 
     def command(self, now: ControlInput) -> Twist2D:
-        """Return the velocity of the present action, and end it when it is over."""
+        """Return the velocity of the current behaviour, and end it when it is done."""
         wanted: Twist2D | None = Twist2D.zero()
         match self._behavior:
             case LookAgain() if self._has_settled(now.now_ns):
@@ -259,7 +259,7 @@ class RecoveryDriver:
             self._behavior.update(driven, elapsed_s)
 
     def point_ahead(self) -> tuple[float, float]:
-        """Return the point of the path right before the robot, x, y in `grid` [m]."""
+        """Return the point of the path right ahead of the robot, x, y in `grid` [m]."""
         path = self._route.path
         x, y = path.points[path.ahead(self._route.index, self._ahead_m)]
         return float(x), float(y)
@@ -273,7 +273,7 @@ class RecoveryDriver:
         return self.sequence.elapsed_s(now_ns) > BEHAVIORS.settle_s
 
     def _prepare(self, action: RecoveryAction, now: ControlInput, left_m: float) -> bool:
-        """Get ready for an action that moves the robot; say whether there is room for it."""
+        """Prepare a behaviour that moves the robot; say whether there is room for it."""
         pose, context, clearance_m = now.motion.pose, self._context, now.limits.clearance_m
         if action is RecoveryAction.BACK_UP:
             self._behavior = BackUp(now.odom_T_base, self._config.back_up_m)
@@ -316,7 +316,7 @@ class RecoveryDriver:
 
 
 def free_turn(can_turn: Callable[[float], bool], bearing: float) -> float | None:
-    """Return by how much to turn to look around [rad], towards a bearing first; None for no room.
+    """Return the turn for looking around [rad], towards a bearing first; None without room.
 
     Args:
         can_turn: says whether there is room for a turn by an angle [rad].

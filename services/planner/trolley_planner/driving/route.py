@@ -1,4 +1,4 @@
-"""The path of a goal while it is driven: where the robot is, when it is planned anew, its time."""
+"""The path to a goal while it is driven: progress along it, replanning, timing."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, wrap_angle, wrap_angles
 from trolley_planner.context.planning_context import PlanningContext
-from trolley_planner.control.rollout import Limits, caution_speed
+from trolley_planner.control.robot_motion import Limits, caution_speed
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import LETHAL, UNKNOWN
 from trolley_planner.goals import VIA_RADIUS_M
@@ -26,27 +26,27 @@ class RouteParams:
     replan_blocked_s: float = 0.3
     """Time between two plans while the path is blocked."""
     detour_factor: float = 1.5
-    """A path is a detour if it is longer than this many times the old one"""
+    """Multiple of the old length above which a path may be a detour."""
     detour_m: float = 2.0
-    """and this much more."""
+    """Extra length above which such a path is a detour."""
     better_share: float = 0.9
-    """A new path is taken if it costs less than this share of the old one."""
+    """Share of the old cost below which a new path is taken."""
     strayed_m: float = 0.7
-    """Farther from its path than this the robot needs another."""
+    """Distance from the path beyond which the robot needs a new one."""
     reach_m: float = 1.0
-    """The robot is looked for at most this far along the path since the last time."""
+    """Length of path ahead of the last match within which the robot's place is found."""
     own_place_m: float = 0.4
-    """The path this near to the robot,"""
+    """Distance from the robot within which its path may be tight."""
     goal_place_m: float = 0.2
-    """and this near to the goal, may be tight and still be right."""
+    """Distance from the goal within which the path may be tight."""
     tight_ahead_m: float = 0.8
-    """This far before a tight place"""
+    """Distance before a tight place at which the robot accepts the clearance that there is."""
     tight_behind_m: float = 0.5
-    """and behind it the robot keeps the clearance that there is."""
+    """Distance behind a tight place up to which the robot accepts the clearance that there is."""
     off_map_m: float = 1.0
-    """So much more than there should be of a way may be off the map: maps have holes."""
+    """Extra length of a path that may lie off the map, since maps have holes."""
     horizon_m: float = 12.0
-    """Only obstacles this near along the path call for a new one."""
+    """Distance along the path up to which obstacles call for replanning."""
 
 
 ROUTE = RouteParams()
@@ -98,7 +98,7 @@ class Route:
         self.changes = 0
         """How often the goal's path was replaced."""
         self.must_replan = False
-        """Whether to plan anew in any case, as after a jump of the pose."""
+        """Whether to replan in any case, as after a jump of the pose."""
         self._timed: tuple[tuple[int, float], NDArray[np.float64]] | None = None
         """For which path and speed the times along it are known, and these."""
         self._planned_ns = 0
@@ -163,11 +163,11 @@ class Route:
         return math.hypot(pose.x - float(x), pose.y - float(y)) > ROUTE.strayed_m
 
     def retarget(self, goal: Pose2D) -> None:
-        """Drive to a slightly different goal from now on."""
+        """Drive to a slightly moved goal from now on."""
         self.targets[-1] = goal
 
     def replan_if_due(self, pose: Pose2D, now_ns: int) -> None:
-        """Bring the costmap up to date; replace the path where it is blocked or can be better.
+        """Update the costmap; replace the path where it is blocked or a better one exists.
 
         Args:
             pose: of the robot in `grid`.
@@ -199,7 +199,7 @@ class Route:
         return bool(self._lethal(first, self.path.ahead(self.index, ROUTE.tight_ahead_m)).any())
 
     def blocked_points(self, limit: int = 20) -> list[tuple[float, float]]:
-        """Return points of the path ahead that something keeps the robot from [m in `grid`].
+        """Return blocked points of the path ahead [m in `grid`].
 
         The robot's own place and the goal's are left out: they may be tight and still be right.
         """
@@ -215,7 +215,7 @@ class Route:
         return [(float(x), float(y)) for x, y in points[lethal][:limit]]
 
     def leads_off_map(self, off_m: float) -> bool:
-        """Say whether the way leads further off the map, and not back on it.
+        """Say whether the path leads further off the map, and not back onto it.
 
         Args:
             off_m: how far the robot has driven since the map ended [m].
@@ -229,7 +229,7 @@ class Route:
         return back_m > off_m + ROUTE.off_map_m or away_m > ROUTE.off_map_m or back == len(is_off)
 
     def _lethal(self, first: int, last: int) -> NDArray[np.bool_]:
-        """Return for some points of the path whether they are too near to something."""
+        """Say which points of the path are too near to an obstacle."""
         cols, rows = self._cells(first, last)
         return self._context.costmap.weights[rows, cols] == LETHAL
 
@@ -239,7 +239,7 @@ class Route:
         return np.floor(points / self._context.costmap.resolution_m).astype(np.int64).T
 
     def _replan(self, pose: Pose2D, is_cut: bool, now_ns: int, force: bool) -> None:
-        """Look for a better path, or any if the present one is cut."""
+        """Search for a better path, or for any if the present one is blocked."""
         costmap, planner = self._context.costmap, self._context.planner
         start = (pose.x, pose.y)
         targets = [(target.x, target.y) for target in self.targets]

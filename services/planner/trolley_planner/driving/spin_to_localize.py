@@ -1,4 +1,4 @@
-"""One spin in place for a robot that does not know where it is."""
+"""One spin in place for a robot that has lost its pose."""
 
 from dataclasses import dataclass
 
@@ -8,28 +8,28 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, circumscribed_radius, footprint_from_polygon
 from trolley.messages import Scan
 from trolley.messages.types import floats_from_bytes
-from trolley_planner.control.rollout import Limits
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.driving.recovery_driver import Spin
 from trolley_planner.sensing.inputs import Inputs
 
 
 @dataclass(frozen=True, slots=True)
 class SpinParams:
-    """The spin of a robot that looks for its pose; by hand."""
+    """The spin of a robot that has lost its pose; by hand."""
 
     room_m: float = 0.1
-    """This much more than the robot's own circle must be free."""
+    """Free distance needed around the robot's circumscribed circle."""
     full_turn_rad: float = 6.4
-    """Angle of the whole turn."""
+    """Angle of the whole spin."""
     acceleration_radps2: float = 1.0
-    """The turn begins gently."""
+    """Angular acceleration of the spin, which begins gently."""
 
 
 SPIN = SpinParams()
 
 
 class SpinToLocalize:
-    """Turns once when the localizer asks for it, the configuration allows it, and there is room.
+    """Spins once if the localizer asks for it, the configuration allows it, and there is room.
 
     It turns at most once until the robot has found itself.
 
@@ -44,12 +44,12 @@ class SpinToLocalize:
         self._rate = 0.0
 
     def set_config(self, config: PlannerConfig) -> None:
-        """Allow a turn from now on, or no longer."""
+        """Apply the settings: whether a spin is allowed."""
         self._is_allowed = config.turn_to_find
 
     @property
     def is_turning(self) -> bool:
-        """Whether it is about to turn, or turns."""
+        """Whether it spins, or is about to."""
         return self._turn is not None
 
     def stop(self) -> None:
@@ -58,7 +58,7 @@ class SpinToLocalize:
             self._turn, self._is_spent, self._rate = None, True, 0.0
 
     def command(self, inputs: Inputs, limits: Limits | None, now_ns: int) -> Twist2D | None:
-        """Return the velocity of the turn, None while there is nothing to turn for."""
+        """Return the velocity of the spin, None while none is needed."""
         pose = inputs.pose
         if not self._is_allowed or pose is None or limits is None:
             return None
@@ -88,7 +88,7 @@ class SpinToLocalize:
         return Twist2D(0.0, 0.0, self._rate)
 
     def _has_room(self, inputs: Inputs) -> bool:
-        """Say whether nothing stands in the circle that the robot turns in."""
+        """Say whether the circle that the robot turns in is free."""
         robot, scan, mounting = inputs.robot, inputs.scan, inputs.base_T_laser
         if robot is None or scan is None or mounting is None:
             return False

@@ -27,25 +27,25 @@ class GivingWayParams:
     """How long robots wait for each other; all by hand."""
 
     facing_s: float = 1.5
-    """Two that have stood face to face for this long stay there unless one steps aside."""
+    """Time face to face after which one of two standing robots has to step aside."""
     passed_s: float = 0.6
-    """The path must have been free for this long before the robot drives on."""
+    """Time for which the path must have been free before the robot drives on."""
     idle_s: float = 12.0
-    """A robot that has the right of way and within this time"""
+    """Time within which a robot with the right of way must move `idle_m` to keep it."""
     idle_m: float = 0.2
-    """does not move this far leaves it to the other,"""
+    """Distance that it must move within `idle_s`."""
     turn_s: float = 15.0
-    """for this long."""
+    """Time for which the other robot has the right of way instead."""
     look_s: float = 1.0
     """Time between two searches for a better place to wait."""
     standing_mps: float = 0.03
-    """A robot slower than this"""
+    """Speed below which a robot may count as standing."""
     standing_radps: float = 0.1
-    """and turning slower than this stands."""
+    """Turn rate below which a robot may count as standing."""
     most_waits: float = 5.0
-    """After this many times the time to give up it stops waiting."""
+    """Multiple of the time to give up after which the robot stops waiting."""
     blocking_m: float = 2.0
-    """A robot that stands on the path within this distance is named."""
+    """Distance within which a robot that stands on the path is named."""
 
 
 GIVING_WAY = GivingWayParams()
@@ -53,7 +53,7 @@ TO_PASS = "to pass"
 
 
 @dataclass(slots=True)
-class Wait:
+class WaitForRobot:
     """Which robot this one waits for."""
 
     name: str
@@ -68,12 +68,12 @@ class Wait:
 
     @property
     def sentence(self) -> str:
-        """What people read."""
+        """The sentence for people."""
         return f"Waiting for robot {self.name} {self.where}."
 
 
 class GivingWay:
-    """Knows the other robots, and decides whether to wait for one.
+    """Tracks the other robots, and decides whether to wait for one.
 
     Args:
         config: of the planner.
@@ -89,11 +89,11 @@ class GivingWay:
         self._waiting_execution: GoalExecution | None = None
         self.others: list[Neighbour] = []
         """The other robots, in `grid`."""
-        self.wait: Wait | None = None
+        self.wait: WaitForRobot | None = None
         """Which robot it waits for now."""
 
     def set_config(self, config: PlannerConfig) -> None:
-        """Wait and drive by other settings."""
+        """Apply other settings from now on."""
         self._config = config
 
     def update_neighbours(
@@ -118,7 +118,7 @@ class GivingWay:
         self._left_to.clear()
 
     def decide(self, name: str, execution: GoalExecution, motion: Motion, now_ns: int) -> None:
-        """Decide anew whether to wait, and for which robot.
+        """Decide whether to wait, and for which robot.
 
         Args:
             name: of this robot.
@@ -158,7 +158,7 @@ class GivingWay:
         self._resume_when_free(now_ns)
 
     def update(self, motion: Motion, now_ns: int) -> bool:
-        """Take a scan in while driving to a place to wait; False if there is none to drive to."""
+        """Take in a scan on the way to the waiting pose; False if it is not driving to one."""
         if self._waiting_execution is None:
             return False
         self._waiting_execution.update(motion, now_ns)
@@ -202,11 +202,11 @@ class GivingWay:
         return robot_standing_on(ahead, self.others, execution.context.footprint.inscribed_m)
 
     def _update_standing(self, motion: Motion, now_ns: int) -> None:
-        stands = (
+        is_standing = (
             abs(motion.twist.vx) < GIVING_WAY.standing_mps
             and abs(motion.twist.wz) < GIVING_WAY.standing_radps
         )
-        if not stands:
+        if not is_standing:
             self._stood_ns = None
         elif self._stood_ns is None:
             self._stood_ns = now_ns
@@ -224,7 +224,7 @@ class GivingWay:
         wait = self.wait
         if wait is None or wait.name != other.name:
             since_ns = now_ns if wait is None else wait.since_ns
-            self.wait = Wait(other.name, where, since_ns, other.pose, now_ns)
+            self.wait = WaitForRobot(other.name, where, since_ns, other.pose, now_ns)
             return
         wait.free_ns = None
         if wait.place.distance_to(other.pose) > GIVING_WAY.idle_m:
@@ -233,7 +233,7 @@ class GivingWay:
             self._left_to[other.name] = now_ns + round(GIVING_WAY.turn_s * 1e9)
 
     def _resume_when_free(self, now_ns: int) -> None:
-        """Drive on, once there has been no robot to wait for during some time."""
+        """Drive on once there has been no robot to wait for during some time."""
         if self.wait is None:
             return
         if self.wait.free_ns is None:
@@ -245,7 +245,7 @@ class GivingWay:
     def _look_for_waiting_pose(
         self, execution: GoalExecution, pose: Pose2D, passages: Passages, now_ns: int
     ) -> None:
-        """Look for a place to wait if the robot would be in another's way where it is."""
+        """Search for a waiting pose if the robot is in another's way."""
         if now_ns - self._looked_ns < GIVING_WAY.look_s * 1e9:
             return
         self._looked_ns = now_ns

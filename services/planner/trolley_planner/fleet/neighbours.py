@@ -26,26 +26,25 @@ class NeighbourParams:
     """How long and how far messages of other robots count; all by hand."""
 
     most_robots: int = 32
-    """No more robots than this are remembered;"""
+    """Number of robots that are remembered."""
     forget_ns: int = 60_000_000_000
-    """one that has been silent for this long makes room for another [ns]."""
+    """Silence after which a robot is forgotten if another needs its place [ns]."""
     silent_s: float = 1.5
-    """A robot that has not said for this long where it is does not count."""
+    """Age of a robot's pose above which the robot does not count."""
     track_silent_s: float = 0.6
-    """A trajectory is old after this time."""
+    """Age above which a trajectory is not used."""
     track_steps: int = 25
-    """This many steps of `ROBOT_DT_S` are foreseen."""
+    """Number of steps of `ROBOT_DT_S` that are predicted."""
     moves_m: float = 0.03
-    """A robot that drives less than this in the next second stands: it is what the lidar sees
-    of it."""
+    """Distance in the next second below which a robot counts as standing; the lidar sees it."""
     path_ahead_m: float = 6.0
-    """This much of a robot's path matters."""
+    """Length of a robot's path that is considered."""
     off_path_m: float = 1.0
-    """A robot farther from its path than this does not drive along it."""
+    """Distance from its path beyond which a robot is not taken to follow it."""
     most_points: int = 20_000
-    """Longer paths are not read."""
+    """Number of points above which a path is not read."""
     most_discs: int = 4
-    """An outline is represented by at most this many discs in a row."""
+    """Number of discs in a row that represent an outline at most."""
 
 
 NEIGHBOURS = NeighbourParams()
@@ -93,7 +92,7 @@ class _Heard:
     pose_ns: int = 0
     is_going: bool = False
     waiting_ns: int | None = None
-    """When it first said that it waits."""
+    """When it first reported that it waits; None if it does not."""
     path: Floats = field(default_factory=lambda: NO_POINTS)
     poses_ahead: Floats = field(default_factory=lambda: np.empty((0, 3)))
     step_s: float = ROBOT_DT_S
@@ -168,7 +167,7 @@ class Neighbours:
         return found
 
     def _of(self, name: str) -> _Heard | None:
-        """Return what is kept of a robot, None of oneself or of one too many."""
+        """Return the record of a robot; None for this robot, or beyond `most_robots`."""
         if name == self.own_name:
             return None
         heard = self._heard.get(name)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.gridmap.distance import distance_transform
-from trolley_planner.costmap.parts import label_parts
+from trolley_planner.costmap.connected_components import label_components
 from trolley_planner.fleet.neighbours import Neighbour
 from trolley_planner.paths.path import SPACING_M
 
@@ -52,7 +52,7 @@ Floats = NDArray[np.float64]
 
 
 class Claim(NamedTuple):
-    """What a robot's place in the order depends on."""
+    """What a robot's rank depends on."""
 
     is_inside: bool
     waited_s: float | None
@@ -107,7 +107,7 @@ class Passages:
         self._narrow = away > half_m - 0.5 * resolution_m
         # In a thin wall such discs reach through a door from both sides, but do not get through.
         labels = np.empty(centres.shape, dtype=np.int32)
-        if label_parts(labels, centres, static_distance_m > 0.0) > 1:
+        if label_components(labels, centres, static_distance_m > 0.0) > 1:
             doors = np.zeros(centres.shape, dtype=np.bool_)
             doors[1:] |= (labels[1:] != labels[:-1]) & (labels[1:] > 0) & (labels[:-1] > 0)
             doors[:, 1:] |= (labels[:, 1:] != labels[:, :-1]) & (labels[:, 1:] * labels[:, :-1] > 0)
@@ -163,7 +163,7 @@ def _claim(
     waited_s: float | None,
     passages: Passages,
 ) -> Claim:
-    """Return what a robot's place in the order depends on, for a narrow part of its path."""
+    """Return a robot's claim to a narrow part of its path."""
     off_m = math.dist(place, (float(path[0, 0]), float(path[0, 1])))
     left_m = part.start * SPACING_M + off_m
     is_inside = left_m < RIGHT_OF_WAY.inside_m + SPACING_M and bool(

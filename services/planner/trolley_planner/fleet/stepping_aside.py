@@ -1,4 +1,4 @@
-"""Making room for people who come where two do not fit side by side.
+"""Yielding to people in corridors and doors that are too narrow to pass them.
 
 In open floor and in wide corridors the controller keeps to its side. Where somebody comes along
 the route and there is no room beside them, the robot looks for a place that they will not touch, a
@@ -26,60 +26,61 @@ from trolley_planner.sensing.beams import wrapped
 
 
 class AsideParams(NamedTuple):
-    """When the robot makes room, and where; all by hand."""
+    """When the robot yields to people in narrow places, and where it waits; all by hand."""
 
     half_m: float = 5.0
-    """People and places this near to the robot count, along both axes."""
+    """Half the edge of the square around the robot in which people and waiting places count."""
     ahead_m: float = 4.0
-    """This much of the route is checked."""
+    """Length of the route that is checked."""
     ahead_s: float = 8.0
-    """People are taken to walk on for this long."""
+    """Time for which people are predicted to walk on."""
     step_s: float = 0.1
-    """Time between two of their places."""
+    """Time between two predicted positions."""
     wall_m: float = 0.2
-    """Their middle keeps this far from walls."""
+    """Least distance from a predicted position to a wall."""
     person_m: float = 0.25
-    """Radius of a person: where a robot fits on both sides of them"""
+    """Radius of a person."""
     narrow_m: float = 1.5
-    """along so much of the route before and behind where they meet, the controller passes."""
+    """Length of route before and behind the meeting point that must be wide enough for the
+    controller to pass."""
     beside_m: float = 0.05
-    """Elsewhere it does where it fits beside who comes with this to spare:"""
+    """Clearance beside a person with which the controller passes them elsewhere."""
     room_m: float = 0.5
-    """free floor beside the route, as near as this to where they meet, is room to pass"""
+    """Distance from the meeting point within which free floor beside the route is room to pass."""
     before_m: float = 1.0
-    """all along this much of the route before that place,"""
+    """Length of route before the meeting point along which there must be room to pass."""
     behind_m: float = 0.5
-    """and this much behind it."""
+    """Length of route behind the meeting point along which there must be room to pass."""
     keep_m: float = 0.12
-    """Left between them and the robot that waits; it looks for another place if there is none."""
+    """Least distance between people and the waiting robot; with less it looks for another place."""
     moves_m: float = 0.3
-    """A place no farther than this from the one before is the same."""
+    """Distance within which two waiting places count as the same."""
     pace: float = 0.85
-    """The robot gets on at this share of its speed,"""
+    """Share of its speed at which the robot is predicted to drive."""
     turn_radps: float = 1.2
-    """and turns at this rate before it sets off [rad/s]."""
+    """Rate at which the robot is predicted to turn before it sets off [rad/s]."""
     early_s: float = 0.3
-    """It is anywhere so much earlier than they are."""
+    """Time by which the robot must be at a place before people are."""
     look_s: float = 0.3
-    """Time between two looks."""
+    """Time between two checks."""
     passed_s: float = 0.8
-    """It drives on when nobody has been coming for this long,"""
+    """Time without anybody coming after which the robot drives on."""
     late_s: float = 0.7
-    """and not before those who came should have been past for this long: in a niche it does not
-    see them come."""
+    """Time after the predicted passing that the robot still waits: from a niche it does not see
+    people come."""
     most_s: float = 12.0
-    """It waits no longer than this [s]"""
+    """Longest time that the robot waits [s]."""
     rest_s: float = 6.0
-    """and does not begin again before this time has passed."""
+    """Time after a wait before the next one may begin [s]."""
 
 
 ASIDE = AsideParams()
-SENTENCE = "Somebody comes where two do not fit side by side; the robot makes room."
+SENTENCE = "Somebody is coming and there is no room to pass; the robot is stepping aside."
 Floats = NDArray[np.float64]
 
 
 class SteppingAside:
-    """Decides whether to make room for people, and drives to where there is some."""
+    """Decides whether to yield to people, and drives to a refuge."""
 
     def __init__(self) -> None:
         self._passages: tuple[NDArray[np.float32], Passages] | None = None
@@ -94,7 +95,7 @@ class SteppingAside:
 
     @property
     def is_active(self) -> bool:
-        """Whether the robot makes room now."""
+        """Whether the robot is yielding."""
         return self._since_ns is not None
 
     def forget(self) -> None:
@@ -102,12 +103,12 @@ class SteppingAside:
         self._execution, self._since_ns, self._rests_ns, self._waited_ns = None, None, 0, 0
 
     def pop_waited_ns(self) -> int:
-        """Return how long it made room the last time, only once; 0 if it did not."""
+        """Return how long it yielded the last time, only once; 0 if it did not."""
         waited_ns, self._waited_ns = self._waited_ns, 0
         return waited_ns
 
     def decide(self, driven: GoalExecution, motion: Motion, speed: float, now_ns: int) -> None:
-        """Decide anew whether to make room, and where.
+        """Decide whether to yield, and where.
 
         Args:
             driven: how the goal is driven to.
@@ -155,7 +156,7 @@ class SteppingAside:
             self._since_ns, self._execution = None, None
 
     def _still_does(self, driven: GoalExecution, motion: Motion, speed: float) -> bool:
-        """Say whether the place that it drives to is in nobody's way."""
+        """Say whether the refuge that it drives to is still in nobody's way."""
         around = Surroundings(driven.context, motion.pose)
         closes_s = around.closes_s(driven.context.footprint.circumscribed_m)
         arrival = around.arrivals(closes_s, motion.pose, speed)
@@ -163,13 +164,13 @@ class SteppingAside:
         return cell is not None and math.isinf(closes_s[cell]) and arrival[cell] < math.inf
 
     def update(self, motion: Motion, now_ns: int) -> bool:
-        """Take a scan in on the way aside; False if it does not make room."""
+        """Take in a scan on the way to the refuge; False if it is not yielding."""
         if self._execution is not None:
             self._execution.update(motion, now_ns)
         return self.is_active
 
     def command(self, now: ControlInput) -> Twist2D:
-        """Return the velocity aside, and zero there."""
+        """Return the velocity to the refuge, and zero there."""
         aside = self._execution
         if aside is not None and aside.outcome is None:
             twist = aside.command(now)
@@ -245,7 +246,7 @@ class Surroundings:
         return found
 
     def is_refuge(self, closes_s: Floats) -> NDArray[np.bool_]:
-        """Say of cells (rows, cols) whether the robot fits there and nobody comes."""
+        """Say for cells (rows, cols) whether the robot fits there and nobody comes."""
         return self._is_free & np.isinf(closes_s)
 
     def has_room_beside(self, points: Floats, closes_s: Floats) -> bool:
@@ -261,7 +262,7 @@ class Surroundings:
 def find_refuge(
     driven: GoalExecution, pose: Pose2D, speed: float, passages: Passages, now_ns: int
 ) -> tuple[tuple[float, float], float] | None:
-    """Return where to make room, and when people have passed there [s]; None if nobody must pass.
+    """Return where to yield, and when people have passed there [s]; None if nobody must pass.
 
     Args:
         driven: how the goal is driven to.

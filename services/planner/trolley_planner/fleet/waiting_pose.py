@@ -20,13 +20,13 @@ class WaitingParams:
     """Where to wait; all by hand."""
 
     reach_m: float = 4.0
-    """No place is looked for farther away than this."""
+    """Distance from the robot within which places are compared."""
     step_m: float = 0.1
     """Distance between the places that are compared."""
     clear_m: float = 0.15
-    """Room left between the waiting robot and the one that passes,"""
+    """Distance left between the waiting robot and the one that passes."""
     wall_m: float = 0.05
-    """and to walls."""
+    """Distance left between the waiting robot and walls."""
     spare_m: float = 0.05
     """A new place is better by this much than where the robot may stay."""
     short_price: float = 8.0

@@ -1,4 +1,4 @@
-"""The cells in which a path is searched: those of some tiles, with what they weigh and cost."""
+"""The cells in which a path is searched: those of some tiles, with weights and costs."""
 
 import math
 from typing import NamedTuple
@@ -28,16 +28,16 @@ class Corridor(NamedTuple):
 
 
 class Terrain(NamedTuple):
-    """What the weights in a corridor are made of."""
+    """The inputs from which the weights in a corridor are computed."""
 
     weights: NDArray[np.uint8]
     """(rows, cols)."""
     distance_m: NDArray[np.float32]
     """(rows, cols) to the nearest obstacle."""
     discs: NDArray[np.float64]
-    """(n, 3) x, y, radius [cells]: within them lethal cells where nothing stands are passable,"""
+    """(n, 3) x, y, radius [cells]: lethal cells within them that hold no obstacle are passable."""
     price: int
-    """at this weight."""
+    """Weight of the lethal cells that are passable within `discs`."""
 
 
 @kernel
@@ -48,7 +48,7 @@ def tile_of(cell: int, cols: int, tile_cols: int) -> int:
 
 @kernel
 def weight_at(terrain: Terrain, row: int, col: int) -> int:
-    """Return what a cell of the corridor weighs."""
+    """Return the weight of a cell of the corridor."""
     weight = terrain.weights[row, col]
     if weight != LETHAL or terrain.distance_m[row, col] <= 0.0:
         return weight

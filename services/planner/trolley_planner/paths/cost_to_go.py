@@ -44,17 +44,18 @@ class CorridorParams(NamedTuple):
     """How far around the coarse path cells are searched; by hand."""
 
     near_cells: int = 400
-    """Paths to targets no farther away than this keep to 16 directions, unless said otherwise,"""
+    """Distance to the target up to which paths may use 16 directions, unless the caller says
+    otherwise."""
     even_share: float = 0.6
-    """where at least this share of the tiles is free floor far from everything: there nothing but
-    the direction makes one path dearer than another. In houses it is a third, and paths along
-    8 directions cost no more (bench/planner/paths)."""
+    """Share of tiles of free floor, far from obstacles, from which on 16 directions are used: there
+    only the direction makes one path dearer than another. Houses have a third, and paths along 8
+    directions cost no more there (bench/planner/paths)."""
     reach_tiles: int = 1
-    """The corridor is at least this much wider than the coarse path on either side,"""
+    """Least distance by which the corridor is wider than the coarse path on either side."""
     wide_tiles: int = 20
-    """and more where that is short: its length in tiles times the reach is at least this,"""
+    """Least product of the corridor's length and its reach, so that short corridors are wider."""
     reach_most_tiles: int = 3
-    """if the reach is no more than this."""
+    """Greatest distance by which the corridor is wider than the coarse path on either side."""
     slack_cells: int = 40
     """A search goes on this far beyond the robot, so that the result serves where it drives
     next."""
@@ -75,7 +76,7 @@ COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
 
 
 class CostToGo:
-    """Cost-to-go of the newest target; changes far from the path leave it as it is.
+    """Cost-to-go of the newest target; changes far from the path do not affect it.
 
     The coarse grid takes each tile for as passable as its best row or column. If it holds no
     path there is none. Otherwise the cells near its path are searched. If they hold a path that
@@ -123,7 +124,7 @@ class CostToGo:
         self._promise = CORRIDOR.dearer
         self._directions = 8
         self.searches = 0
-        """How often all was looked for anew."""
+        """Number of searches over all tiles."""
 
     def cheapest_path(self, start: int, terrain: Terrain) -> tuple[NDArray[np.int32], int] | None:
         """Return the cells of the cheapest path and its cost, None if there is none.
@@ -146,7 +147,7 @@ class CostToGo:
         return cells, int(self._flat_cost[start])
 
     def forget(self) -> None:
-        """Search the next path anew, whatever is known."""
+        """Search the next path from scratch."""
         self._target = None
 
     @property
@@ -158,7 +159,7 @@ class CostToGo:
         return self._corridor.cost.reshape(-1)
 
     def _renewed(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
-        """Return the path by what is known, updated; None if it may not be the best."""
+        """Return the updated path of the last search; None if it may not be the best."""
         corridor = self._corridor
         if has_opened(self._coarse.seen, terrain.weights, corridor.is_inside):
             return None
@@ -186,7 +187,7 @@ class CostToGo:
         return cells
 
     def _searched(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
-        """Return the path, searched anew; None if there is none."""
+        """Return the path, searched from scratch; None if there is none."""
         self.searches += 1
         cols = self._shape[1]
         away = math.hypot(start % cols - target % cols, start // cols - target // cols)

@@ -1,4 +1,4 @@
-"""Whether the footprint fits along a path, and how else it may get through."""
+"""Whether the footprint fits along a path, and detours where it does not."""
 
 import math
 from dataclasses import dataclass
@@ -23,27 +23,28 @@ class FootprintCheckParams(NamedTuple):
     around: int = 2
     """The heading at a point is that between the points this many before and after it."""
     start_m: float = 0.5
-    """Places this near to the start"""
+    """Distance from the start within which the path may be tight [m]."""
     end_m: float = 0.4
-    """and this near to the end may be tight and still be right [m]."""
+    """Distance from the end within which the path may be tight [m]."""
     lead_m: float = 3.0
-    """Another way is looked for from this far before a tight place to this far behind it [m], or
-    from where the robot can turn to where it can turn again,"""
+    """Length of path before and behind a tight place that a detour may replace, unless the robot
+    can turn only farther away [m]."""
     margin_m: float = 0.8
-    """and this far to the sides of the path, from the outline [m]."""
+    """Distance from the path's outline to the edge of the area in which the detour is searched [m].
+    """
     give_cells: float = 0.25
-    """A first look lets obstacles reach this far into the footprint: what is seen lies anywhere in
-    its cell."""
+    """Depth by which obstacles may reach into the footprint in a first check, since they lie
+    anywhere in their cells."""
     leeway_rad: float = 0.15
-    """The robot need not look exactly along its path."""
+    """Angle by which the robot's heading may differ from its path's."""
     end_xy_m: float = 0.1
-    """Another way may end this far beside the path [m],"""
+    """Distance from the path at which a detour may end [m]."""
     end_rad: float = 0.3
-    """and this far from looking along it."""
+    """Angle between the path and the heading at the end of a detour."""
     exact_m: float = 0.03
-    """At the goal this far from it [m],"""
+    """Distance from the goal at which a detour may end there [m]."""
     exact_rad: float = 0.05
-    """and from its heading."""
+    """Angle between the goal's heading and the heading at the end of a detour there."""
     wanted_m: float = 0.05
     """Clearance that it keeps where there is room [m]."""
 
@@ -91,7 +92,7 @@ class FootprintCheck:
         distance_m: NDArray[np.float32],
         yaws: Yaws = (None, None),
     ) -> CheckedPath:
-        """Lead a path through where the footprint fits.
+        """Replace the parts of a path where the footprint does not fit.
 
         Args:
             points: (n, 2) [m].
@@ -191,7 +192,7 @@ def _box_of(
 
 @kernel
 def fits(field: Field, body: Body, x: float, y: float, yaw: float, give_m: float) -> bool:
-    """Say whether nothing reaches more than `give_m` into the footprint at a pose."""
+    """Say whether no obstacle reaches more than `give_m` into the footprint at a pose."""
     return clearance_at(field, body, x, y, yaw, 0.01) >= -give_m
 
 
@@ -266,7 +267,7 @@ def can_turn(field: Field, body: Body, point: NDArray[np.float64]) -> bool:
 
 @kernel
 def fits_along(points: NDArray[np.float64], index: int, field: Field, body: Body) -> bool:
-    """Say whether the footprint fits at a point of a path (n, 2), looking about along the path."""
+    """Say whether the footprint fits at a point of a path (n, 2), headed roughly along it."""
     x, y = points[index, 0], points[index, 1]
     row, col = math.floor(y / field.fine_m), math.floor(x / field.fine_m)
     if field.distance_m[row, col] > body.circumscribed_m + 2.0 * field.fine_m:
@@ -287,7 +288,7 @@ def tight_into(
     points: NDArray[np.float64],
     room: tuple[float, float],
 ) -> None:
-    """Write at which points of a path there is little room, and none a little beside it.
+    """Write at which points of a path, and just beside it, the clearance is small.
 
     Args:
         out_tight: (n,), overwritten.

@@ -25,15 +25,15 @@ class GlobalPlannerParams:
     escape_weight: int = 60 * WEIGHT_UNIT
     """Weight of lethal cells from which the robot must find a way out."""
     optimistic_weight: int = 30 * WEIGHT_UNIT
-    """Weight of what the lidar saw in the way, for a plan that hopes it will be gone."""
+    """Weight of seen obstacles for a plan that hopes that they will be gone."""
     start_escape_m: float = 0.5
-    """Lethal cells this near to the start may be crossed,"""
+    """Distance from the start within which lethal cells may be crossed."""
     goal_escape_m: float = 0.15
-    """and this near to the goal."""
+    """Distance from the goal within which lethal cells may be crossed."""
     most_narrow_places: int = 8
-    """After this many places that prove too narrow there is no path."""
+    """Number of places that may prove too narrow before there is no path."""
     narrow_m: float = 0.12
-    """Least radius that is closed at such a place."""
+    """Least radius of the area that is closed at such a place."""
 
 
 PLANNING = GlobalPlannerParams()
@@ -56,7 +56,7 @@ class _Leg:
 
 
 class GlobalPlanner:
-    """Plans on one costmap; keeps what it knows of the goal's cost-to-go from plan to plan.
+    """Plans on one costmap; reuses the goal's cost-to-go from plan to plan.
 
     All points are in frame `grid` [m].
     """
@@ -139,7 +139,7 @@ class GlobalPlanner:
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
     ) -> list[Point]:
-        """Return where the robot does not get through along a path that is free but too narrow.
+        """Return the places of a free path that are too narrow for the robot.
 
         Args:
             start: as in `plan`, which found no path with the same arguments a moment ago.
@@ -178,7 +178,7 @@ class GlobalPlanner:
         return cost * self._costmap.resolution_m / WEIGHT_UNIT
 
     def optimistic_weights(self) -> NDArray[np.uint8]:
-        """Return weights in which what the lidar saw in the way is expensive, but passable."""
+        """Return weights in which seen obstacles are expensive, but passable."""
         costmap = self._costmap
         passable = (costmap.weights == LETHAL) & (costmap.static.weights != LETHAL)
         return np.where(passable, np.uint8(PLANNING.optimistic_weight), costmap.weights)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from trolley.jit import kernel
 
 SPACING_M = 0.05
-"""Distance of neighbouring points."""
+"""Distance between neighbouring points of a path [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,11 +22,11 @@ class Coarse(NamedTuple):
     cost: NDArray[np.int32]
     """(tiles,) cost-to-go."""
     queue: Queue
-    """What waits of the search for it."""
+    """Cells that the search of tiles has still to expand."""
     seen: NDArray[np.uint8]
-    """(rows, cols) the cells' weights that the tiles were made of,"""
+    """(rows, cols) weights of the cells that the tiles were made of, except in stale rows."""
     is_stale: NDArray[np.uint8]
-    """(tile rows,) but for these rows of tiles: 1."""
+    """(tile rows,) 1 where a row of tiles was not yet made of the present weights."""
 
 
 @kernel
@@ -105,7 +105,7 @@ def retile(coarse: Coarse, corridor: Corridor, num_tiles: int) -> None:
     """Write the weights of the tiles inside, which may differ from the grid's.
 
     Args:
-        coarse: changed; the rows of these tiles will be made anew next time.
+        coarse: changed; the rows of these tiles will be rebuilt next time.
         corridor: up to date.
         num_tiles: inside.
     """
@@ -189,7 +189,7 @@ def has_opened(
 
 @kernel
 def num_cheaper(seen: NDArray[np.uint8], weights: NDArray[np.uint8]) -> int:
-    """Return how many cells (n,) have become cheaper; without branches, so many at a time."""
+    """Return how many cells (n,) have become cheaper; without branches, so that it vectorizes."""
     count = 0
     for col in range(seen.shape[0]):
         # Less one, lethal is the dearest of all.

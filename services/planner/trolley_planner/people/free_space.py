@@ -15,13 +15,14 @@ class FreeSpaceParams(NamedTuple):
     """What counts as free, and as an echo; found by hand in simulated drives among people."""
 
     sight_m: float = 6.0
-    """Only echoes this near to the lidar are tracked,"""
+    """Distance from the lidar within which echoes are tracked."""
     wall_m: float = 0.12
-    """and none this near to a wall of the map."""
+    """Distance from a wall of the map within which echoes are not tracked."""
     past_m: float = 0.15
-    """A beam that went on this far behind a place saw that it was free,"""
+    """Distance that a beam must go on behind a place to show that it is free."""
     beside_rad: float = 0.025
-    """if those this far to both sides did so, too: edges of things jump from scan to scan."""
+    """Angle to either side within which the neighbouring beams must show so, too: edges of objects
+    jump from scan to scan."""
 
 
 FREE_SPACE = FreeSpaceParams()
@@ -45,7 +46,7 @@ class View(NamedTuple):
 
 
 def was_free(view: View, points: Floats) -> NDArray[np.bool_]:
-    """Say of points (n, 2) whether beams of an earlier scan passed there."""
+    """Say for points (n, 2) whether beams of an earlier scan passed there."""
     return were_passed(np.ascontiguousarray(points), view.origin, view.angles, view.clear_m)
 
 
@@ -131,7 +132,7 @@ def take_apart(
 def were_passed(
     points: Floats, origin: Floats, angles: Floats, clear_m: Floats
 ) -> NDArray[np.bool_]:
-    """Say of points (n, 2) whether beams from a place passed there.
+    """Say for points (n, 2) whether beams from a place passed there.
 
     Args:
         points: [m].

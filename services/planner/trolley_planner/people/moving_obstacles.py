@@ -1,4 +1,4 @@
-"""Who moves about the robot: people by the lidar, and other robots by what they say."""
+"""What moves around the robot: people, by the lidar, and other robots, by their messages."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,13 @@ from trolley_planner.people.tracker import PeopleTracker, Track, TrackedPerson, 
 
 Floats = NDArray[np.float64]
 SAME_M = 0.15
-"""A person tracked this near to where a robot says it is, is that robot."""
+"""Distance from a robot's reported position within which a tracked person is that robot [m]."""
 GROWTH_MPS = 0.02, 0.15
-"""People are taken for discs that grow this fast at least and at most [m/s]."""
+"""Least and greatest rate at which the discs that stand for people grow [m/s]."""
 MAX_AGE_S = 0.5
-"""Nobody is extrapolated for longer than this after the last scan."""
+"""Longest time after the last scan for which people are extrapolated [s]."""
 ROBOT_DT_S = 0.1
-"""Time between two places of what robots say of where they will be."""
+"""Time between two positions of a robot's predicted trajectory [s]."""
 NOBODY = np.empty((0, 6))
 """Nobody walks."""
 NO_ROBOTS = np.empty((0, 1, 3))
@@ -23,7 +23,7 @@ NO_ROBOTS = np.empty((0, 1, 3))
 
 
 class MovingObstacles:
-    """People by the newest scan, and other robots by what they say; all in frame `grid`."""
+    """People, by the newest scan, and other robots, by their messages; all in frame `grid`."""
 
     def __init__(self) -> None:
         self._tracker = PeopleTracker()
@@ -45,11 +45,11 @@ class MovingObstacles:
 
     @property
     def tracks(self) -> list[Track]:
-        """What the newest scan shows of a person's size; see `PeopleTracker.tracks`."""
+        """Objects of a person's size in the newest scan; see `PeopleTracker.tracks`."""
         return self._tracker.tracks()
 
     def set_robots(self, tracks: Sequence[Floats], now_ns: int) -> None:
-        """Replace what other robots that drive say of where they will be.
+        """Replace the predicted trajectories of the other robots.
 
         Args:
             tracks: (discs, steps, 3) of each: x, y, radius [m] at each `ROBOT_DT_S`.
@@ -77,7 +77,7 @@ class MovingObstacles:
         return np.ascontiguousarray(self._robots[:, passed:]) if len(self._robots) else NO_ROBOTS
 
     def _are_robots(self, walkers: Floats) -> NDArray[np.bool_]:
-        """Say of discs (n, 6) whether each is a robot, which knows better where it will be."""
+        """Say for discs (n, 6) whether each is a robot, which knows better where it will be."""
         gaps = walkers[:, None, :2] - self._robots[None, :, 0, :2]
         near = self._robots[None, :, 0, 2] + SAME_M
         return np.asarray((np.hypot(gaps[..., 0], gaps[..., 1]) < near).any(axis=1))

@@ -14,21 +14,22 @@ class SegmentParams(NamedTuple):
     """What is one segment; found by hand in simulated drives among people."""
 
     gap_m: float = 0.03
-    """Echoes beside each other are one segment with gaps up to this, and what the outermost"""
+    """Gap between neighbouring echoes of one segment, besides what `round_m` allows."""
     round_m: float = 0.15
-    """beams on something round of this radius are apart."""
+    """Radius of a round object whose outermost beams, which lie farther apart, still make one
+    segment."""
     edge_m: float = 0.3
-    """An echo alone, no farther than this beside"""
+    """Distance from a segment within which a lone echo is its edge and is left out."""
     body_points: int = 4
-    """a segment of so many, is the edge of it and says nothing."""
+    """Number of echoes from which on a segment may have such an edge."""
     largest_m: float = 1.25
     """Segments are no larger than this: the diagonal of half a circle of 1 m, seen askew."""
     leg_m: float = 0.25
-    """Two segments no larger than this, a leg,"""
+    """Largest extent of a segment that may be a leg."""
     stride_m: float = 0.5
-    """with up to this gap between them,"""
+    """Largest gap between the two legs of a person."""
     pair_m: float = 0.65
-    """are one person if they are no larger than this together."""
+    """Largest extent of two legs that are one person."""
     depth: float = 0.4
     """The lidar sees one side of a body or a leg: the middle lies this share of its width behind
     the middle of what is seen (pi / 8 for a round one)."""
@@ -127,7 +128,7 @@ def piece(ring: Floats, ends: NDArray[np.int64], index: int) -> Floats:
 
 @kernel
 def begins_of(points: Floats, origin: Floats, step_rad: float) -> NDArray[np.bool_]:
-    """Say of points (n, 2) whether they are on something else than the one before; see above."""
+    """Say for points (n, 2) whether they are on something else than the one before; see above."""
     count = points.shape[0]
     begins = np.empty(count, np.bool_)
     for index in range(count):

@@ -22,8 +22,8 @@ from trolley_planner.people.free_space import (
     was_free,
     was_free_in_any,
 )
-from trolley_planner.people.motion import TRACKS, track_on
 from trolley_planner.people.segments import Segment, segments_of, size_of
+from trolley_planner.people.velocity_estimation import TRACKS, track_on
 from trolley_planner.sensing.beams import X, Y
 
 
@@ -31,27 +31,27 @@ class PeopleTrackerParams(NamedTuple):
     """Who counts as moving; found by hand in simulated drives among people."""
 
     pause_s: float = 0.06
-    """Scans that follow sooner than this are skipped: little moves meanwhile."""
+    """Time between scans below which the later one is skipped: little moves meanwhile."""
     most_ago_s: float = 0.45
-    """The newest scan is compared with scans at most this old."""
+    """Greatest age of the scans that the newest is compared with."""
     hidden_s: float = 1.0
-    """A person out of sight is taken to walk on for this long."""
+    """Time for which a person out of sight is taken to walk on."""
     slowest_mps: float = 0.2
-    """Slower is noise,"""
+    """Speed below which a new track is noise."""
     lingering_mps: float = 0.12
-    """but who was seen to walk may become as slow as this,"""
+    """Speed down to which a person who was seen to walk stays one."""
     fastest_mps: float = 2.5
-    """and faster two different things."""
+    """Speed above which two echoes are two different objects."""
     astray_m: float = 0.3
-    """A person with a known velocity is looked for this near to where it leads."""
+    """Distance from the predicted position within which a person is matched."""
     depth_m: float = 0.03
-    """A person is larger than what is seen by this much"""
+    """Extra radius of a person beyond the echoes."""
     body_m: float = 0.22
-    """and no smaller than this."""
+    """Least radius of a person."""
     least_points: int = 2
-    """At least this many points of a segment,"""
+    """Number of a segment's points that must lie where the floor was free."""
     least_share: float = 0.2
-    """and this share of them, must stand where it was free."""
+    """Share of a segment's points that must lie where the floor was free."""
 
 
 TRACKING = PeopleTrackerParams()
@@ -85,7 +85,7 @@ def person_discs(people: Sequence[TrackedPerson]) -> Floats:
 
 
 class Track(NamedTuple):
-    """Something of a person's size that is not on the map: it may stand, and be no person."""
+    """An object of a person's size that is not on the map, standing or not, person or not."""
 
     number: int
     """By which it is known for as long as it is tracked."""
@@ -107,7 +107,7 @@ class Trail(NamedTuple):
     seen_ns: int
     """When it was seen last."""
     segment: Segment
-    """As it was seen last."""
+    """The segment of the scan that showed it last."""
     track: Floats
     """(m, 5) where it was, oldest first: time since `seen_ns` [s], its middle, and the middle of
     what was seen of it."""
@@ -117,12 +117,12 @@ class Trail(NamedTuple):
     """Who it is; None if it stands, or may have been hidden before."""
 
     def expected(self, stamp_ns: int) -> Floats:
-        """Return where its middle (2,) must be by now."""
+        """Return the predicted centre (2,)."""
         here = self.track[-1, 1:3]
         return here if self.motion is None else here + self.motion[0] * self.elapsed_s(stamp_ns)
 
     def reach_m(self, stamp_ns: int) -> float:
-        """Return how far from there it is looked for."""
+        """Return the search radius around the predicted centre [m]."""
         elapsed_s = self.elapsed_s(stamp_ns)
         return TRACKING.fastest_mps * elapsed_s if self.motion is None else TRACKING.astray_m
 
@@ -180,7 +180,7 @@ class PeopleTracker:
         return self._people(stamp_ns)
 
     def tracks(self) -> list[Track]:
-        """Return what the newest scan shows of a person's size, who stands as well."""
+        """Return the objects of a person's size in the newest scan, standing ones included."""
         found: list[Track] = []
         for trail in self._trails:
             if trail.seen_ns == self._views[-1].stamp_ns:
@@ -191,7 +191,7 @@ class PeopleTracker:
         return found
 
     def _people(self, stamp_ns: int) -> list[TrackedPerson]:
-        """Return everybody, where they are by now."""
+        """Return all people at their present positions."""
         newest_ns = self._views[-1].stamp_ns
         return [
             _extrapolated(one.person, stamp_ns - one.seen_ns, one.seen_ns == newest_ns)
@@ -215,7 +215,7 @@ class PeopleTracker:
         return Trail(number, view.stamp_ns, segment, track, motion, person)
 
     def _now_hidden(self, segments: list[Segment], taken: set[int], view: View) -> list[Trail]:
-        """Return the trails of people where the newest scan does not look."""
+        """Return the trails of people who are hidden from the newest scan."""
         hidden: list[Trail] = []
         for index, trail in enumerate(self._trails):
             if trail.person is None or index in taken:
@@ -301,13 +301,13 @@ def _person(
 
 
 def _came(points: Floats, earlier: Views | None) -> bool:
-    """Say whether points (n, 2) stand where earlier beams passed."""
+    """Say whether points (n, 2) lie where earlier beams passed."""
     least = max(float(TRACKING.least_points), TRACKING.least_share * len(points))
     return earlier is not None and was_free_in_any(earlier, points, least)
 
 
 def _left(track: Floats, view: View) -> bool:
-    """Say whether beams pass now where a track was: who walks away hides where they go."""
+    """Say whether beams now pass where a track was: a person who walks away is hidden."""
     before = track[track[:, 0] <= -TRACKS.least_s, 3:]
     # One alone may have lain on an edge that beams graze.
     return int(np.count_nonzero(was_free(view, before))) >= TRACKING.least_points

@@ -1,1 +1,1 @@
-"""What the rest of the robot reports: newest messages, and the beams of a scan."""
+"""The planner's inputs: newest messages, and the beams of a scan."""

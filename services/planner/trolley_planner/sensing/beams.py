@@ -17,9 +17,9 @@ from trolley.jit import kernel
 X, Y, DX, DY, CLEAR, ECHO = range(6)
 """Columns of a beam: start [m], direction, length that is free [m], distance of the echo [m]."""
 SURFACE_M, MAX_SMOOTHED = 0.012, 8
-"""Echoes this far to both sides [m], and at most this many, may lie on one surface,"""
+"""Distance [m] to either side, and number of echoes, within which echoes may lie on one surface."""
 SAME_M = 0.04
-"""if their ranges are this near."""
+"""Difference of range below which neighbouring echoes lie on one surface [m]."""
 
 
 class ScanShape(NamedTuple):

@@ -1,4 +1,4 @@
-"""What the planner knows of the rest of the robot: the newest messages, put together."""
+"""The planner's inputs: the newest messages of the other services."""
 
 import math
 from collections.abc import Sequence
@@ -33,18 +33,18 @@ class InputParams:
     most_extrapolation_s: float = 0.2
     """Odometry is extrapolated for no longer than this."""
     smoothing: float = 0.25
-    """Share of a new correction that the smooth pose takes over at once."""
+    """Share of a new correction that the smoothed pose takes over at once."""
     jump_m: float = 0.3
-    """A correction larger than this"""
+    """Distance above which a correction of the pose is a jump, not noise."""
     jump_rad: float = 0.3
-    """or this is a new belief, not noise."""
+    """Angle above which a correction of the pose is a jump, not noise."""
 
 
 INPUTS = InputParams()
 
 
 class Inputs:
-    """The newest messages, put together; frames are those of the goals (`config.frame`)."""
+    """The newest messages of the other services, in the frame of the goals (`config.frame`)."""
 
     def __init__(self, config: PlannerConfig) -> None:
         self.frame = config.frame
@@ -65,7 +65,7 @@ class Inputs:
         """How often the pose was corrected by more than noise."""
 
     def update_scan(self, scan: Scan) -> bool:
-        """Keep a scan; False if no beam of it says anything, which is no better than silence."""
+        """Keep a scan; False if it has no usable beam, which is no better than silence."""
         if not (floats_from_bytes(scan.ranges) > 0.0).any():
             return False
         self.scan = scan
@@ -92,7 +92,7 @@ class Inputs:
         self.steady_T_odom = before @ pose @ part @ pose.inverse()
 
     def begin_epoch(self) -> None:
-        """Forget what was measured before the base began anew."""
+        """Forget what was measured before the base restarted."""
         self.scan = self.odometry = self.pose = None
         if self.frame == "map":
             self.frame_T_odom = self.steady_T_odom = None
@@ -119,7 +119,7 @@ class Inputs:
         return frame_T_odom @ self.odometry.pose
 
     def twist(self) -> Twist2D:
-        """Return how the robot moves by the newest odometry."""
+        """Return the robot's velocity by the newest odometry."""
         return Twist2D.zero() if self.odometry is None else self.odometry.twist
 
     def sweep_poses(
@@ -143,7 +143,7 @@ class Inputs:
         )
 
     def pose_trouble(self, now_ns: int) -> str | None:
-        """Return why the pose is not to be trusted, `lost` or `stale`; None if it is."""
+        """Return why the pose cannot be trusted, `lost` or `stale`; None if it can."""
         if self.frame == "odom":
             return None
         if self.pose is None:

@@ -14,7 +14,7 @@ class CaptureLimits:
     """What the robot must know of its pose for it to be saved. All by hand."""
 
     max_age_s: float = 1.0
-    """Of the newest estimate."""
+    """Greatest age of the newest estimate."""
     max_std_m: float = 0.15
     """Standard deviation along the long axis of the position's ellipse."""
     max_std_rad: float = math.radians(5.0)
@@ -26,7 +26,7 @@ class CaptureLimits:
     min_estimates: int = 2
     """Fewer do not make a mean."""
     max_estimates: int = 5
-    """So many are enough."""
+    """Number of estimates that are enough."""
     window_s: float = 1.5
     """Robot time that the estimates may span."""
 

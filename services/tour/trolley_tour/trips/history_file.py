@@ -15,11 +15,11 @@ from trolley_tour.stored.checks import parse_utc
 
 FILE = "history.sqlite"
 SCHEMA = 1
-"""Its `user_version`; 0 stands for 1, which Trolley did not tell at first."""
+"""The database's `user_version`; 0 stands for 1, which Trolley did not write at first."""
 MAX_TRIPS = 10_000
 """Older trips are dropped."""
 MAX_BYTES = 64 << 20
-"""Of all trips as JSON; older trips that do not fit are dropped."""
+"""Greatest size of all trips as JSON; older trips that do not fit are dropped [bytes]."""
 BUSY_S = 1.0
 """How long to wait for another reader of the file."""
 DAY_S = 86_400.0

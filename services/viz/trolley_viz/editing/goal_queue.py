@@ -18,7 +18,7 @@ class QueuedGoal:
     pose: Pose2D
     """Where it is, in `map`."""
     name: str | None = None
-    """Of the saved place."""
+    """Name of the saved place."""
 
     @property
     def stop(self) -> Stop:

@@ -43,7 +43,7 @@ class Reading:
     arrived_ns: int | None = None
     """Local monotonic time of the newest value."""
     relation: Relation | None = None
-    """Of the two frames."""
+    """Relation of the two frames."""
     history: History = field(default_factory=History)
 
     def age_s(self, now_ns: int) -> float | None:

@@ -53,7 +53,7 @@ GOES_ON_NS = 2_000_000_000
 AHEAD_MS = 500.0
 """No press comes from farther in the future; the clock of a page that says so is wrong."""
 ROBOT_NAME = re.compile(r"[a-z0-9_-]{1,32}")
-"""As `RobotName`: what else a page calls a robot must not get into a key."""
+"""Pattern of `RobotName`: no other name may get into a key."""
 
 
 @dataclass(frozen=True)

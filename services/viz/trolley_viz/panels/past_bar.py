@@ -10,7 +10,7 @@ from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session
 
 MAX_MOMENTS = 30
-"""Of more than these the newest are listed."""
+"""Number of moments that are listed, the newest."""
 
 
 class PastBar:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from trolley import topics
-from trolley.config.changing import parse_value
+from trolley.config.changeable_settings import parse_value
 from trolley.config.describe import to_toml
 from trolley.messages import Setting
 from trolley_viz.actions.robot_settings import Name, RobotSettings

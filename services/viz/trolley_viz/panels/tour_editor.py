@@ -28,7 +28,7 @@ CHOOSE = "choose …"
 HERE, POINT_OUT = "Where it is", "Point on the map"
 KEEP_MINE, TAKE_THEIRS = "Keep mine", "Take theirs"
 MAX_POINT_ROWS = 30
-"""Of a longer tour the points around the chosen one are shown."""
+"""Number of points that are shown, those around the chosen one."""
 SURE = ("localized", "unsure")
 """Pose states in which "where it stands" means something."""
 

@@ -16,7 +16,7 @@ GONE = "The record of this trip is no longer there."
 MAX_TRIPS = 50
 """Older ones are deleted."""
 MAX_BYTES = 20 << 20
-"""Of all files together; older ones are deleted."""
+"""Greatest size of all files together; older ones are deleted [bytes]."""
 
 NAMES = re.compile(r"[a-z0-9_-]{1,32}/[a-z0-9]{1,12}")
 """A robot and its trip that a file may be called by: other names may lead anywhere."""

@@ -10,7 +10,7 @@ from trolley_viz.server.visitors import Visitor
 MAX_NAME = 40
 MAX_NAMES = 100
 MAX_LOOKED_AT = 4 * MAX_NAME
-"""Of a longer text the rest is not looked at: it is too long anyway."""
+"""Number of characters of a text that are examined: a longer one is too long anyway."""
 BLANKS = dict.fromkeys(map(ord, "\u115f\u1160\u2800\u3164\uffa0"), " ")
 """Letters by Unicode's book that nobody can see."""
 SEEN = "LNPS"

@@ -7,7 +7,7 @@ from trolley.messages import Health
 SILENT_NS = 4_000_000_000
 """A service that says nothing of its health for so long is not running."""
 AWAITED: tuple[str, ...] = ("localizer", "planner")
-"""Those without which a robot does not drive by itself: missed also if never heard."""
+"""Services without which a robot does not drive by itself: missed also if never heard."""
 
 
 class SilentServices:

@@ -19,11 +19,12 @@ from trolley_viz.scene.scan_and_particles import CandidateLayer, ParticleLayer, 
 from trolley_viz.scene.tours import TripLayer
 
 GHOST, SEEN = (206, 20, 106), (232, 62, 140)
-"""As nothing else on the map is: the robot is blue, places are purple, its scan is red."""
+"""Colours that nothing else on the map has: the robot is blue, places are purple, its scan is red.
+"""
 GHOST_OPACITY = 0.75
 AIM_RADIUS_M = 0.18
 DEFAULT_FOOTPRINT = ((0.2, -0.2), (0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2))
-"""Of a robot that has not told its own [m]."""
+"""Footprint of a robot that has not reported its own [m]."""
 
 HIDDEN = frozenset(
     layer.key

@@ -19,7 +19,7 @@ HEIGHT_PX, LETTER_PX, PADDING_PX = 20.0, 7.0, 12.0
 """Size of a name as viser writes it, and of its letters on average."""
 MAX_NAMES = 300
 MAX_LETTERS = 28
-"""Of a longer name the rest is not written on the map: it would lie across all of it."""
+"""Number of letters of a name that are written on the map: a longer one would cover it."""
 
 
 class PlaceName(NamedTuple):

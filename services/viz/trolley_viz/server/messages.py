@@ -41,7 +41,7 @@ class Stop(Struct, frozen=True, kw_only=True):
 
     id: Number
     robots: Annotated[list[Name], Meta(max_length=100)]
-    """Those that are to stop; none: all."""
+    """Robots that must stop; none: all."""
 
 
 class Resume(Struct, frozen=True, kw_only=True):
@@ -90,7 +90,7 @@ class Hello(Struct, frozen=True, kw_only=True):
 
     protocol: int
     build: str
-    """Of the page's files: one of another build loads itself anew."""
+    """Build of the page's files: a page of another build reloads itself."""
     may_drive: bool
 
 

@@ -76,7 +76,8 @@ SCENE_BUFFER_BYTES = 16_384
 CHUNK_BYTES = 8192
 """Viser's page is sent in pieces of this size."""
 SEGMENT_BYTES = 1460
-"""As on Ethernet; on one host they are large, and the system lets ten of them wait."""
+"""Size of a segment on Ethernet [bytes]; on one host they are large, and the system lets ten of
+them wait."""
 MAX_SCENE_REPLY_BYTES = 1 << 20
 """A browser answers viser with its camera and with where it was pressed."""
 

@@ -24,7 +24,7 @@ class Hub:
     service: Service
     """Asks the robots, and knows the time."""
     server: viser.ViserServer
-    """Of the scene."""
+    """Server of the scene."""
     robots: Robots
     """The robots of the network."""
     stops: StopPresses

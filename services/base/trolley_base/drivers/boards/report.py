@@ -19,7 +19,7 @@ MOST_IMU = 64
 MOST_KINDS_OF_LINES = 32
 """Lines that differ in more than their numbers; a board that says more only fills logs."""
 MOST_LETTERS = 200
-"""Of such a line."""
+"""Number of characters of such a line that are kept."""
 NUMBER = re.compile(r"[+-]?\d[\d.]*")
 
 

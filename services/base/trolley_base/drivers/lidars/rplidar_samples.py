@@ -47,7 +47,7 @@ FACTS = LidarFacts(
     usual_hz=5.5,
     modes=("auto", "standard", "express"),
 )
-"""Of the A1, for both of its scans."""
+"""Facts of the A1 for both of its scans."""
 SAMPLE_S = 508e-6
 IN_STEP = 8
 FEWEST_A_TURN, MOST_A_TURN = 50, 4000

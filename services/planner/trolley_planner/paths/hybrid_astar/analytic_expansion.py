@@ -13,7 +13,7 @@ from trolley.jit import kernel
 from trolley_planner.paths.hybrid_astar.curves import curve_cost, curve_count, curve_into
 from trolley_planner.paths.hybrid_astar.footprint_spans import TURN_RAD, nearest_angle
 from trolley_planner.paths.hybrid_astar.heuristic import Query
-from trolley_planner.paths.hybrid_astar.motions import (
+from trolley_planner.paths.hybrid_astar.motion_primitives import (
     BACKWARDS,
     CELL_M,
     COSTS,
@@ -23,7 +23,7 @@ from trolley_planner.paths.hybrid_astar.motions import (
     PoseXYYaw,
     change_cost,
 )
-from trolley_planner.paths.hybrid_astar.room import Room, can_turn, price_of
+from trolley_planner.paths.hybrid_astar.search_space import SearchSpace, can_turn, cost_per_metre
 from trolley_planner.sensing.beams import wrapped
 
 
@@ -33,9 +33,10 @@ class ExpansionParams(NamedTuple):
     step_m: float = 0.0375
     """A straight line is checked in steps no longer than this."""
     swings: int = 6
-    """Curves to a place where there is room to turn end in so many headings to either side"""
+    """Number of headings to either side of the straight line in which curves to a place with room
+    to turn end."""
     swing_rad: float = 0.2
-    """of the straight line, this much apart."""
+    """Angle between two of these headings."""
 
 
 EXPANSION = ExpansionParams()
@@ -55,7 +56,7 @@ class Drive(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A curve, and a turn on the spot behind it where it does not end in the goal's heading."""
+    """A curve, followed by a turn on the spot where it does not end in the goal's heading."""
 
     cost: float
     """+inf where there is none."""
@@ -72,7 +73,7 @@ class Expansion(NamedTuple):
     curve: Curve
     """Ends in the goal's heading."""
     swing: Curve
-    """Ends in another."""
+    """Ends in another heading."""
 
 
 NO_CURVE = Curve(math.inf, 0, 0.0)
@@ -80,34 +81,34 @@ NO_CURVE = Curve(math.inf, 0, 0.0)
 
 @kernel
 def expand_to_goal(
-    room: Room, query: Query, start: PoseXYYaw, before: int, most: float
+    space: SearchSpace, query: Query, start: PoseXYYaw, before: int, most: float
 ) -> Expansion:
     """Return the cheapest direct drives from a pose to the goal.
 
     Args:
-        room: where it is.
+        space: where it is.
         query: has the goal.
         start: pose.
         before: how the robot came there.
         most: they must cost less than this [m].
     """
-    drive = straight_drive(room, query, start, before, most)
+    drive = straight_drive(space, query, start, before, most)
     most = min(most, drive.cost)
-    curve = direct_curve(room, query, start, before, most)
+    curve = direct_curve(space, query, start, before, most)
     swing = NO_CURVE
-    if can_turn(room, query.goal[:2], 0.0):
-        swing = curve_and_turn(room, query, start, before, min(most, curve.cost))
+    if can_turn(space, query.goal[:2], 0.0):
+        swing = curve_and_turn(space, query, start, before, min(most, curve.cost))
     return Expansion(drive, curve, swing)
 
 
 @kernel
-def turn_cost(room: Room, pose: PoseXYYaw, turn: float) -> float:
+def turn_cost(space: SearchSpace, pose: PoseXYYaw, turn: float) -> float:
     """Return what a turn on the spot by an angle costs [m], +inf if something is in the way."""
     count = math.ceil(abs(turn) / TURN_RAD)
     total = 0.0
     for index in range(1, count + 1):
         angle = nearest_angle(pose[2] + turn * index / count)
-        price = price_of(room, pose[:2], angle, TURNING)
+        price = cost_per_metre(space, pose[:2], angle, TURNING)
         if price == math.inf:
             return math.inf
         total += price * COSTS.turn_m * abs(turn) / count
@@ -115,13 +116,13 @@ def turn_cost(room: Room, pose: PoseXYYaw, turn: float) -> float:
 
 
 @kernel
-def cheaper_turn(room: Room, pose: PoseXYYaw, turn: float) -> tuple[float, float]:
+def cheaper_turn(space: SearchSpace, pose: PoseXYYaw, turn: float) -> tuple[float, float]:
     """Return cost and angle of a turn to a heading: the shorter way around if that is free."""
-    cost = turn_cost(room, pose, turn)
+    cost = turn_cost(space, pose, turn)
     if cost < math.inf:
         return cost, turn
     longer = turn - math.copysign(2.0 * math.pi, turn)
-    return turn_cost(room, pose, longer), longer
+    return turn_cost(space, pose, longer), longer
 
 
 @kernel
@@ -134,13 +135,15 @@ def last_turn(query: Query, turn: float) -> float:
 
 
 @kernel
-def straight_drive(room: Room, query: Query, start: PoseXYYaw, before: int, most: float) -> Drive:
+def straight_drive(
+    space: SearchSpace, query: Query, start: PoseXYYaw, before: int, most: float
+) -> Drive:
     """Return the cheapest drive of turn, straight line, turn; see `expand_to_goal`."""
     (x, y, yaw), (goal_x, goal_y, goal_yaw) = start, query.goal
     length = math.hypot(goal_x - x, goal_y - y)
     best = Drive(most, 0.0, 0.0, 0.0)
     if length <= query.xy_m:
-        cost, turn = cheaper_turn(room, start, last_turn(query, goal_yaw - yaw))
+        cost, turn = cheaper_turn(space, start, last_turn(query, goal_yaw - yaw))
         cost += change_cost(before, TURNING)
         return Drive(cost if cost < most else math.inf, 0.0, 0.0, turn)
     bearing = math.atan2(goal_y - y, goal_x - x)
@@ -156,17 +159,17 @@ def straight_drive(room: Room, query: Query, start: PoseXYYaw, before: int, most
         for index in range(1, count + 1):
             share = index / count
             place = x + share * (goal_x - x), y + share * (goal_y - y)
-            cost += price_of(room, place, angle, query.sense * motion) * length / count
+            cost += cost_per_metre(space, place, angle, query.sense * motion) * length / count
             if cost >= best.cost:
                 break
         if cost >= best.cost:
             continue
-        price, first = cheaper_turn(room, start, wrapped(facing - yaw))
+        price, first = cheaper_turn(space, start, wrapped(facing - yaw))
         cost += price + change_cost(before, motion if abs(first) < 0.01 else TURNING)
         cost += COSTS.halt_m if abs(first) >= 0.01 else 0.0
         last = last_turn(query, goal_yaw - facing)
         if last != 0.0:
-            price, last = cheaper_turn(room, (goal_x, goal_y, facing), last)
+            price, last = cheaper_turn(space, (goal_x, goal_y, facing), last)
             cost += price + COSTS.halt_m
         if cost < best.cost:
             best = Drive(cost, first, length * motion, last)
@@ -174,7 +177,9 @@ def straight_drive(room: Room, query: Query, start: PoseXYYaw, before: int, most
 
 
 @kernel
-def direct_curve(room: Room, query: Query, start: PoseXYYaw, before: int, most: float) -> Curve:
+def direct_curve(
+    space: SearchSpace, query: Query, start: PoseXYYaw, before: int, most: float
+) -> Curve:
     """Return one curve to the goal; see `expand_to_goal`."""
     first, last = np.array(start), np.array(query.goal)
     last[2] = first[2] + wrapped(last[2] - first[2])
@@ -187,12 +192,14 @@ def direct_curve(room: Room, query: Query, start: PoseXYYaw, before: int, most: 
     curve = np.empty((count, 3))
     if not curve_into(curve, first, last, sense):
         return NO_CURVE
-    cost = curve_cost(curve, first, room, query.sense * sense, most)
+    cost = curve_cost(curve, first, space, query.sense * sense, most)
     return Curve(cost + change_cost(before, sense), sense, query.goal[2])
 
 
 @kernel
-def curve_and_turn(room: Room, query: Query, start: PoseXYYaw, before: int, most: float) -> Curve:
+def curve_and_turn(
+    space: SearchSpace, query: Query, start: PoseXYYaw, before: int, most: float
+) -> Curve:
     """Return the cheapest curve to a place with a turn on the spot at its end.
 
     See `expand_to_goal`; at the goal there is room to turn.
@@ -215,7 +222,7 @@ def curve_and_turn(room: Room, query: Query, start: PoseXYYaw, before: int, most
                 continue
             if not curve_into(curve, first, last, sense):
                 continue
-            cost = least + curve_cost(curve, first, room, query.sense * sense, best.cost - least)
+            cost = least + curve_cost(curve, first, space, query.sense * sense, best.cost - least)
             if cost < best.cost:
                 best = Curve(cost, sense, last[2])
     return best if best.sense != 0 else NO_CURVE

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley_planner.paths.hybrid_astar.footprint_spans import nearest_angle
-from trolley_planner.paths.hybrid_astar.motions import CELL_M, COSTS
-from trolley_planner.paths.hybrid_astar.room import Room, price_of
+from trolley_planner.paths.hybrid_astar.motion_primitives import CELL_M, COSTS
+from trolley_planner.paths.hybrid_astar.search_space import SearchSpace, cost_per_metre
 from trolley_planner.sensing.beams import wrapped
 
 LEAST_RADIUS_M = 0.3
@@ -60,14 +60,18 @@ def curve_into(
 
 @kernel
 def curve_cost(
-    curve: NDArray[np.float64], first: NDArray[np.float64], room: Room, motion: int, most: float
+    curve: NDArray[np.float64],
+    first: NDArray[np.float64],
+    space: SearchSpace,
+    motion: int,
+    most: float,
 ) -> float:
     """Return what a curve (n, 3) from a pose costs [m], +inf if that is not less than `most`.
 
     Args:
         curve: its poses.
         first: the pose before them.
-        room: where it is.
+        space: where it is.
         motion: how the robot will drive along it.
         most: [m].
     """
@@ -77,7 +81,7 @@ def curve_cost(
         place, angle = (curve[index, 0], curve[index, 1]), nearest_angle(curve[index, 2])
         length = math.hypot(place[0] - x, place[1] - y)
         turn = abs(curve[index, 2] - yaw)
-        total += price_of(room, place, angle, motion) * (length + COSTS.arc_m * turn)
+        total += cost_per_metre(space, place, angle, motion) * (length + COSTS.arc_m * turn)
         x, y, yaw = curve[index, 0], curve[index, 1], curve[index, 2]
         if total >= most:
             return math.inf

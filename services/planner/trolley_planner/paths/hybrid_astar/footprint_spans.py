@@ -19,13 +19,13 @@ HEADINGS = 64
 TURN_RAD = 2.0 * math.pi / HEADINGS
 """Angle between two headings: 5.6 degrees."""
 PHASES = 4
-"""The headings of a search begin at one of so many angles, so that one of them is nearly the
-goal's."""
+"""Number of angles at which the headings of a search may begin, so that one is nearly the goal's.
+"""
 ANGLES = PHASES * HEADINGS
 """Angles at which the footprint is checked: poses between two headings, as of curves and of direct
 drives, would else be off by a centimetre at its corners."""
 ANGLE_RAD = TURN_RAD / PHASES
-"""Angle between two of them: 1.4 degrees."""
+"""Angle between two of the angles at which the footprint is checked: 1.4 degrees."""
 
 
 class FootprintSpans(NamedTuple):
@@ -38,7 +38,7 @@ class FootprintSpans(NamedTuple):
     phase: int
     """Angle of the first heading."""
     first_yaw: float
-    """The same [rad]."""
+    """Angle of the first heading [rad]."""
     reach: int
     """Rows on either side of the origin [cells]."""
     inscribed_m: float
@@ -126,7 +126,7 @@ def is_free(
     """Say whether the footprint covers no counted cell, and none outside.
 
     Args:
-        counts: (rows, cols + 1) see `Room`.
+        counts: (rows, cols + 1) see `SearchSpace`.
         footprint: as spans.
         place: x, y from the corner [m].
         angle: index.

@@ -18,8 +18,8 @@ from trolley_planner.paths.hybrid_astar.footprint_spans import (
     angle_of,
     is_free,
 )
-from trolley_planner.paths.hybrid_astar.motions import BACKWARDS, CELL_M, COSTS, PoseXYYaw
-from trolley_planner.paths.hybrid_astar.room import PRICES, Room
+from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, CELL_M, COSTS, PoseXYYaw
+from trolley_planner.paths.hybrid_astar.search_space import TRAVERSAL, SearchSpace
 from trolley_planner.paths.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.sensing.beams import wrapped
 
@@ -28,15 +28,15 @@ class HeuristicParams(NamedTuple):
     """How the rest is estimated; by hand where no source is given."""
 
     edge_m: float = 0.05
-    """Edge of its cells, about."""
+    """Approximate edge of the heuristic's cells."""
     octile: float = 0.9239
     """A straight line is at least this share of the shortest path along 8 directions: cosine of
     22.5 degrees."""
     greed: float = 2.5
-    """The rest counts this much: the maneuver found costs at most this much more than the cheapest,
-    and is found far sooner;"""
+    """Weight of the heuristic: the maneuver costs at most this many times the cheapest, and is
+    found far sooner."""
     last_greed: float = 3.0
-    """where there is no clearance, this much."""
+    """Weight of the heuristic where there is no clearance."""
 
 
 HEURISTIC = HeuristicParams()
@@ -54,9 +54,10 @@ class Query(NamedTuple):
     yaw_rad: float
     """How far its heading may be missed."""
     sense: int
-    """BACKWARDS where it is searched from its end: the robot drives the other way then."""
+    """BACKWARDS where the path is searched from its end, since the robot then drives the other way.
+    """
     begin_m: float
-    """How far the end may be missed of one that is searched from there."""
+    """Tolerance of the end of a path that is searched from its end."""
 
 
 class Heuristic(NamedTuple):
@@ -74,33 +75,33 @@ def cells_per_edge(footprint: FootprintSpans) -> int:
     return max(1, round(HEURISTIC.edge_m / footprint.fine_m))
 
 
-def least_weights(room: Room, closed: NDArray[np.uint8], parity: int) -> NDArray[np.uint8]:
+def least_weights(space: SearchSpace, closed: NDArray[np.uint8], parity: int) -> NDArray[np.uint8]:
     """Return what a metre costs at least in each cell (rows, cols) of the heuristic.
 
     Args:
-        room: where the footprint may be.
+        space: where the footprint may be.
         closed: (fine rows, fine cols) set where the origin must not be.
         parity: the headings that are tried are even, 0, or odd, 1.
     """
-    group = cells_per_edge(room.footprint)
-    rows, cols = (-(-size // group) + 2 for size in room.distance_m.shape)
+    group = cells_per_edge(space.footprint)
+    rows, cols = (-(-size // group) + 2 for size in space.distance_m.shape)
     weights = np.zeros((rows, cols), dtype=np.uint8)
-    weigh_into(weights, room, closed, group, parity)
+    weigh_into(weights, space, closed, group, parity)
     return weights
 
 
-def cell_of(room: Room, pose: PoseXYYaw) -> tuple[int, int]:
+def cell_of(space: SearchSpace, pose: PoseXYYaw) -> tuple[int, int]:
     """Return row and column of a place among the cells of the heuristic."""
-    edge_m = cells_per_edge(room.footprint) * room.footprint.fine_m
+    edge_m = cells_per_edge(space.footprint) * space.footprint.fine_m
     return math.floor(pose[1] / edge_m) + 1, math.floor(pose[0] / edge_m) + 1
 
 
 def make_heuristic(
-    room: Room, weights: NDArray[np.uint8], goal: tuple[int, int], greed: float
+    space: SearchSpace, weights: NDArray[np.uint8], goal: tuple[int, int], greed: float
 ) -> Heuristic:
     """Return the cost-to-go of the place alone to a cell, row and column."""
     rows, cols = weights.shape
-    edge_m = cells_per_edge(room.footprint) * room.footprint.fine_m
+    edge_m = cells_per_edge(space.footprint) * space.footprint.fine_m
     costs = np.empty(rows * cols, dtype=np.int32)
     seeds = np.array([[goal[0] * cols + goal[1], 0]], dtype=np.int32)
     flat, queue = weights.reshape(-1), make_queue(rows * cols)
@@ -113,7 +114,7 @@ def make_heuristic(
 @kernel
 def weigh_into(
     out_weights: NDArray[np.uint8],
-    room: Room,
+    space: SearchSpace,
     closed: NDArray[np.uint8],
     group: int,
     parity: int,
@@ -122,17 +123,17 @@ def weigh_into(
 
     Args:
         out_weights: (rows, cols) with a rim of one cell, zero before: the origin must not be there.
-        room: where the footprint may be.
+        space: where the footprint may be.
         closed: (fine rows, fine cols) set where the origin must not be.
         group: fine cells in the edge of a larger one.
         parity: the headings that are tried are even, 0, or odd, 1.
     """
-    footprint, distance_m = room.footprint, room.distance_m
+    footprint, distance_m = space.footprint, space.distance_m
     inscribed_m, circumscribed_m = footprint.inscribed_m, footprint.circumscribed_m
     rows, cols = distance_m.shape
-    levels = (room.near, room.beside, room.touching)
-    needed_m = (room.wanted_m, PRICES.beside_m, PRICES.touching_m)
-    more = (PRICES.near, PRICES.beside, PRICES.touching)
+    levels = (space.near, space.beside, space.touching)
+    needed_m = (space.wanted_m, TRAVERSAL.beside_m, TRAVERSAL.touching_m)
+    more = (TRAVERSAL.near, TRAVERSAL.beside, TRAVERSAL.touching)
     for row in range(out_weights.shape[0] - 2):
         for col in range(out_weights.shape[1] - 2):
             best_row, best_col, farthest = 0, 0, np.float32(-1.0)
@@ -193,6 +194,6 @@ def to_go(heuristic: Heuristic, query: Query, place: tuple[float, float], yaw: f
         ahead, back = back, ahead
     turning = COSTS.arc_m * ahead
     if length > CELL_M:
-        turning = min(turning, COSTS.arc_m * back + PRICES.reverse * length)
+        turning = min(turning, COSTS.arc_m * back + TRAVERSAL.reverse * length)
         turning = min(turning, COSTS.arc_m * least + COSTS.switch_m)
     return max(rest_m - heuristic.edge_m, length - query.xy_m, 0.0) + turning

@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 from trolley.jit import kernel
 from trolley_planner.paths.heap import sift_up
 from trolley_planner.paths.hybrid_astar.footprint_spans import HEADINGS, TURN_RAD, FootprintSpans
-from trolley_planner.paths.hybrid_astar.motions import CELL_M, TURNING, Motions
-from trolley_planner.paths.hybrid_astar.room import Room, can_turn
+from trolley_planner.paths.hybrid_astar.motion_primitives import CELL_M, TURNING, Motions
+from trolley_planner.paths.hybrid_astar.search_space import SearchSpace, can_turn
 
 STATES = 2**18
-"""States that can be remembered, a power of two: 24 MB with the heap,"""
+"""Number of states that can be remembered, a power of two: 24 MB with the heap."""
 USABLE = int(0.75 * STATES)
-"""of which so many are used before a search ends without an answer."""
+"""Number of states after which a search ends without an answer."""
 GOAL_KEY = 2**62
 """Stands for the goal itself, at the end of a direct drive."""
 NONE = -1
 NUM_STATES, NUM_QUEUED, SEARCH_NUMBER = range(3)
-"""What is counted."""
+"""Indices of `Memory.counts`."""
 
 
 class Memory(NamedTuple):
@@ -35,11 +35,11 @@ class Memory(NamedTuple):
     places: NDArray[np.float32]
     """(STATES, 2) exact place."""
     costs: NDArray[np.float32]
-    """(STATES,) from the start."""
+    """(STATES,) cost from the start."""
     previous: NDArray[np.int32]
-    """(STATES,) where it was reached from."""
+    """(STATES,) state from which it was reached."""
     motions: NDArray[np.int8]
-    """(STATES,) how."""
+    """(STATES,) motion with which it was reached."""
     closed: NDArray[np.uint8]
     """(STATES,) whether the cheapest path to it is known."""
     heap: NDArray[np.float64]
@@ -84,11 +84,11 @@ def begin_anew(memory: Memory) -> None:
 
 
 @kernel
-def key_of(room: Room, place: tuple[float, float], heading: int) -> int:
+def key_of(space: SearchSpace, place: tuple[float, float], heading: int) -> int:
     """Return the key of the state at a place."""
     row, col = math.floor(place[1] / CELL_M), math.floor(place[0] / CELL_M)
-    cell = (row * room.state_cols + col) * HEADINGS
-    return cell if can_turn(room, place, 0.0) else cell + heading
+    cell = (row * space.state_cols + col) * HEADINGS
+    return cell if can_turn(space, place, 0.0) else cell + heading
 
 
 @kernel

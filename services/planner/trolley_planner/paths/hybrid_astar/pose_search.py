@@ -45,7 +45,7 @@ from trolley_planner.paths.hybrid_astar.heuristic import (
     least_weights,
     make_heuristic,
 )
-from trolley_planner.paths.hybrid_astar.motions import (
+from trolley_planner.paths.hybrid_astar.motion_primitives import (
     BACKWARDS,
     FORWARDS,
     TURNING,
@@ -60,24 +60,29 @@ from trolley_planner.paths.hybrid_astar.open_list import (
     make_memory,
     traced,
 )
-from trolley_planner.paths.hybrid_astar.room import PRICES, Room, can_turn, make_room
 from trolley_planner.paths.hybrid_astar.search import FOUND, search_poses
+from trolley_planner.paths.hybrid_astar.search_space import (
+    TRAVERSAL,
+    SearchSpace,
+    can_turn,
+    make_search_space,
+)
 from trolley_planner.paths.hybrid_astar.smoothing import smoothed
 
 
 class PoseSearchParams(NamedTuple):
-    """How long it is searched, and how exactly the robot's own place is met; by hand."""
+    """How long a path is searched, and how exactly its start is met; by hand."""
 
     roomy_states: int = 4000
-    """A path with more clearance is looked for among this many states,"""
+    """Number of states searched for a path with more clearance."""
     driving_states: int = 10000
-    """and any path, where the robot waits for it, among this many."""
+    """Number of states searched for any path while the robot waits for it."""
     begin_share: float = 0.7
-    """A path that is searched from its end begins this share of what may be missed beside it."""
+    """Share of the tolerance within which a path that is searched from its end begins."""
     exact_m: float = 0.01
-    """A path that is searched from its end leads to the robot's own place this exactly,"""
+    """Tolerance of the robot's position for a path that is searched from its end."""
     exact_rad: float = 0.02
-    """and to its heading."""
+    """Tolerance of the robot's heading for a path that is searched from its end."""
 
 
 POSE_SEARCH = PoseSearchParams()
@@ -136,21 +141,21 @@ class PoseSearch:
         own = Pose2D(begin.x - grid.x, begin.y - grid.y, begin.yaw)
         start, goal = (own.x, own.y, own.yaw), (end.x - grid.x, end.y - grid.y, end.yaw)
         spans = self._spans_for(grid.fine_m, end.yaw)
-        room = make_room(grid, unseen, own, self._footprint, spans, task.wanted_m)
-        weights = least_weights(room, closed, heading_of(spans, end.yaw) % 2)
+        space = make_search_space(grid, unseen, own, self._footprint, spans, task.wanted_m)
+        weights = least_weights(space, closed, heading_of(spans, end.yaw) % 2)
         tolerances = task.any_heading, task.xy_m, task.yaw_rad
         query = Query(start, goal, *tolerances, FORWARDS, 0.0)
         found = None
-        if not task.any_heading and _is_tighter_at_end(room, query):
-            found = self._search(room, weights, _from_end(query), most)
+        if not task.any_heading and _is_tighter_at_end(space, query):
+            found = self._search(space, weights, _from_end(query), most)
         if found is None:
-            found = self._search(room, weights, query, most)
+            found = self._search(space, weights, query, most)
         if found is None:
             return None
         poses, motions = found
         poses[0] = start  # Which lies between two headings; the search begins at one.
         poses[:, 2] = np.unwrap(poses[:, 2])
-        poses, motions = smoothed(poses, motions, room)
+        poses, motions = smoothed(poses, motions, space)
         motions[0] = motions[1] if len(motions) > 1 else TURNING
         poses[:, :2] += (grid.x, grid.y)
         return Maneuver(poses, motions)
@@ -163,45 +168,45 @@ class PoseSearch:
         return self._spans[fine_m]._replace(phase=phase, first_yaw=phase * ANGLE_RAD)
 
     def _search(
-        self, room: Room, weights: NDArray[np.uint8], query: Query, most: int
+        self, space: SearchSpace, weights: NDArray[np.uint8], query: Query, most: int
     ) -> Motions | None:
         """Search with as much clearance as a path is soon found with, in the end with none."""
         self.num_states = 0
-        start, goal = cell_of(room, query.start), cell_of(room, query.goal)
+        start, goal = cell_of(space, query.start), cell_of(space, query.goal)
         weights = weights.copy()
         weights[goal] = WEIGHT_UNIT
-        dearest = 1.0 + PRICES.near
-        for blocked in (room.beside, room.touching):
+        dearest = 1.0 + TRAVERSAL.near
+        for blocked in (space.beside, space.touching):
             dearest_weight = round(dearest * WEIGHT_UNIT)
-            dearest += PRICES.beside
+            dearest += TRAVERSAL.beside
             # The robot stands where it starts; at its goal it must fit.
             angle = nearest_angle(query.goal[2])
-            fits = is_free(blocked, room.footprint, query.goal[:2], angle)
+            fits = is_free(blocked, space.footprint, query.goal[:2], angle)
             if not (query.any_heading or query.sense == BACKWARDS or fits):
                 continue
             passable = np.where(weights <= dearest_weight, weights, np.uint8(0))
-            heuristic = make_heuristic(room, passable, goal, HEURISTIC.greed)
+            heuristic = make_heuristic(space, passable, goal, HEURISTIC.greed)
             if not math.isfinite(heuristic.to_go_m[start]):
                 continue
-            roomy = room._replace(blocked=blocked)
+            roomy = space._replace(blocked=blocked)
             found = self._search_once(roomy, query, heuristic, POSE_SEARCH.roomy_states)
             if found is not None:
                 return found
-        heuristic = make_heuristic(room, weights, goal, HEURISTIC.last_greed)
-        return self._search_once(room, query, heuristic, min(most, USABLE))
+        heuristic = make_heuristic(space, weights, goal, HEURISTIC.last_greed)
+        return self._search_once(space, query, heuristic, min(most, USABLE))
 
     def _search_once(
-        self, room: Room, query: Query, heuristic: Heuristic, most: int
+        self, space: SearchSpace, query: Query, heuristic: Heuristic, most: int
     ) -> Motions | None:
         """Return a path in a room as poses (n, 3) from the corner, and how each is reached."""
-        outcome, last = search_poses(self._memory, room, query, heuristic, most)
+        outcome, last = search_poses(self._memory, space, query, heuristic, most)
         self.num_states += int(self._memory.counts[NUM_STATES])
         if outcome != FOUND:
             return None
-        poses, motions = traced(self._memory, last, room.footprint)
+        poses, motions = traced(self._memory, last, space.footprint)
         if int(self._memory.keys[last]) == GOAL_KEY:
             state: PoseXYYaw = float(poses[-1, 0]), float(poses[-1, 1]), float(poses[-1, 2])
-            expansion = expand_to_goal(room, query, state, int(motions[-1]), math.inf)
+            expansion = expand_to_goal(space, query, state, int(motions[-1]), math.inf)
             more, kinds = expansion_poses(expansion, query, state)
             poses, motions = np.concatenate([poses, more]), np.concatenate([motions, kinds])
         if query.sense == FORWARDS:
@@ -209,9 +214,9 @@ class PoseSearch:
         return poses[::-1].copy(), np.roll(-motions[::-1], 1)
 
 
-def _is_tighter_at_end(room: Room, query: Query) -> bool:
+def _is_tighter_at_end(space: SearchSpace, query: Query) -> bool:
     """Say whether there is room to turn at the start, and none at the goal."""
-    return can_turn(room, query.start[:2], 0.0) and not can_turn(room, query.goal[:2], 0.0)
+    return can_turn(space, query.start[:2], 0.0) and not can_turn(space, query.goal[:2], 0.0)
 
 
 def _from_end(query: Query) -> Query:

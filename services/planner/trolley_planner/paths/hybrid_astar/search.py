@@ -15,7 +15,7 @@ from trolley_planner.paths.hybrid_astar.footprint_spans import (
     yaw_of,
 )
 from trolley_planner.paths.hybrid_astar.heuristic import Heuristic, Query, to_go
-from trolley_planner.paths.hybrid_astar.motions import (
+from trolley_planner.paths.hybrid_astar.motion_primitives import (
     AT_START,
     BACKWARDS,
     COSTS,
@@ -37,7 +37,12 @@ from trolley_planner.paths.hybrid_astar.open_list import (
     remember,
     slot_of,
 )
-from trolley_planner.paths.hybrid_astar.room import PRICES, Room, can_turn, price_of
+from trolley_planner.paths.hybrid_astar.search_space import (
+    TRAVERSAL,
+    SearchSpace,
+    can_turn,
+    cost_per_metre,
+)
 from trolley_planner.sensing.beams import wrapped
 
 
@@ -47,9 +52,9 @@ class SearchParams(NamedTuple):
     move_m: float = 0.0375
     """Length of a move: more than the diagonal of a cell, so that each leads into another one."""
     direct_m: float = 1.5
-    """A direct drive is tried from states this near to the goal [m],"""
+    """Distance to the goal within which a direct drive is tried [m]."""
     direct_every: int = 16
-    """from one of this many of them."""
+    """Number of such states per one from which it is tried."""
 
 
 SEARCH = SearchParams()
@@ -59,13 +64,13 @@ FOUND, NOT_FOUND, FULL = 0, 1, 2
 
 @kernel
 def search_poses(
-    memory: Memory, room: Room, query: Query, heuristic: Heuristic, most: int
+    memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic, most: int
 ) -> tuple[int, int]:
     """Search from pose to pose; return how it ended, and the last state.
 
     Args:
         memory: scratch.
-        room: where the footprint may be.
+        space: where the footprint may be.
         query: from where to where.
         heuristic: what the rest costs.
         most: states that it may reach.
@@ -73,9 +78,9 @@ def search_poses(
     goal = query.goal
     begin_anew(memory)
     if query.sense == FORWARDS:
-        begin(memory, room, query, heuristic)
+        begin(memory, space, query, heuristic)
     else:
-        begin_around(memory, room, query, heuristic)
+        begin_around(memory, space, query, heuristic)
     num_near = 0
     while memory.counts[NUM_QUEUED] > 0:
         state = take_first(memory.heap, memory.counts[NUM_QUEUED])
@@ -85,7 +90,7 @@ def search_poses(
         memory.closed[state] = 1
         if memory.keys[state] == GOAL_KEY:
             return FOUND, state
-        yaw = yaw_of(room.footprint, memory.headings[state])
+        yaw = yaw_of(space.footprint, memory.headings[state])
         away = math.hypot(goal[0] - memory.places[state, 0], goal[1] - memory.places[state, 1])
         is_turned = query.any_heading or abs(wrapped(goal[2] - yaw)) <= query.yaw_rad
         if away <= query.xy_m and is_turned:
@@ -93,56 +98,56 @@ def search_poses(
         if away < SEARCH.direct_m:
             num_near += 1
             is_due = num_near % SEARCH.direct_every == 1 or away < 2.0 * SEARCH.move_m
-            if is_due and not offer_direct_drive(memory, room, query, state):
+            if is_due and not offer_direct_drive(memory, space, query, state):
                 return FULL, NONE
         is_full = memory.counts[NUM_STATES] >= most
-        if is_full or not expand(memory, room, query, heuristic, state):
+        if is_full or not expand(memory, space, query, heuristic, state):
             return FULL, NONE
     return NOT_FOUND, NONE
 
 
 @kernel
-def begin(memory: Memory, room: Room, query: Query, heuristic: Heuristic) -> None:
+def begin(memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic) -> None:
     """Begin at the start: it may take either of the headings beside its own.
 
     Where neither fits, the robot leaves by the nearer one: it stands there after all.
     """
-    start, footprint = query.start, room.footprint
+    start, footprint = query.start, space.footprint
     nearest = heading_of(footprint, start[2])
     off = wrapped(start[2] - footprint.first_yaw - nearest * TURN_RAD)
     for which in range(2):
         heading = nearest
         if which == 1:
             heading = (nearest + (1 if off > 0.0 else -1)) % HEADINGS
-            if not is_free(room.blocked, footprint, start[:2], angle_of(footprint, heading)):
+            if not is_free(space.blocked, footprint, start[:2], angle_of(footprint, heading)):
                 continue
         turn = abs(wrapped(start[2] - footprint.first_yaw - heading * TURN_RAD))
         cost = COSTS.turn_m * turn
-        begin_at(memory, room, query, heuristic, (start[0], start[1], heading), cost)
+        begin_at(memory, space, query, heuristic, (start[0], start[1], heading), cost)
 
 
 @kernel
-def begin_around(memory: Memory, room: Room, query: Query, heuristic: Heuristic) -> None:
+def begin_around(memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic) -> None:
     """Begin at the end of the path, and around it as far as it may be missed.
 
     What is missed costs as much as driving beside something: it is worth it where that makes room.
     """
     end, missed_m = query.start, query.begin_m
-    heading = heading_of(room.footprint, end[2])
+    heading = heading_of(space.footprint, end[2])
     for which in range(9):
         place = end[:2]
         if which > 0:
             bearing = 0.25 * math.pi * which
             place = end[0] + missed_m * math.cos(bearing), end[1] + missed_m * math.sin(bearing)
-        if is_free(room.blocked, room.footprint, place, angle_of(room.footprint, heading)):
-            cost = 0.0 if which == 0 else PRICES.beside * missed_m
-            begin_at(memory, room, query, heuristic, (place[0], place[1], heading), cost)
+        if is_free(space.blocked, space.footprint, place, angle_of(space.footprint, heading)):
+            cost = 0.0 if which == 0 else TRAVERSAL.beside * missed_m
+            begin_at(memory, space, query, heuristic, (place[0], place[1], heading), cost)
 
 
 @kernel
 def begin_at(
     memory: Memory,
-    room: Room,
+    space: SearchSpace,
     query: Query,
     heuristic: Heuristic,
     state: tuple[float, float, int],
@@ -152,29 +157,29 @@ def begin_at(
 
     Args:
         memory: changed in place.
-        room: where the footprint may be.
+        space: where the footprint may be.
         query: from where to where.
         heuristic: what the rest costs.
         state: x, y, and the index of its heading.
         cost: of it.
     """
     x, y, heading = state
-    key = key_of(room, (x, y), heading)
+    key = key_of(space, (x, y), heading)
     if memory.counts[NUM_STATES] > 0 and is_reached(memory, slot_of(memory, key)):
         return
-    rest = to_go(heuristic, query, (x, y), yaw_of(room.footprint, heading))
+    rest = to_go(heuristic, query, (x, y), yaw_of(space.footprint, heading))
     remember(memory, Reached(key, x, y, heading, cost, NONE, AT_START), cost + rest)
 
 
 @kernel
-def offer_direct_drive(memory: Memory, room: Room, query: Query, state: int) -> bool:
+def offer_direct_drive(memory: Memory, space: SearchSpace, query: Query, state: int) -> bool:
     """Keep the direct drive to the goal if it is cheaper; False if there is no room for it."""
     slot = slot_of(memory, GOAL_KEY)
     cost, motion = memory.costs[state], int(memory.motions[state])
     most = memory.costs[slot] - cost if is_reached(memory, slot) else math.inf
-    yaw = yaw_of(room.footprint, memory.headings[state])
+    yaw = yaw_of(space.footprint, memory.headings[state])
     here = float(memory.places[state, 0]), float(memory.places[state, 1]), yaw
-    found = expand_to_goal(room, query, here, motion, most)
+    found = expand_to_goal(space, query, here, motion, most)
     least = min(found.drive.cost, min(found.curve.cost, found.swing.cost))
     if least == math.inf:
         return True
@@ -224,34 +229,36 @@ def move_cost(before: int, motion: int, turn: int, turns_freely: bool) -> float:
 
 
 @kernel
-def expand(memory: Memory, room: Room, query: Query, heuristic: Heuristic, state: int) -> bool:
+def expand(
+    memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic, state: int
+) -> bool:
     """Reach for the neighbours of a state whose cheapest path is known; False if memory is full."""
     heading, before = int(memory.headings[state]), int(memory.motions[state])
     cost = float(memory.costs[state])
     here = float(memory.places[state, 0]), float(memory.places[state, 1])
-    yaw = yaw_of(room.footprint, heading)
-    turns_freely = can_turn(room, here, 0.0)
+    yaw = yaw_of(space.footprint, heading)
+    turns_freely = can_turn(space, here, 0.0)
     # From room to room every fourth heading will do, and nobody needs to back.
-    is_inside = turns_freely and can_turn(room, here, SEARCH.move_m)
+    is_inside = turns_freely and can_turn(space, here, SEARCH.move_m)
     num_moves = HEADINGS if is_inside else (2 * HEADINGS if turns_freely else 8)
     for which in range(0, num_moves, 4 if is_inside else 1):
         pose = here[0], here[1], yaw
         motion, turn, place = move_from(pose, which, heading, turns_freely, query.sense)
         next_heading = (heading + turn) % HEADINGS
-        rest = to_go(heuristic, query, place, yaw_of(room.footprint, next_heading))
+        rest = to_go(heuristic, query, place, yaw_of(space.footprint, next_heading))
         is_spare = motion * query.sense == BACKWARDS or next_heading % 4 != 0
         if rest == math.inf or (
-            turns_freely and is_spare and not is_inside and can_turn(room, place, 0.0)
+            turns_freely and is_spare and not is_inside and can_turn(space, place, 0.0)
         ):
             continue
-        key = key_of(room, place, next_heading)
+        key = key_of(space, place, next_heading)
         slot = slot_of(memory, key)
         is_known = is_reached(memory, slot)
         through = cost + move_cost(before, motion, turn, turns_freely)
         if is_known and (memory.closed[slot] != 0 or memory.costs[slot] <= through):
             continue
-        angle = angle_of(room.footprint, next_heading)
-        price = price_of(room, place, angle, query.sense * motion)
+        angle = angle_of(space.footprint, next_heading)
+        price = cost_per_metre(space, place, angle, query.sense * motion)
         length = COSTS.turn_m * TURN_RAD
         if motion != TURNING:
             length = SEARCH.move_m + (0.0 if turns_freely else COSTS.arc_m * TURN_RAD * abs(turn))

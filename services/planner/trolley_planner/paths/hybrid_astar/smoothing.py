@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trolley.jit import kernel
 from trolley_planner.paths.hybrid_astar.curves import curve_cost, curve_count, curve_into
 from trolley_planner.paths.hybrid_astar.footprint_spans import nearest_angle
-from trolley_planner.paths.hybrid_astar.motions import (
+from trolley_planner.paths.hybrid_astar.motion_primitives import (
     BACKWARDS,
     COSTS,
     FORWARDS,
@@ -17,29 +17,29 @@ from trolley_planner.paths.hybrid_astar.motions import (
     Motions,
     change_cost,
 )
-from trolley_planner.paths.hybrid_astar.room import PRICES, Room, price_of
+from trolley_planner.paths.hybrid_astar.search_space import TRAVERSAL, SearchSpace, cost_per_metre
 
 
 class SmoothingParams(NamedTuple):
     """Which pieces are replaced; by hand."""
 
     states: int = 60
-    """A curve replaces at most so many states,"""
+    """Number of states that a curve replaces at most."""
     every: int = 3
-    """every third of which is tried as its end."""
+    """Number of states per one that is tried as the end of a curve."""
 
 
 SMOOTHING = SmoothingParams()
 
 
-def smoothed(poses: NDArray[np.float64], motions: NDArray[np.int8], room: Room) -> Motions:
+def smoothed(poses: NDArray[np.float64], motions: NDArray[np.int8], space: SearchSpace) -> Motions:
     """Return a maneuver with curves in place of lines and turns."""
     costs = np.empty(len(poses))
-    costs_into(costs, poses, motions, room)
+    costs_into(costs, poses, motions, space)
     parts, kinds = [poses[:1]], [motions[:1]]
     at = 0
     while at < len(poses) - 1:
-        end, sense = longest_curve(poses, costs, at, room)
+        end, sense = longest_curve(poses, costs, at, space)
         if end == at + 1:
             parts.append(poses[end : end + 1])
             kinds.append(motions[end : end + 1])
@@ -58,7 +58,7 @@ def costs_into(
     out_costs: NDArray[np.float64],
     poses: NDArray[np.float64],
     motions: NDArray[np.int8],
-    room: Room,
+    space: SearchSpace,
 ) -> None:
     """Write what it costs to each of some poses (n, 3) [m], from the first on."""
     out_costs[0] = 0.0
@@ -70,9 +70,16 @@ def costs_into(
         if motion != TURNING:
             length = math.hypot(dx, dy) + COSTS.arc_m * turn
         place = poses[index, 0], poses[index, 1]
-        price = price_of(room, place, nearest_angle(poses[index, 2]), motion)
+        price = cost_per_metre(space, place, nearest_angle(poses[index, 2]), motion)
         # The maneuver is free; beside the search's headings it may look otherwise.
-        most = 1.0 + PRICES.near + PRICES.beside + PRICES.touching + PRICES.reverse + PRICES.creep
+        most = (
+            1.0
+            + TRAVERSAL.near
+            + TRAVERSAL.beside
+            + TRAVERSAL.touching
+            + TRAVERSAL.reverse
+            + TRAVERSAL.creep
+        )
         price = min(price, most)
         change = 0.0 if index == 1 else change_cost(before, motion)
         out_costs[index] = out_costs[index - 1] + price * length + change
@@ -80,7 +87,7 @@ def costs_into(
 
 @kernel
 def longest_curve(
-    poses: NDArray[np.float64], costs: NDArray[np.float64], first: int, room: Room
+    poses: NDArray[np.float64], costs: NDArray[np.float64], first: int, space: SearchSpace
 ) -> tuple[int, int]:
     """Return the farthest state to which a curve is free and costs no more, and its sense.
 
@@ -98,6 +105,6 @@ def longest_curve(
         if not curve_into(curve[:count], poses[first], poses[end], sense):
             continue
         most = costs[end] - costs[first] + 1e-9
-        if curve_cost(curve[:count], poses[first], room, sense, most) < most:
+        if curve_cost(curve[:count], poses[first], space, sense, most) < most:
             return end, sense
     return first + 1, TURNING

@@ -16,7 +16,7 @@ BATCH = 256
 MAX_MARKER_FRAMES = 60
 MAX_NUMBER = {"text": 200, "icon": 400, "line": 1000}
 MAX_POINTS, MAX_ALL_POINTS = 5000, 100_000
-"""Of one line, and of all."""
+"""Number of points of one line, and of all lines."""
 MAX_MOVING = 200
 """Further solids are drawn still."""
 
@@ -28,7 +28,7 @@ class Group(NamedTuple):
     sort: str
     """The kind of its markers; `moving` and the kind where they move by themselves."""
     width_mm: int = 0
-    """Of lines."""
+    """Width of lines."""
     number: int = 0
     """Several where one would be too large."""
 

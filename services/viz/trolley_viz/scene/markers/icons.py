@@ -31,9 +31,9 @@ class Icon(NamedTuple):
     size: float
     """[m]."""
     position: tuple[float, float, float]
-    """Of its middle [m]."""
+    """Position of its middle [m]."""
     yaw: float = 0.0
-    """Of its marker [rad]; seen only while it turns."""
+    """Heading of its marker [rad]; seen only while it turns."""
     turn: Quaternion | None = None
     """What its motion adds; None: it faces the viewer."""
 

@@ -26,7 +26,7 @@ from trolley_viz.scene.markers.nodes import Labels, Lines, MarkerNodes
 from trolley_viz.scene.markers.solids import Batch, Placed, Solid, within_reach
 
 NUM_FINE = 2
-"""So many batches of each kind are drawn round; further ones are coarser."""
+"""Number of batches of each kind that are drawn round; further ones are coarser."""
 MAX_NOTES = 8
 
 Found = Mapping[str, Relation | str]

@@ -8,7 +8,7 @@ from trolley_viz.scene.markers.solids import Placed
 JUMP_S = 1.0
 TURN_S = 3.0
 JUMP_HEIGHT = 0.8
-"""Of the marker's own height."""
+"""Height of a jump, as a share of the marker's own height."""
 
 
 def is_moving(marker: Marker, age_s: float) -> bool:

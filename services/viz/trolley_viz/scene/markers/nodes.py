@@ -11,9 +11,9 @@ from trolley_viz.scene.markers.solids import Placed, within_reach
 
 MAX_TEXT = 200
 MIN_WIDTH, MAX_WIDTH = 0.004, 1.0
-"""Of lines [m]."""
+"""Least and greatest width of lines [m]."""
 MIN_HEIGHT, MAX_HEIGHT = 0.03, 2.0
-"""Of letters [m]."""
+"""Least and greatest height of letters [m]."""
 
 
 class MarkerNodes(Protocol):

@@ -1,4 +1,4 @@
-"""How something moves, by where it was in the scans of the last second."""
+"""Velocity of a tracked object, from its positions in the scans of the last second."""
 
 import math
 from typing import NamedTuple
@@ -10,28 +10,28 @@ from trolley.jit import kernel
 from trolley_planner.people.segments import centre_of
 
 
-class MotionParams(NamedTuple):
+class VelocityEstimationParams(NamedTuple):
     """How velocities are measured; found by hand in simulated drives among people."""
 
     kept_s: float = 1.2
-    """Where something was this long ago is remembered."""
+    """Time for which past positions are remembered."""
     least_s: float = 0.08
-    """Scans nearer to each other in time than this tell nothing of motion."""
+    """Time between scans below which they say nothing about motion."""
     track_s: float = 0.6
-    """A velocity is measured over this time: legs swing."""
+    """Time over which a velocity is measured, since legs swing."""
     straight: float = 1.2
-    """It is measured over `kept_s` if the track scatters no more than this many times as much."""
+    """Factor on the scatter up to which the velocity is measured over all of `kept_s`."""
     track_noise_m: float = 0.03
-    """Places of a track err by this much at least, whatever its own scatter says."""
+    """Least error of a position of the track, whatever its own scatter says."""
 
 
-TRACKS = MotionParams()
+TRACKS = VelocityEstimationParams()
 Floats = NDArray[np.float64]
 
 
 @kernel
 def longer_track(track: Floats, elapsed_s: float, place: Floats, points: Floats) -> Floats:
-    """Return what matters still of a track (n, 5), and where it is now as its last row.
+    """Return the recent part of a track (n, 5), with the present position as its last row.
 
     Args:
         track: see `Trail.track`.
@@ -55,7 +55,7 @@ def longer_track(track: Floats, elapsed_s: float, place: Floats, points: Floats)
 def track_on(
     track: Floats, elapsed_s: float, place: Floats, points: Floats
 ) -> tuple[Floats, float, float, float]:
-    """Return a track with where it is now, see `longer_track`, and the motion along it.
+    """Return a track with its present position, see `longer_track`, and the motion along it.
 
     A straight line is fitted, over a longer time where the track was straight for that long; what
     the track strays from it says how sure its slope is.

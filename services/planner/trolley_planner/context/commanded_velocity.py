@@ -8,21 +8,22 @@ from trolley.geometry import Twist2D
 
 @dataclass(frozen=True, slots=True)
 class VelocityParams:
-    """How far wheels may be from what they were told; by hand."""
+    """How far the wheels may differ from the commands; by hand."""
 
     lag_s: float = 0.5
-    """Wheels show by now what they were told at some time within this."""
+    """Longest time that the wheels take to follow a command."""
     differs_mps: float = 0.15
-    """Wheels that differ by more than this"""
+    """Difference from every recent command above which the wheels' speed counts as not following.
+    """
     differs_radps: float = 0.5
-    """or this from all of that do not follow it."""
+    """Difference from every recent command above which the turn rate counts as not following."""
 
 
 VELOCITY = VelocityParams()
 
 
 class CommandedVelocity:
-    """What the robot was told last, or what its wheels do where they do not follow.
+    """The last command, or what the wheels do where they do not follow it.
 
     Wheels follow late: while the robot brakes they are faster than its last command, and a command
     that started from them would speed it up again. So they are compared with all that they were
@@ -33,7 +34,7 @@ class CommandedVelocity:
         self._told: deque[tuple[int, Twist2D]] = deque()
 
     def record(self, twist: Twist2D | None, now_ns: int) -> None:
-        """Note a command; None: nobody tells it anything any more."""
+        """Record a command, None for silence."""
         if twist is None:
             self._told.clear()
             return

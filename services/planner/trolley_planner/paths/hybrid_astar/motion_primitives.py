@@ -22,13 +22,13 @@ class MotionCosts(NamedTuple):
     """What motions cost beside their length; by hand."""
 
     turn_m: float = 0.35
-    """A turn on the spot by one radian costs as much as this many metres."""
+    """Cost of a turn on the spot by one radian."""
     arc_m: float = 0.1
-    """The same for a turn while driving: straight lines are easier to follow."""
+    """Cost of a turn by one radian while driving: straight lines are easier to follow."""
     switch_m: float = 0.3
-    """So does a change between forwards and backwards,"""
+    """Cost of a change between forwards and backwards."""
     halt_m: float = 0.2
-    """and one between driving and turning."""
+    """Cost of a change between driving and turning."""
 
 
 COSTS = MotionCosts()

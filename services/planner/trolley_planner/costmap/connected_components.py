@@ -1,4 +1,4 @@
-"""Parts of the floor that hang together."""
+"""Connected components of the floor."""
 
 import math
 
@@ -21,18 +21,18 @@ def cells_around(
     )
 
 
-def parts_of(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return for each cell (rows, cols) the number of its part, 1 to n; 0 outside of the mask."""
+def components_of(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the component of each cell (rows, cols), 1 to n; 0 outside the mask."""
     labels = np.empty(mask.shape, dtype=np.int32)
-    label_parts(labels, mask, mask)
+    label_components(labels, mask, mask)
     return labels
 
 
 @kernel
-def label_parts(
+def label_components(
     out_labels: NDArray[np.int32], wide: NDArray[np.bool_], free: NDArray[np.bool_]
 ) -> int:
-    """Number the parts of the floor that hang together; the rest joins the part nearest to it.
+    """Number the connected components of the floor; other cells join the nearest one.
 
     Args:
         out_labels: (rows, cols), overwritten: 1 to n, 0 where nothing is free.
@@ -72,7 +72,7 @@ def _spread(
     taken: int,
     known: int,
 ) -> int:
-    """Give a cell's label to those beside it; return how many cells the queue holds then."""
+    """Give a cell's label to its neighbours; return the new length of the queue."""
     rows, cols = labels.shape
     row, col = queue[taken] // cols, queue[taken] % cols
     for side in range(4):

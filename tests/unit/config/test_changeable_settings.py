@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from trolley.config import ConfigError, FootprintConfig, RobotConfig, RobotSection
-from trolley.config.changing import (
+from trolley.config.changeable_settings import (
     AFTER_RESTART,
     AT_ONCE,
     Name,

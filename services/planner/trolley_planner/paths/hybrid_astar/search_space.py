@@ -15,38 +15,39 @@ from trolley_planner.paths.hybrid_astar.footprint_spans import (
     is_free,
     is_near_edge,
 )
-from trolley_planner.paths.hybrid_astar.motions import BACKWARDS, CELL_M, FORWARDS
+from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, CELL_M, FORWARDS
 from trolley_planner.sensing.beams import inside_polygon
 
 
-class PriceParams(NamedTuple):
+class TraversalCosts(NamedTuple):
     """What a metre costs more than a metre in open floor; by hand."""
 
     near: float = 2.0
-    """So much more where the footprint has less room than is wanted,"""
+    """Extra cost of a metre where the footprint has less clearance than is wanted."""
     beside: float = 6.0
-    """this much more where it comes right beside something:"""
+    """Extra cost of a metre where the footprint is nearer than `beside_m` to an obstacle."""
     beside_m: float = 0.026
-    """nearer than this, two fine cells;"""
+    """Clearance below which the footprint is right beside an obstacle: two fine cells."""
     touching: float = 12.0
-    """and this much more where it all but touches:"""
+    """Extra cost of a metre where the footprint is nearer than `touching_m`, so that the robot
+    keeps to the middle of a door, and straight."""
     touching_m: float = 0.016
-    """nearer than this, one fine cell. So the robot keeps to the middle of a door, and straight."""
+    """Clearance below which the footprint all but touches: one fine cell."""
     reverse: float = 0.8
-    """A metre backwards costs this much more: it is driven at half the speed."""
+    """Extra cost of a metre backwards, which is driven at half the speed."""
     creep: float = 4.0
-    """A metre backwards, or a turn, over what is out of sight costs this much more: `base` lets the
-    robot creep there only, at a fifth of its speed."""
+    """Extra cost of a metre backwards, or of a turn, over floor that is out of sight: `base` lets
+    the robot creep there only, at a fifth of its speed."""
 
 
-PRICES = PriceParams()
+TRAVERSAL = TraversalCosts()
 IN_SIGHT, OUT_OF_SIGHT, NEVER_SEEN = range(3)
 """How floor is known: what was seen free and is out of sight may be backed over, at a creep."""
 BLOCKED, NEAR, BESIDE, TOUCHING, UNSEEN, HIDDEN = range(6)
-"""Which cells are counted; see `Room`."""
+"""Which cells are counted; see `SearchSpace`."""
 
 
-class Room(NamedTuple):
+class SearchSpace(NamedTuple):
     """Where the footprint may be. Places are measured from the corner [m]."""
 
     blocked: NDArray[np.uint16]
@@ -71,14 +72,14 @@ class Room(NamedTuple):
     """Cells of states in a row."""
 
 
-def make_room(
+def make_search_space(
     grid: FineGrid,
     unseen: NDArray[np.uint8],
     own: Pose2D,
     footprint: Footprint,
     spans: FootprintSpans,
     wanted_m: float,
-) -> Room:
+) -> SearchSpace:
     """Return what the footprint is looked up in.
 
     Args:
@@ -93,7 +94,7 @@ def make_room(
     counts = np.empty((6, rows, cols + 1), dtype=np.uint16)
     outline = own.transform_points(footprint.polygon) / grid.fine_m
     count_into(counts, (grid.mask, grid.distance_m, unseen), outline, wanted_m)
-    return Room(
+    return SearchSpace(
         blocked=counts[BLOCKED],
         near=counts[NEAR],
         beside=counts[BESIDE],
@@ -117,7 +118,7 @@ def count_into(
     """Write how many cells of each row, before each column, are of each kind.
 
     Args:
-        out_counts: (6, rows, cols + 1), overwritten; see `Room`.
+        out_counts: (6, rows, cols + 1), overwritten; see `SearchSpace`.
         layers: (rows, cols) each: set where something stands; distance to the nearest of that; how
             it is known.
         outline: (n, 2) of the robot [cells]: nothing stands where it is.
@@ -135,8 +136,8 @@ def count_into(
             away = distance_m[row, col]
             blocked += np.uint16(mask[row, col] != 0)
             near += np.uint16(away < wanted_m)
-            beside += np.uint16(away < PRICES.beside_m)
-            touching += np.uint16(away < PRICES.touching_m)
+            beside += np.uint16(away < TRAVERSAL.beside_m)
+            touching += np.uint16(away < TRAVERSAL.touching_m)
             unseen += np.uint16(known[row, col] == NEVER_SEEN)
             hidden += np.uint16(known[row, col] != IN_SIGHT and mask[row, col] == 0)
         out_counts[BLOCKED, row, cols], out_counts[NEAR, row, cols] = blocked, near
@@ -148,51 +149,53 @@ def count_into(
     for row in range(first_row, min(math.ceil(outline[:, 1].max()) + 1, rows)):
         taken = np.uint16(0)
         for col in range(first_col, cols):
-            stands = mask[row, col] != 0 and col < last_col
+            is_occupied = mask[row, col] != 0 and col < last_col
             x, y = col + 0.5, row + 0.5
-            if stands and (inside_polygon(outline, x, y) or is_near_edge(outline, x, y, 1.0)):
+            if is_occupied and (inside_polygon(outline, x, y) or is_near_edge(outline, x, y, 1.0)):
                 taken += np.uint16(1)
             out_counts[BLOCKED, row, col + 1] -= taken
 
 
 @kernel
-def can_turn(room: Room, place: tuple[float, float], more_m: float) -> bool:
+def can_turn(space: SearchSpace, place: tuple[float, float], more_m: float) -> bool:
     """Say whether there is room for a full turn at a place, with the wanted clearance and more."""
-    fine_m = room.footprint.fine_m
+    fine_m = space.footprint.fine_m
     row, col = math.floor(place[1] / fine_m), math.floor(place[0] / fine_m)
-    rows, cols = room.distance_m.shape
+    rows, cols = space.distance_m.shape
     if not (0 <= row < rows and 0 <= col < cols):
         return False
-    least_m = room.footprint.circumscribed_m + room.wanted_m + fine_m + more_m
-    return room.distance_m[row, col] > least_m
+    least_m = space.footprint.circumscribed_m + space.wanted_m + fine_m + more_m
+    return space.distance_m[row, col] > least_m
 
 
 @kernel
-def price_of(room: Room, place: tuple[float, float], angle: int, motion: int) -> float:
+def cost_per_metre(
+    space: SearchSpace, place: tuple[float, float], angle: int, motion: int
+) -> float:
     """Return what a metre to a pose costs, +inf if the footprint must not come there.
 
     Args:
-        room: where it is.
+        space: where it is.
         place: x, y from the corner [m].
         angle: index.
         motion: how the robot will drive there; TURNING: what a metre of its outline's way costs.
     """
-    has_room = can_turn(room, place, 0.0)
+    has_room = can_turn(space, place, 0.0)
     if has_room and motion == FORWARDS:
         return 1.0
-    if not has_room and not is_free(room.blocked, room.footprint, place, angle):
+    if not has_room and not is_free(space.blocked, space.footprint, place, angle):
         return math.inf
     price = 1.0
     if motion == BACKWARDS:
-        if not is_free(room.unknown, room.footprint, place, angle):
+        if not is_free(space.unknown, space.footprint, place, angle):
             return math.inf
-        price += PRICES.reverse
-    if motion != FORWARDS and not is_free(room.hidden, room.footprint, place, angle):
-        price += PRICES.creep
-    if not has_room and not is_free(room.near, room.footprint, place, angle):
-        price += PRICES.near
-        if not is_free(room.beside, room.footprint, place, angle):
-            price += PRICES.beside
-            if not is_free(room.touching, room.footprint, place, angle):
-                price += PRICES.touching
+        price += TRAVERSAL.reverse
+    if motion != FORWARDS and not is_free(space.hidden, space.footprint, place, angle):
+        price += TRAVERSAL.creep
+    if not has_room and not is_free(space.near, space.footprint, place, angle):
+        price += TRAVERSAL.near
+        if not is_free(space.beside, space.footprint, place, angle):
+            price += TRAVERSAL.beside
+            if not is_free(space.touching, space.footprint, place, angle):
+                price += TRAVERSAL.touching
     return price
