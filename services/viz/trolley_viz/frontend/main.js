@@ -93,7 +93,8 @@ function changed(state) {
     document.getElementById(id).inert = state !== "open";
   }
   status.changed(state);
-  if (state !== "open") {
+  if (state === "open") joystick.show();
+  else {
     joystick.lose();
     scene.lose();
   }
