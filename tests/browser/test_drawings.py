@@ -14,6 +14,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import Marker, Overlay, Transform
 
 from .conftest import open_page, open_viewer
+from .test_for_everybody import SMALL_TARGETS, SMALLEST_PX
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -26,6 +27,13 @@ COUNT_CHANGES = """() => {
   window.changes = 0;
   const fast = document.querySelector('.ov-card[data-name=fast] .ov-value').parentElement;
   new MutationObserver(() => window.changes++).observe(fast, {childList: true});
+}"""
+IS_ON_TOP = """(one) => {
+  const { left, top, width, height } = one.getBoundingClientRect();
+  one.style.pointerEvents = "auto";
+  const seen = document.elementFromPoint(left + width / 2, top + height / 2);
+  one.style.pointerEvents = "";
+  return seen === one;
 }"""
 ATTACK = '<img src=x onerror="window.hacked = 1"><script>window.hacked = 2</script>'
 
@@ -94,6 +102,15 @@ def test_panels_leave_stop_and_the_controls_free(page: Page) -> None:
     )
     assert len(bottoms) == 4
     assert max(bottoms) <= stop["y"]
+
+
+def test_panels_have_large_targets_and_lie_below_the_hint(page: Page) -> None:
+    assert page.evaluate(SMALL_TARGETS, SMALLEST_PX) == []
+    page.get_by_role("button", name="Set pose …").click()
+    expect(page.locator("#hint")).to_contain_text("Press where the robot is")
+    assert page.locator("#hint").evaluate(IS_ON_TOP)
+    page.keyboard.press("Escape")
+    expect(page.locator("#hint")).to_be_hidden()
 
 
 def test_a_menu_marks_what_the_robot_is_doing(page: Page, shown: "Shown", pictures: Path) -> None:

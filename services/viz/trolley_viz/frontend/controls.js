@@ -22,6 +22,11 @@ export class Controls {
     this.isNew = true;
   }
 
+  // Names that the page gives by itself follow its language.
+  speak() {
+    for (const drawn of this.all.values()) drawn.speak?.();
+  }
+
   take({ looks = {}, gone = [] }) {
     if (this.isNew) {
       for (const id of this.all.keys()) if (!(id in looks)) this.drop(id);
@@ -48,6 +53,7 @@ export class Controls {
     if (drawn === undefined) {
       drawn = MAKERS[look.kind](this, id);
       drawn.element.classList.add("control", look.kind);
+      drawn.speak?.();
       this.all.set(id, drawn);
     }
     const before = drawn.look || {};
@@ -303,21 +309,27 @@ const MAKERS = {
   },
 
   bar() {
-    const element = make("div", { role: "toolbar", ariaLabel: t("View") });
-    return { element, box: element, show: () => {} };
+    const element = make("div", { role: "toolbar" });
+    const speak = () => { element.ariaLabel = t("View"); };
+    return { element, box: element, speak, show: () => {} };
   },
 
   card(controls, id) {
     const title = make("h2"), box = make("div", { className: "inside" });
-    const close = make("button", { type: "button", textContent: "×", ariaLabel: t("Close") });
-    const element = make("section", { ariaLabel: t("What was touched") }, title, close, box);
+    const close = make("button", { type: "button", textContent: "×" });
+    const element = make("section", {}, title, close, box);
+    const speak = () => {
+      element.ariaLabel = t("What was touched");
+      close.ariaLabel = t("Close");
+    };
     close.addEventListener("click", () => controls.press(id));
-    return { element, box, show: (look) => setText(title, look.label || "") };
+    return { element, box, speak, show: (look) => setText(title, look.label || "") };
   },
 
   strip() {
-    const element = make("section", { ariaLabel: t("Past") });
-    return { element, box: element, show: () => {} };
+    const element = make("section");
+    const speak = () => { element.ariaLabel = t("Past"); };
+    return { element, box: element, speak, show: () => {} };
   },
 
   // What it is dragged to is said as soon as what was said before is answered.

@@ -52,7 +52,7 @@ function told(message) {
 }
 
 async function speakNow(code) {
-  await speak(code);
+  if (await speak(code)) controls.speak();
   if (line.state !== "loading") status.changed(line.state);
 }
 

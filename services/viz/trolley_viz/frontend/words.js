@@ -48,15 +48,16 @@ function add(write, english) {
   if (words.size > 0) write(t(english));
 }
 
-// Change the language. Nothing waits for it: STOP works before the words are there.
+// Change the language; tells whether it has changed. Nothing waits for it: STOP works before the
+// words are there.
 export async function speak(code) {
-  if (code === now) return;
+  if (code === now) return false;
   now = code;
   if (!loaded.has(code)) await load(code);
-  if (now !== code) return; // it has changed again meanwhile
+  if (now !== code) return false; // it has changed again meanwhile
   if (!loaded.has(code)) {
     now = ENGLISH; // the page stays as it is, and works
-    return;
+    return false;
   }
   words = loaded.get(code);
   document.documentElement.lang = code;
@@ -64,6 +65,7 @@ export async function speak(code) {
   try {
     localStorage.setItem(KEPT, code);
   } catch { /* see above */ }
+  return true;
 }
 
 async function load(code) {
