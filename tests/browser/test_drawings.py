@@ -14,6 +14,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import Marker, Overlay, Transform
 
 from .conftest import open_page, open_viewer
+from .seeing import undrawn
 from .test_for_everybody import SMALL_TARGETS, SMALLEST_PX
 
 if TYPE_CHECKING:
@@ -34,6 +35,11 @@ IS_ON_TOP = """(one) => {
   const seen = document.elementFromPoint(left + width / 2, top + height / 2);
   one.style.pointerEvents = "";
   return seen === one;
+}"""
+ARE_APART = """() => {
+  const top = document.querySelector(".control.strip").getBoundingClientRect().top;
+  const columns = [...document.querySelectorAll("#overlays .ov-column")];
+  return columns.every((one) => one.getBoundingClientRect().bottom <= top);
 }"""
 ATTACK = '<img src=x onerror="window.hacked = 1"><script>window.hacked = 2</script>'
 
@@ -111,6 +117,21 @@ def test_panels_have_large_targets_and_lie_below_the_hint(page: Page) -> None:
     assert page.locator("#hint").evaluate(IS_ON_TOP)
     page.keyboard.press("Escape")
     expect(page.locator("#hint")).to_be_hidden()
+
+
+def test_panels_leave_the_past_free_on_a_tablet(page: Page) -> None:
+    size = page.viewport_size
+    assert size is not None
+    page.set_viewport_size({"width": 1024, "height": 768})
+    with undrawn(page):
+        page.get_by_role("button", name="Past", exact=True).click()
+        slider = page.get_by_label("Time of day")
+        expect(slider).to_be_visible()
+        assert slider.evaluate(IS_ON_TOP)
+        assert page.evaluate(ARE_APART)
+        page.get_by_role("button", name="Close the past").click()
+        expect(slider).to_be_hidden()
+    page.set_viewport_size(size)
 
 
 def test_a_menu_marks_what_the_robot_is_doing(page: Page, shown: "Shown", pictures: Path) -> None:

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, Page, expect
 from support.processes import Process, find_free_port
 from support.waiting import wait_until
 
@@ -17,26 +17,23 @@ from trolley.cli.demo_robot import Choices, write_settings
 from trolley.client import Robot
 from trolley.runtime.zenoh_bus import open_router
 
-from .conftest import CHROMIUM, SCENE, open_page
-from .seeing import undrawn
+from .conftest import CHROMIUM, open_page
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 NAME = "kiwi"
 NOT_STOPPED = "NOT STOPPED: no connection"
 A_DAY_OFF = """{
-  const Plain = Date, dayMs = 24 * 3600 * 1000;
-  self.aDayOff = -dayMs;
-  self.Date = class extends Plain {
-    constructor(...given) {
-      if (given.length) super(...given);
-      else super(Plain.now() + self.aDayOff);
-    }
-    static now() { return Plain.now() + self.aDayOff; }
-  };
+  const Plain = Date, now = () => Plain.now() + self.aDayOff;
+  self.aDayOff = -24 * 3600 * 1000;
+  self.Date = new Proxy(Plain, {
+    construct: (plain, given) => given.length ? new plain(...given) : new plain(now()),
+    apply: () => new Plain(now()).toString(),
+    get: (plain, name) => name === "now" ? now : Reflect.get(plain, name),
+  });
 }
 """
-"""The phone's clock, in a page, a frame or a worker."""
+"""The phone's clock."""
 
 
 class House:
@@ -48,7 +45,7 @@ class House:
         self._config = write_settings(choices, folder)
         self._endpoint = choices.endpoint
         self._viz_port = choices.viz_port
-        self.url = f"http://127.0.0.1:{choices.viz_port}/{SCENE}"
+        self.url = f"http://127.0.0.1:{choices.viz_port}/"
         self._router = ExitStack()
         stack.callback(self._router.close)
         self.open_router()
@@ -102,21 +99,19 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
         yield House(tmp_path_factory.mktemp("house"), stack)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def page(house: House, browser: Browser) -> Iterator[Page]:
-    """A small one: it is drawn in software."""
-    page = open_page(browser, 800, 600)
-    house_is_up(page, house)
+    """A phone; without the scene, which would take most of a processor."""
+    page = open_page(browser, 390, 844, has_touch=True, is_mobile=True)
+    page.route("**/scene/**", lambda route: route.abort())
     yield page
     page.context.close()
 
 
-def house_is_up(page: Page, house: House) -> None:
+def open_house(page: Page, house: House) -> None:
     wait_until(house.has_viewer, "the viewer listens")
     page.goto(house.url)
     expect(page.locator("body")).to_have_attribute("data-line", "open")
-    expect(page.locator("#stop")).to_be_enabled()
-    page.locator("#scene-wait").wait_for(state="hidden")
 
 
 def stop_and_drive_on(page: Page, house: House) -> None:
@@ -132,38 +127,30 @@ def stop_and_drive_on(page: Page, house: House) -> None:
 def test_a_router_that_is_cut_is_said_and_stop_is_repeated_until_it_is_back(
     page: Page, house: House, pictures: Path
 ) -> None:
+    open_house(page, house)
+    wait_until(lambda: house.base_mode() == "ok", "base is there")
     house.cut_router()
-    with undrawn(page):
-        expect(page.locator("#sentence")).to_contain_text("No contact with the robot")
-        page.locator("#stop").click()
-        expect(page.locator("#stop-line")).to_have_text(NOT_STOPPED)
-        page.screenshot(path=pictures / "router-cut.png")
-        expect(page.locator("body")).to_have_attribute("data-line", "open")  # the viewer is there
-        house.open_router()
-        wait_until(lambda: house.base_mode() == "stopped", "the press of Stop arrives")
-        expect(page.locator("#stop-line")).to_contain_text("Stopped")
-        expect(page.locator("#resume")).to_be_enabled()
-        page.locator("#resume").click()
-        wait_until(lambda: house.base_mode() == "ok", "it may drive again")
+    expect(page.locator("#sentence")).to_contain_text("No contact with the robot")
+    page.locator("#stop").click()
+    expect(page.locator("#stop-line")).to_have_text(NOT_STOPPED)
+    page.screenshot(path=pictures / "router-cut.png")
+    expect(page.locator("body")).to_have_attribute("data-line", "open")  # the viewer is there
+    house.open_router()
+    wait_until(lambda: house.base_mode() == "stopped", "the press of Stop arrives")
+    expect(page.locator("#stop-line")).to_contain_text("Stopped")
+    expect(page.locator("#resume")).to_be_enabled()
+    page.locator("#resume").click()
+    wait_until(lambda: house.base_mode() == "ok", "it may drive again")
 
 
 def test_a_page_whose_phone_is_a_day_late_or_early_is_obeyed_all_the_same(
-    house: House, browser: Browser
+    page: Page, house: House
 ) -> None:
-    page = open_page(browser, 390, 844, has_touch=True, is_mobile=True)
     page.add_init_script(A_DAY_OFF)
-
-    def off(route: Route) -> None:
-        answer = route.fetch()
-        route.fulfill(response=answer, body=A_DAY_OFF + answer.text())
-
-    page.route("**/line-worker.js", off)
-    house_is_up(page, house)
-    with undrawn(page):
-        for days in (-1, 1):
-            page.evaluate("days => { aDayOff = days * 24 * 3600 * 1000 }", days)
-            stop_and_drive_on(page, house)
-    page.context.close()
+    open_house(page, house)
+    for days in (-1, 1):
+        page.evaluate("days => { aDayOff = days * 24 * 3600 * 1000 }", days)
+        stop_and_drive_on(page, house)
 
 
 def build_of(page: Page) -> str:
@@ -183,29 +170,25 @@ def upgraded(folder: Path) -> Path:
 
 def wait_for_another_build(page: Page, before: str) -> None:
     """The page loads itself anew without being asked, and shows what there is."""
-    page.wait_for_function(
-        "before => document.querySelector('meta[name=build]')?.content !== before", arg=before
-    )
+    expect(page.locator("meta[name=build]")).not_to_have_attribute("content", before)
     expect(page.locator("body")).to_have_attribute("data-line", "open")
-    page.locator("#scene-wait").wait_for(state="hidden")
 
 
 def test_an_open_page_loads_itself_anew_from_a_viewer_that_was_upgraded(
     page: Page, house: House, tmp_path: Path
 ) -> None:
+    open_house(page, house)
     before = build_of(page)
     house.restart_viewer(upgraded(tmp_path))
     wait_for_another_build(page, before)
-    with undrawn(page):
-        stop_and_drive_on(page, house)
+    stop_and_drive_on(page, house)
 
 
 def test_a_page_that_slept_since_yesterday_wakes_to_a_viewer_that_was_upgraded(
-    house: House, browser: Browser, tmp_path: Path
+    page: Page, house: House, tmp_path: Path
 ) -> None:
-    page = open_page(browser, 390, 844, has_touch=True, is_mobile=True)
     page.add_init_script(A_DAY_OFF)
-    house_is_up(page, house)
+    open_house(page, house)
     before = build_of(page)
     sleeping = page.context.new_cdp_session(page)
     sleeping.send("Page.setWebLifecycleState", {"state": "frozen"})
@@ -214,6 +197,4 @@ def test_a_page_that_slept_since_yesterday_wakes_to_a_viewer_that_was_upgraded(
     page.evaluate("aDayOff = 0")  # its clock has gone on by a day
     sleeping.send("Page.setWebLifecycleState", {"state": "active"})
     wait_for_another_build(page, before)
-    with undrawn(page):
-        stop_and_drive_on(page, house)
-    page.context.close()
+    stop_and_drive_on(page, house)
