@@ -84,7 +84,7 @@ def token_in(state: Path) -> str:
     return tomllib.loads(found[0].read_text())["viewer"]
 
 
-def measure(kbit: float, round_trip_s: float, seconds: float) -> None:
+def look_through(kbit: float, round_trip_s: float, seconds: float) -> Outcome:
     """Let a client look through a link of so many kbit/s each way."""
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -99,7 +99,12 @@ def measure(kbit: float, round_trip_s: float, seconds: float) -> None:
             check=True,
             stdout=subprocess.PIPE,
         )
-    outcome = msgspec.json.decode(found.stdout, type=Outcome)
+    return msgspec.json.decode(found.stdout, type=Outcome)
+
+
+def measure(kbit: float, round_trip_s: float, seconds: float) -> None:
+    """Look through the link and print what was seen."""
+    outcome = look_through(kbit, round_trip_s, seconds)
     loaded = "not yet" if outcome.loaded_s is None else f"{outcome.loaded_s:.1f} s"
     poses, stops = (np.percentile(ages, 95) for ages in (outcome.poses_s, outcome.stops_s))
     show(
