@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, CDPSession, FloatRect, Locator, Page, expect
+from playwright.sync_api import Browser, CDPSession, Locator, Page, expect
 from support.waiting import wait_until
 
 from trolley import requests, topics
@@ -96,30 +96,16 @@ class Presser:
         self._fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
 
 
-@pytest.fixture(scope="module", params=["desktop", "phone"])
-def opened(request: pytest.FixtureRequest, shown: "Shown", browser: Browser) -> Iterator[Page]:
+@pytest.fixture(params=["desktop", "phone"])
+def hand(request: pytest.FixtureRequest, shown: "Shown", browser: Browser) -> Iterator[Presser]:
+    """A page that has just been opened."""
     is_phone = request.param == "phone"
     size = (390, 844) if is_phone else (1350, 640)
     page = open_page(browser, *size, has_touch=is_phone, is_mobile=is_phone)
     page.add_init_script(COUNT)
     open_viewer(page, shown.url)
-    yield page
+    yield Presser(page, is_phone=is_phone)
     page.context.close()
-
-
-@pytest.fixture
-def hand(opened: Page) -> Iterator[Presser]:
-    """A page as it was opened, and as it is left again."""
-    size = opened.viewport_size
-    assert size is not None
-    yield Presser(opened, is_phone=size["width"] < 500)
-    opened.get_by_role("tab", name="Go").click()
-
-
-def box_of(where: Locator) -> FloatRect:
-    box = where.bounding_box()
-    assert box is not None
-    return box
 
 
 def zones_of(shown: "Shown") -> dict[str, Zone]:
