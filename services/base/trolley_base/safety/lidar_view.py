@@ -4,10 +4,9 @@ A cover, dirt or a cable turns with the robot; a black cupboard or a window does
 closed where its beams all failed at once though the robot hardly moved, or go on failing though it
 has turned or driven on.
 
-A beam without an echo says that nothing is in reach, or that it looks into the air, through a
-window that is off, or at nothing because its receiver is dead: only other beams' echoes tell. Hence
-a scan with hardly any echo sees nothing, as laser scanners for protection switch off where they
-measure nothing in a wide angle.
+A beam without an echo says that nothing is in reach; in the middle of a hall all of them may. But
+walls do not vanish: where many beams had echoes well within reach, and in the next scan hardly one
+has, the lidar looks into the air, or its window is off, and sees nothing.
 """
 
 import dataclasses
@@ -45,8 +44,11 @@ class LidarViewParams:
     body_m: float = 0.02
     """An echo farther inside the footprint is the robot's own body, as for the stop field [m]."""
     least_echoes: float = 0.01
-    """If a smaller share of the beams has an echo, no beam is believed: in the largest hall, a
-    stretch of a wall or a person is in reach, and stray light makes fewer echoes than this."""
+    """Share of beams with an echo below which a scan has none: stray light makes fewer."""
+    many_echoes: float = 0.1
+    """Share of beams whose echoes well within reach do not vanish from one scan to the next."""
+    well_within: float = 0.8
+    """Share of the longest measurable range up to which an echo lies well within reach."""
     fine: float = 0.5
     """Share of its beams that must see something for a side to be open."""
     closed: float = 0.1
@@ -141,7 +143,9 @@ class LidarView:
         self.share = 0.0
         """Share of the newest scan's beams that see something, or that nothing is in reach."""
         self.lacks_echoes = False
-        """Whether the newest scan says that nothing is in reach, with hardly an echo as proof."""
+        """Whether the newest scan says that nothing is in reach where much was a moment ago."""
+        self._many: tuple[float, Pose2D] | None = None
+        """Range within which the last scan with echoes had many of them, and from where."""
 
     @property
     def shares(self) -> dict[str, float]:
@@ -156,7 +160,7 @@ class LidarView:
     def update(self, scan: LidarScan, odom_T_base: Pose2D) -> LidarScan:
         """Take a new scan without what met a cover; return what it sees.
 
-        That is without echoes of the own body, and nothing at all if hardly a beam has an echo.
+        That is without echoes of the own body, and nothing at all if all echoes have vanished.
         """
         count = len(scan.ranges)
         angles = self._yaw + scan.angle_min + np.arange(count) * scan.angle_increment
@@ -164,8 +168,7 @@ class LidarView:
         # What hides in the robot's own outline hides what lies behind it, too.
         sees = scan.ranges > np.maximum(0.0, self._body[part % len(self._body)] - PARAMS.body_m)
         echoes = sees & np.isfinite(scan.ranges)
-        is_bare = np.count_nonzero(echoes) < PARAMS.least_echoes * count
-        self.lacks_echoes = bool(is_bare and (sees & ~echoes).any())
+        self.lacks_echoes = self._have_vanished(scan, echoes, odom_T_base)
         if self.lacks_echoes:
             sees = echoes
         side = np.rint(angles * (len(SIDES) / (2.0 * math.pi))).astype(np.int64) % len(SIDES)
@@ -178,6 +181,24 @@ class LidarView:
         for one, share in zip(self._sides, shares.tolist(), strict=True):
             one.update(min(1.0, share), odom_T_base, scan.stamp_ns)
         return dataclasses.replace(scan, ranges=np.where(sees, scan.ranges, np.float32(0.0)))
+
+    def _have_vanished(
+        self, scan: LidarScan, echoes: NDArray[np.bool_], odom_T_base: Pose2D
+    ) -> bool:
+        """Say whether what stood well within reach is there no more though the lidar measures."""
+        found = scan.ranges[echoes]
+        if len(found) >= PARAMS.least_echoes * len(echoes):
+            many = math.ceil(PARAMS.many_echoes * len(echoes))
+            has_many = len(found) >= many
+            self._many = (
+                (float(np.partition(found, many - 1)[many - 1]), odom_T_base) if has_many else None
+            )
+            return False
+        if self._many is None or not np.isinf(scan.ranges).any():
+            return False
+        within_m, place = self._many
+        farthest_m = within_m + place.distance_to(odom_T_base)
+        return farthest_m < PARAMS.well_within * scan.range_max
 
 
 def _is_farther(before: Pose2D, after: Pose2D, metres: float, radians: float) -> bool:

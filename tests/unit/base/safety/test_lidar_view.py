@@ -67,12 +67,12 @@ def test_a_lidar_that_sees_all_round_says_so() -> None:
 
 def test_nothing_in_reach_is_seen_too() -> None:
     watch = Watch()
-    watch.see(but(slice(4, 360), np.inf), 1.0)
+    watch.see(but(slice(0, 360), np.inf), 1.0)
     assert watch.view.share == 1.0
     assert not watch.view.lacks_echoes
 
 
-def test_beams_of_which_hardly_one_has_an_echo_see_nothing() -> None:
+def test_walls_do_not_vanish() -> None:
     watch = Watch()
     watch.see(SCAN, 1.0)
     watch.see(but(slice(3, 360), np.inf), 1.0)
@@ -84,16 +84,20 @@ def test_beams_of_which_hardly_one_has_an_echo_see_nothing() -> None:
     assert (watch.view.share, watch.view.lacks_echoes) == (1.0, False)
 
 
-def test_echoes_of_the_own_body_prove_no_open_floor() -> None:
+def test_echoes_of_the_own_body_are_no_walls() -> None:
     watch = Watch()
-    watch.see(
-        dataclasses.replace(
-            but(slice(60, 360), np.inf),
-            ranges=np.where(np.arange(360) < 60, np.float32(0.05), np.float32(np.inf)),
-        ),
-        1.0,
-    )
+    watch.see(SCAN, 1.0)
+    own = np.where(np.arange(360) < 60, np.float32(0.05), np.float32(np.inf))
+    watch.see(dataclasses.replace(SCAN, ranges=own), 1.0)
     assert watch.view.lacks_echoes
+
+
+def test_who_walks_away_in_a_hall_leaves_open_floor() -> None:
+    watch = Watch()
+    watch.see(but(slice(40, 360), np.inf), 1.0)
+    for beams in (30, 10, 4, 0):
+        watch.see(but(slice(beams, 360), np.inf), 1.0)
+        assert (watch.view.share, watch.view.lacks_echoes) == (1.0, False)
 
 
 def test_sides_are_named_as_they_lie_on_the_robot_however_the_lidar_is_mounted() -> None:
