@@ -77,9 +77,11 @@ class MotionWatch:
         elif self._finding.fault >= Fault.DRIVES and is_moving:
             self._reset(now_ns)
 
-    def command(self, now_ns: int, twist: Twist2D) -> None:
-        """Take what is driven from now on."""
-        if self._can_drive:
+    def command(self, now_ns: int, twist: Twist2D, *, is_heard: bool) -> None:
+        """Take what is driven from now on; a board that does not hear it is not judged by it."""
+        if not is_heard:
+            self._supervision.forget()
+        elif self._can_drive:
             self._supervision.command(now_ns, twist)
 
     def clear(self) -> None:

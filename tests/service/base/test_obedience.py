@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from trolley import codes, requests
 from trolley.geometry import Pose2D, Twist2D
-from trolley.messages import BaseState
+from trolley.messages import BaseState, Link
 from trolley_base.drivers import MotionSample
 from trolley_base.simulation.simulated_hardware import SimulatedChassis
 from trolley_base.world.faulty_wheels import BOTH, LEFT, NONE, RIGHT, Trouble
@@ -101,6 +102,25 @@ def test_who_was_mended_and_resumed_at_once_is_not_blamed_for_before(
     assert rig.lockstep.ask(requests.BASE_RESUME).mode == "ok"
     rig.drive(1.0, 0.3)
     assert (rig.state.mode, rig.state.reason) == ("ok", "")
+    assert rig.truth.twist.vx == pytest.approx(0.3)
+
+
+def test_a_board_that_is_not_reached_is_not_accused(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What its port refuses it has not ignored: it drives on until its own watchdog stops it."""
+    read = SimulatedChassis.read
+    refuses = Link(name="chassis", state="down", message="The port accepts nothing.")
+    rig.drive(1.2, 0.3)
+    began_s = break_wheels(rig, Trouble(goes_on=True))
+    monkeypatch.setattr(SimulatedChassis, "read", lambda self: replace(read(self), link=refuses))
+    rig.drive(1.0, 0.3)
+    assert rig.state.reason == codes.LINK_LOST
+    monkeypatch.undo()  # and what waited in the port drives it for another moment
+    rig.run(0.1)
+    break_wheels(rig, Trouble())
+    rig.drive(1.5, 0.3)
+    assert fault_after(rig, began_s) is None
     assert rig.truth.twist.vx == pytest.approx(0.3)
 
 
