@@ -51,6 +51,7 @@ from trolley.runtime.log import Log
 from trolley.runtime.receiving import Watch
 from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import TimeSource
+from trolley.runtime.saves import Saves
 from trolley.runtime.serving import Later
 from trolley.runtime.state import StateFolder
 from trolley.runtime.timers import Deadline
@@ -96,10 +97,12 @@ class Service:
 
     _wire: Wire
     _host: Host
+    _saves: Saves
 
     def bind(self, wire: Wire, host: Host) -> None:
         """Connect the service to a bus and a host (called by the runtime)."""
         self._wire, self._host = wire, host
+        self._saves = Saves(self.work)
 
     def prepare(self) -> None:
         """Called once before anything is watched or served, for slow things such as compiling.
@@ -279,18 +282,11 @@ class Service:
     ) -> None:
         """Write a state file in the background, whole or not at all; `then` gets None or an error.
 
+        A value that was superseded while it waited is not written; its `then` hears of the newer.
         Without `then` a failure is counted as `state/not_saved` and logged.
         """
-        state, heard = self.state, then or partial(self._say_not_saved, name)
-
-        def write() -> OSError | None:
-            try:
-                state.write(name, value, is_secret=is_secret)
-            except OSError as error:
-                return error
-            return None
-
-        self.work(write, heard)
+        heard = then or partial(self._say_not_saved, name)
+        self._saves.save(self.state, name, value, heard, is_secret=is_secret)
 
     def _say_not_saved(self, name: str, error: OSError | None) -> None:
         if error is not None:
