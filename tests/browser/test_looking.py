@@ -1,8 +1,8 @@
 """What an engineer looks at, and what is seen in the picture itself."""
 
 import math
-import re
 import os
+import re
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
