@@ -102,7 +102,7 @@ class Service:
     def bind(self, wire: Wire, host: Host) -> None:
         """Connect the service to a bus and a host (called by the runtime)."""
         self._wire, self._host = wire, host
-        self._saves = Saves(self.work)
+        self._saves = Saves(lambda fn, then: self.work(fn, then))
 
     def prepare(self) -> None:
         """Called once before anything is watched or served, for slow things such as compiling.
