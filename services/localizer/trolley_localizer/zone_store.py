@@ -26,10 +26,12 @@ class ZoneStore:
         self._lease = lease
         self.zones: list[Zone] = []
         """Sorted by name."""
+        self._stored: list[Zone] = []
+        """What the file holds: those that hold where newer ones cannot be saved."""
 
     def open(self, loaded: LoadedMap) -> None:
         """Change to the zones of another map: saved ones, else those that came with the map."""
-        self.zones = self._read(loaded)
+        self.zones = self._stored = self._read(loaded)
         loaded.localizer.set_mirrors(mirror_lines(self.zones))
 
     def publish(self) -> None:
@@ -83,16 +85,18 @@ class ZoneStore:
         self, loaded: LoadedMap, zones: list[Zone], zone: Zone, reply: Later[Zone] | None
     ) -> None:
         """Save changed zones, then publish them; what is not saved does not hold."""
-        before, self.zones = self.zones, zones
+        self.zones = zones
 
         def saved(error: OSError | None) -> None:
             if error is None:
+                if self._maps.current is loaded:
+                    self._stored = zones
                 self._apply()
                 if reply is not None:
                     reply.reply(zone)
                 return
             if self.zones is zones:
-                self.zones = before
+                self.zones = self._stored
             why = f"The zone could not be written to disk: {error.strerror}."
             self._service.log.error("A zone was not saved", zone=zone.name, why=error.strerror)
             if reply is not None:

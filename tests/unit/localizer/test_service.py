@@ -328,6 +328,35 @@ def test_zones_are_stored_published_and_deleted(make_robot: MakeRobot) -> None:
     assert robot.zones[-1].zones == []
 
 
+def test_zones_that_no_write_has_saved_do_not_hold(
+    make_robot: MakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = make_robot()
+    line = [(0.0, 0.0), (1.0, 0.0)]
+    kept, one, two = (Zone(name=name, kind="mirror", points=line) for name in ("a", "b", "c"))
+    assert robot.bus.ask(requests.ZONES_PUT, kept) == kept
+    service = robot.bus.nodes["localizer"].service
+    jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
+    monkeypatch.setattr(service, "work", lambda fn, then: jobs.append((fn, then)))  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
+    for zone in (one, two):
+        key = topics.ZONE.key("trolley", zone.name)
+        robot.bus.put(key, json.dumps(msgspec.to_builtins(zone)).encode(), "application/json")
+        robot.bus.run(0.1)
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(service.state, "write", fail)
+    assert len(jobs) == 2
+    for fn, then in jobs:
+        then(fn())
+    robot.bus.run(0.1)
+    monkeypatch.undo()
+    three = Zone(name="d", kind="mirror", points=line)
+    assert robot.bus.ask(requests.ZONES_PUT, three) == three
+    assert [zone.name for zone in robot.zones[-1].zones] == ["a", "d"]
+
+
 def test_a_refused_zone_changes_nothing_and_is_counted(make_robot: MakeRobot) -> None:
     robot = make_robot()
     body = json.dumps({"name": "other", "kind": "mirror", "points": [[6.0, 1.0], [6.0, 2.0]]})
