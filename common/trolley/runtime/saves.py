@@ -18,23 +18,23 @@ class _Superseded:
 class Saves:
     """Writes files in the background; of what waits for one file only the newest is written.
 
-    So a service that was told of a thousand places can end at once, with the last of them saved.
+    So a service that was told of a thousand zones can end at once, with the last of them saved.
 
     Args:
+        state: the folder of the files.
         work: runs a job on the worker, jobs one after another, then hands its outcome over on the
             service's thread.
     """
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, state: StateFolder, work: Work) -> None:
+        self._state = state
         self._work = work
         self._newest: Counter[str] = Counter()
         """Number of saves by file. The service's thread counts, the worker reads."""
         self._waiting: defaultdict[str, list[Heard]] = defaultdict(list)
 
-    def save(
-        self, state: StateFolder, name: str, value: msgspec.Struct, heard: Heard, *, is_secret: bool
-    ) -> None:
-        """Write a file of a folder, whole or not at all.
+    def save(self, name: str, value: msgspec.Struct, heard: Heard, *, is_secret: bool) -> None:
+        """Write a file, whole or not at all.
 
         `heard` gets None or an error once this value, or a newer one of the same file, is written.
         """
@@ -45,7 +45,7 @@ class Saves:
             if self._newest[name] != number:
                 return _Superseded()
             try:
-                state.write(name, value, is_secret=is_secret)
+                self._state.write(name, value, is_secret=is_secret)
             except OSError as error:
                 return error
             return None

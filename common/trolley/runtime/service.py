@@ -102,7 +102,7 @@ class Service:
     def bind(self, wire: Wire, host: Host) -> None:
         """Connect the service to a bus and a host (called by the runtime)."""
         self._wire, self._host = wire, host
-        self._saves = Saves(lambda fn, then: self.work(fn, then))
+        self._saves = Saves(host.state, lambda fn, then: self.work(fn, then))
 
     def prepare(self) -> None:
         """Called once before anything is watched or served, for slow things such as compiling.
@@ -286,7 +286,7 @@ class Service:
         Without `then` a failure is counted as `state/not_saved` and logged.
         """
         heard = then or partial(self._say_not_saved, name)
-        self._saves.save(self.state, name, value, heard, is_secret=is_secret)
+        self._saves.save(name, value, heard, is_secret=is_secret)
 
     def _say_not_saved(self, name: str, error: OSError | None) -> None:
         if error is not None:

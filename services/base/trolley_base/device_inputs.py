@@ -7,6 +7,7 @@ from trolley import codes, topics
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import Battery, Link, Odometry, Scan, Transform, floats_to_bytes
+from trolley.messages.motion import CHASSIS
 from trolley.runtime.service import Service, gets
 from trolley_base.device_log import DeviceLog
 from trolley_base.drivers import ChassisReading, Hardware, LidarScan
@@ -44,7 +45,7 @@ class DeviceInputs:
         self._space = space
         self.view = view
         """How much of its surroundings the lidar sees."""
-        self._chassis = ChassisReading((), Link(name="chassis", state="searching"))
+        self._chassis = ChassisReading((), Link(name=CHASSIS, state="searching"))
         self._lidar = Link(name="lidar", state="searching")
         self._scan_arrived_ns: int | None = None
         self._frozen = FrozenLidar()

@@ -222,11 +222,8 @@ class Navigator:
 
     def _speed(self, execution: GoalExecution, now_ns: int) -> float | None:
         """Return the highest speed that the goal asks for [m/s], None for any."""
-        here, asked, following = (
-            self.inputs.base_pose(),
-            execution.goal.speed,
-            self.current.following,
-        )
+        here, following = self.inputs.base_pose(), self.current.following
+        asked = execution.goal.speed
         if following is None or here is None:
             return asked
         wanted = following.speed(here, now_ns)

@@ -36,16 +36,15 @@ class Worker:
     """Jobs that wait until they are run, and the saves that make them."""
 
     def __init__(self, folder: Counted) -> None:
-        self._folder = folder
         self._jobs: list[Job] = []
-        self._saves = Saves(lambda fn, then: self._jobs.append((fn, then)))
+        self._saves = Saves(folder, lambda fn, then: self._jobs.append((fn, then)))
         self.heard: list[tuple[str, int, OSError | None]] = []
 
     def save(self, name: str, number: int) -> None:
         def hear(error: OSError | None) -> None:
             self.heard.append((name, number, error))
 
-        self._saves.save(self._folder, name, Kept(number), hear, is_secret=False)
+        self._saves.save(name, Kept(number), hear, is_secret=False)
 
     def run(self) -> None:
         while self._jobs:

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Link
+from trolley.messages.motion import CHASSIS
 from trolley_base.drivers.dialogue import BoardDialogue, Dialogue, LidarDialogue
 from trolley_base.drivers.interface import (
     CallSoon,
@@ -73,7 +74,7 @@ class NoChassis:
 
     def read(self) -> ChassisReading:
         """Report that it stands."""
-        link = Link(name="chassis", state="up", message="No motor board is set.")
+        link = Link(name=CHASSIS, state="up", message="No motor board is set.")
         if self._now_ns - self._read_ns < STANDING_PERIOD_NS:
             return ChassisReading((), link)
         self._read_ns = self._now_ns
@@ -136,7 +137,7 @@ class RealHardware:
 
         self._chassis: SerialChassis | NoChassis = NoChassis(start_ns)
         if board is not None:
-            talk = SerialLink("chassis", board[0], open_port(*board), robot_ns)
+            talk = SerialLink(CHASSIS, board[0], open_port(*board), robot_ns)
             self._conversations.append(talk)
             self._chassis = SerialChassis(talk, start_ns)
         self._robot_ns = robot_ns

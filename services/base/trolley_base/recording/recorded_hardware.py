@@ -10,6 +10,7 @@ import numpy as np
 
 from trolley.geometry import Pose2D, Twist2D, interpolate, log_pose
 from trolley.messages import Link
+from trolley.messages.motion import CHASSIS
 from trolley_base.drivers.interface import ChassisReading, LidarReading, LidarScan, MotionSample
 from trolley_base.recording.recording import Recording
 
@@ -43,7 +44,7 @@ class RecordedChassis:
             twist = log_pose(previous_T_base).scaled(1e9 / ODOMETRY_PERIOD_NS)
             motions.append(MotionSample(self._start_ns + self._read_ns, previous_T_base, twist))
             self._odom_T_base = odom_T_base
-        return ChassisReading(tuple(motions), Link(name="chassis", state="up"))
+        return ChassisReading(tuple(motions), Link(name=CHASSIS, state="up"))
 
     def restart(self) -> bool:
         """There is no board to restart."""

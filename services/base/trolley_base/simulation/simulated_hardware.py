@@ -9,6 +9,7 @@ from dataclasses import replace
 from trolley.config.base import BatteryConfig
 from trolley.geometry import Pose2D, Twist2D, exp_twist
 from trolley.messages import Battery, Link
+from trolley.messages.motion import CHASSIS
 from trolley_base.drivers.interface import ChassisReading, LidarReading, LidarScan, MotionSample
 from trolley_base.world import STEP_NS, OtherRobot, Simulation, TrueState
 from trolley_base.world.faulty_wheels import WELL, FaultyWheels
@@ -65,7 +66,7 @@ class SimulatedChassis:
         """Hand over what the wheels measured since the last call."""
         motions, self._motions = tuple(self._motions), []
         battery = None if self._battery is None else self._battery.read()
-        return ChassisReading(motions, Link(name="chassis", state="up"), battery=battery)
+        return ChassisReading(motions, Link(name=CHASSIS, state="up"), battery=battery)
 
     def restart(self) -> bool:
         """There is no board to restart."""

@@ -5,6 +5,7 @@ from collections import Counter, deque
 from typing import Literal
 
 from trolley.messages import Battery, Imu, Link
+from trolley.messages.motion import CHASSIS
 from trolley_base.drivers.dialogue import Status
 from trolley_base.drivers.interface import ChassisReading, MotionSample, Note
 
@@ -69,7 +70,7 @@ class Report:
         """Hand over everything and begin anew."""
         reading = ChassisReading(
             motions=tuple(self._motions),
-            link=Link(name="chassis", state=status.state, message=status.message),
+            link=Link(name=CHASSIS, state=status.state, message=status.message),
             imu=tuple(self._imu),
             battery=battery,
             alarms=alarms,
