@@ -91,8 +91,18 @@ def test_a_stream_is_heard_by_who_listens_late_and_by_who_listens_again(
 ) -> None:
     """Nobody hears it at first, so that it does not leave the process that publishes it."""
     heard: list[Sample] = []
+    passed: list[Sample] = []
+    other.subscribe("trolley/tester/after", passed.append)
+
+    def has_passed() -> bool:
+        bus.put("trolley/tester/after", b"", "", Qos.SENSOR)
+        return bool(passed)
+
     for _ in range(3):
         bus.put("trolley/tester/stream", b"early", "", Qos.SENSOR)
+        # A new publisher sends until it knows that nobody listens: let the router drop that first.
+        passed.clear()
+        wait_until(has_passed, "what was put before has passed the router")
         closer = other.subscribe("trolley/tester/stream", heard.append)
         wait_until(lambda: bus.is_heard("trolley/tester/stream", ""), "somebody listens")
         bus.put("trolley/tester/stream", b"now", "", Qos.SENSOR)
