@@ -9,6 +9,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from support.waiting import wait_until
 
 from trolley.config import load_config
 from trolley.doctor import Level
@@ -120,7 +121,10 @@ def test_trials() -> None:
 def test_a_trial_ends_with_whoever_asked_for_it() -> None:
     running = Running(None, {})
     assert running._process is not None
-    environment = Path(f"/proc/{running._process.pid}/environ").read_bytes().split(b"\0")
+    environ = Path(f"/proc/{running._process.pid}/environ")
+    # Empty while the kernel is still setting the program up.
+    wait_until(environ.read_bytes, "it has an environment")
+    environment = environ.read_bytes().split(b"\0")
     running.end()
     assert f"{PARENT_VARIABLE}={os.getpid()}".encode() in environment
     # One whose parent is another by now, since it ended meanwhile, does not go on.

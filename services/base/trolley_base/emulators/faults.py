@@ -273,14 +273,10 @@ class Damage:
         if "noise" in faults:
             frames = self._with_noise(frames, faults["noise"].amount * seconds, to_ns)
         if "flood" in faults:
-            again = self._last or self.rubbish(16)
+            again = self._last or self._rng.bytes(16)
             count = int(FLOOD * self._bytes_per_s * seconds / len(again)) + 1
             frames = [*frames, *(Frame(from_ns, again) for _ in range(count))]
         return frames
-
-    def rubbish(self, count: int) -> bytes:
-        """Random bytes."""
-        return self._rng.bytes(count)
 
     def _cut(self, frame: Frame, share: float) -> Frame:
         if self._rng.random() >= share:
@@ -296,4 +292,4 @@ class Damage:
         self._owed -= now
         place = int(self._rng.integers(len(frames) + 1))
         when_ns = frames[place].due_ns if place < len(frames) else due_ns
-        return [*frames[:place], Frame(when_ns, self.rubbish(now)), *frames[place:]]
+        return [*frames[:place], Frame(when_ns, self._rng.bytes(now)), *frames[place:]]

@@ -1,4 +1,7 @@
-"""The sending half of a serial line: bytes leave no faster than the baud rate allows."""
+"""A serial line: bytes leave no faster than the baud rate allows.
+
+Who listens at another speed hears other bytes.
+"""
 
 from collections import deque
 
@@ -54,3 +57,33 @@ class Line:
         """Drop what is queued."""
         self._queue.clear()
         self._free_ns = 0.0
+
+
+def misheard(data: bytes, sent_baud: int, heard_baud: int) -> bytes:
+    """Return what a receiver at another speed makes of bytes that were sent without a pause.
+
+    Each byte is a start bit (low), eight data bits, lowest first, and a stop bit (high). The
+    receiver waits for the line to fall and samples the middle of each of its own bits. A stop bit
+    that is low goes unnoticed, as with most firmware.
+
+    Args:
+        data: what was sent.
+        sent_baud: bits per second of the sender.
+        heard_baud: bits per second of the receiver.
+    """
+    wave = [bit for byte in data for bit in (0, *(byte >> place & 1 for place in range(8)), 1)]
+    sent_per_heard = sent_baud / heard_baud
+    heard = bytearray()
+    at = 0
+    while at < len(wave):
+        if wave[at]:
+            at += 1
+            continue
+        middles = (at + (place + 1.5) * sent_per_heard for place in range(8))
+        bits = [wave[int(middle)] if middle < len(wave) else 1 for middle in middles]
+        heard.append(sum(bit << place for place, bit in enumerate(bits)))
+        # From the middle of the stop bit on it waits until the line is high, and falls again.
+        at = int(at + 9.5 * sent_per_heard)
+        while at < len(wave) and not wave[at]:
+            at += 1
+    return bytes(heard)

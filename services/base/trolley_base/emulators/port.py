@@ -11,7 +11,7 @@ from trolley_base.emulators.arduino_bridge import ArduinoBridge
 from trolley_base.emulators.device import Board, Device
 from trolley_base.emulators.faults import Damage, Fault, trouble_of
 from trolley_base.emulators.lidar import BadView, SpinningLidar
-from trolley_base.emulators.line import Line
+from trolley_base.emulators.line import Line, misheard
 from trolley_base.emulators.linorobot import Linorobot
 from trolley_base.emulators.pseudo_terminal import PseudoTerminal
 from trolley_base.world import Simulation
@@ -30,7 +30,7 @@ class DevicePort:
         name: of the port.
         device: what is behind it.
         link: under which name the host finds it.
-        rng: source of rubbish.
+        rng: source of what faults add.
         tell: called with a line for a person.
     """
 
@@ -109,7 +109,10 @@ class DevicePort:
         data = self.terminal.read()
         if data:
             self.writes.append((now_ns, data))
-            self.device.receive(self._over_the_line(data), now_ns)
+            host_baud = self._host_baud()
+            if host_baud is not None:
+                data = misheard(data, host_baud, self.device.baud)
+            self.device.receive(data, now_ns)
             self._collect(now_ns, now_ns)
 
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
@@ -126,7 +129,10 @@ class DevicePort:
         """Hand over to the host what has passed the line."""
         data = self._line.take(now_ns)
         if self.terminal.is_open:
-            self.terminal.write(self._over_the_line(data) if data else b"")
+            host_baud = self._host_baud() if data else None
+            if host_baud is not None:
+                data = misheard(data, self.device.baud, host_baud)
+            self.terminal.write(data)
 
     def _collect(self, from_ns: int, to_ns: int) -> None:
         frames = self.device.take_frames()
@@ -137,12 +143,12 @@ class DevicePort:
         for frame in self._damage.apply(frames, self._faults, from_ns, to_ns):
             self._line.push(frame.due_ns, frame.data)
 
-    def _over_the_line(self, data: bytes) -> bytes:
-        """What the other end understands: rubbish where it works at another speed."""
+    def _host_baud(self) -> int | None:
+        """The host's speed where it is another than the device's, else None."""
         baud = self.terminal.host_baud()
         if abs(baud / self.device.baud - 1.0) < BAUD_TOLERANCE:
-            return data
+            return None
         if baud != self._reported_baud:
             self._reported_baud = baud
             self._tell(f"{self.name}: the host works at {baud} baud, not {self.device.baud}")
-        return self._damage.rubbish(max(1, len(data) * baud // self.device.baud))
+        return baud

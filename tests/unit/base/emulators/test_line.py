@@ -1,9 +1,14 @@
-"""Bytes leave at the line's pace, in order, and what finds the buffer full is lost."""
+"""Bytes leave at the line's pace; who listens at another speed hears what the bits make."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trolley_base.emulators.line import Line
+from trolley.config.hardware import LidarModel
+from trolley_base.detection.answers import BRIDGE
+from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
+from trolley_base.drivers.lidars import MODELS
+from trolley_base.emulators.line import Line, misheard
 
 MS = 1_000_000
 CHUNKS = st.lists(st.tuples(st.integers(0, 40), st.binary(min_size=1, max_size=60)), max_size=30)
@@ -57,3 +62,23 @@ def test_a_full_line_drops_what_is_more_than_it_carries():
         carried += len(line.take(ms * MS))
     assert 2 * 5600 < carried <= 2 * 5760
     assert line.dropped > 25_000
+
+
+@given(st.binary(max_size=100))
+def test_at_the_same_speed_nothing_is_misheard(data: bytes) -> None:
+    assert misheard(data, 57600, 57600) == data
+
+
+def test_bits_are_sampled_at_the_speed_of_whoever_listens() -> None:
+    # "U" makes the line fall and rise with every bit: 0 1010101010, twice as long each.
+    assert misheard(b"U", 57600, 115200) == b"\x66\xe6"
+    # A break: the line has to rise before another byte can begin.
+    assert misheard(b"\0U", 57600, 115200) == b"\0\x66\xe6"
+
+
+@pytest.mark.parametrize("model", ["rplidar_a1", "ydlidar_x4"])
+def test_what_boards_are_asked_is_no_command_to_a_lidar(model: LidarModel) -> None:
+    for question in (TOPIC_REQUEST, STOP_REQUEST, b"\r", b"b\r", b"e\r"):
+        heard = misheard(question, BRIDGE.baud, MODELS[model].facts.baud)
+        assert heard
+        assert 0xA5 not in heard
