@@ -7,6 +7,7 @@ import asyncio
 import socket
 import sys
 
+from trolley.runtime.door.admission import Limits
 from trolley.runtime.door.server import Door
 from trolley.runtime.log import set_up_logging
 from trolley.runtime.open_files import allow_many_files
@@ -16,10 +17,10 @@ from trolley.runtime.supervision import end_with_parent
 async def _main() -> None:
     file, host, *ports = sys.argv[1:]
     with socket.socket(fileno=int(file)) as listener:
-        await Door(listener, [(host, int(port)) for port in ports]).run()
+        limits = Limits().within(allow_many_files())
+        await Door(listener, [(host, int(port)) for port in ports], limits).run()
 
 
 end_with_parent()
 set_up_logging()
-allow_many_files()
 asyncio.run(_main())

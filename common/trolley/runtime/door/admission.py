@@ -3,13 +3,16 @@
 A guest is silent, then has greeted (a whole TLS hello), then is inside (its bytes go to the router)
 and finally proven: the router, which checks certificates, talks to it.
 
-If there are too many, the oldest of those that have got least far are closed, and the newest that
-has greeted is let in first: a legitimate host greets at once, a hanging one never gets further.
+The newest that has greeted is let in first. One that hangs is no legitimate host: it greets and
+says no more, or has waited longer than a router does before it gives up. From then on it is ignored
+instead of sent away, since whoever is sent away comes again, and may be newer than a legitimate
+host that waits. If there are too many, the oldest of those that are ignored or have got least far
+are closed.
 """
 
 import dataclasses
 import ipaddress
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from enum import Enum
 
 
@@ -17,16 +20,19 @@ from enum import Enum
 class Limits:
     """How much room there is; times in seconds. Set by hand where nothing else is said."""
 
-    guests: int = 1024
+    guests: int = 4096
     """At the door and inside, in all."""
-    guests_per_address: int = 128
+    guests_per_address: int = 2560
     inside: int = 64
     """Less than the 100 that Zenoh accepts at once, so that a place for local programs is left."""
     inside_per_address: int = 32
     unproven_per_address: int = 24
     """Guests from one address that are inside but not yet proven."""
     hello_s: float = 4.0
-    """Time for the hello; a router that connects gives up after as long (`OPEN_TIMEOUT_MS`)."""
+    """Time for the hello; a router that connects gives up after as long (`OPEN_TIMEOUT_MS`), so
+    that whoever has greeted and still hangs on later is no router."""
+    ignored_s: float = 300.0
+    """Time for which such a one is kept."""
     proof_s: float = 4.0
     """Time for the rest of the handshake."""
     patience_s: float = 1.5
@@ -40,6 +46,13 @@ class Limits:
     at one of the router's entrances."""
     remembered: int = 256
     """Number of addresses with a proven guest that are let in before unknown ones."""
+    own_files: int = 64
+    """Open files of the door's own, besides one for each guest and another for each inside."""
+
+    def within(self, files: int) -> "Limits":
+        """Return limits that so many open files are enough for."""
+        guests = max(1, min(self.guests, files - self.own_files - self.inside))
+        return dataclasses.replace(self, guests=guests)
 
 
 class Stage(Enum):
@@ -47,6 +60,7 @@ class Stage(Enum):
 
     SILENT = "silent"
     GREETED = "greeted"
+    IGNORED = "ignored"
     UNPROVEN = "unproven"
     PROVEN = "proven"
 
@@ -61,6 +75,8 @@ class Guest:
         """When its stage began."""
         self.heard_s = now_s
         """When it last said something."""
+        self.has_replied = False
+        """Whether it has said something after the router's answer to its hello."""
 
 
 def address_of(host: str) -> str:
@@ -95,15 +111,18 @@ class Admission:
 
     Attributes:
         dropped: Those who have to go, in order; whoever asks empties it.
+        ignored: Those who are ignored from now on: what leads them to the router has to end;
+            whoever asks empties it.
     """
 
     def __init__(self, limits: Limits | None = None) -> None:
         self.dropped: list[Guest] = []
+        self.ignored: list[Guest] = []
         self._limits = limits or Limits()
         self._guests: dict[Stage, OrderedDict[Guest, None]] = {
             stage: OrderedDict() for stage in Stage
         }
-        self._counts: Counter[tuple[str, Stage]] = Counter()
+        self._of: dict[tuple[str, Stage], OrderedDict[Guest, None]] = {}
         self._num_entries = float(self._limits.burst)
         self._entries_s = 0.0
         self._known = _Memory(self._limits.remembered)
@@ -146,8 +165,12 @@ class Admission:
         self._entries_s = now_s
         if self._num_entries < 1.0:
             return None
-        newest = {guest.address: guest for guest in self._guests[Stage.GREETED]}
-        for guest in sorted(newest.values(), key=self._turn):
+        newest = (
+            next(reversed(guests))
+            for (_, stage), guests in self._of.items()
+            if stage is Stage.GREETED
+        )
+        for guest in sorted(newest, key=self._turn):
             if self._make_room(guest.address, now_s):
                 self._num_entries -= 1.0
                 self._served.keep(guest.address, now_s)
@@ -165,17 +188,21 @@ class Admission:
         """A guest has gone; nothing happens where it was not there any more."""
         if guest in self._guests[guest.stage]:
             del self._guests[guest.stage][guest]
-            self._counts[guest.address, guest.stage] -= 1
-            if not self._counts[guest.address, guest.stage]:
-                del self._counts[guest.address, guest.stage]
+            of_it = self._of[guest.address, guest.stage]
+            del of_it[guest]
+            if not of_it:
+                del self._of[guest.address, guest.stage]
 
     def drop_overdue(self, now_s: float) -> None:
-        """Drop those who have taken too long."""
+        """Drop or ignore those who have taken too long."""
         limits = self._limits
+        while (hangs := self._oldest(Stage.GREETED)) and now_s - hangs.since_s > limits.hello_s:
+            self._ignore(hangs, now_s)
+        while (hangs := self._oldest(Stage.UNPROVEN)) and now_s - hangs.since_s > limits.proof_s:
+            self._put_out(hangs, now_s)
         for stage, allowed_s in (
             (Stage.SILENT, limits.hello_s),
-            (Stage.GREETED, limits.hello_s),
-            (Stage.UNPROVEN, limits.proof_s),
+            (Stage.IGNORED, limits.ignored_s),
         ):
             while (oldest := self._oldest(stage)) and now_s - oldest.since_s > allowed_s:
                 self._drop(oldest)
@@ -195,32 +222,43 @@ class Admission:
         num_inside = num_unproven + self._count(address, Stage.PROVEN)
         if (
             num_unproven >= limits.unproven_per_address or num_inside >= limits.inside_per_address
-        ) and not self._drop_patiently(now_s, address):
+        ) and not self._put_out_oldest(now_s, address):
             return False
         num_all = len(self._guests[Stage.UNPROVEN]) + len(self._guests[Stage.PROVEN])
-        return num_all < limits.inside or self._drop_patiently(now_s)
+        return num_all < limits.inside or self._put_out_oldest(now_s)
 
-    def _drop_patiently(self, now_s: float, address: str | None = None) -> bool:
-        """Drop the oldest unproven guest, if it has had its time."""
+    def _put_out_oldest(self, now_s: float, address: str | None = None) -> bool:
+        """Make room of the oldest unproven guest, if it has had its time."""
         oldest = self._oldest(Stage.UNPROVEN, address)
         if oldest is None or now_s - oldest.since_s < self._limits.patience_s:
             return False
-        self._drop(oldest)
+        self._put_out(oldest, now_s)
         return True
 
+    def _put_out(self, guest: Guest, now_s: float) -> None:
+        """End an unproven guest's stay inside."""
+        if guest.has_replied:
+            self._drop(guest)
+        else:
+            self._ignore(guest, now_s)
+
+    def _ignore(self, guest: Guest, now_s: float) -> None:
+        self._move(guest, Stage.IGNORED, now_s)
+        self.ignored.append(guest)
+
     def _drop_oldest_outside(self, address: str | None = None) -> None:
-        oldest = self._oldest(Stage.SILENT, address) or self._oldest(Stage.GREETED, address)
-        if oldest is not None:
-            self._drop(oldest)
+        for stage in (Stage.IGNORED, Stage.SILENT, Stage.GREETED):
+            oldest = self._oldest(stage, address)
+            if oldest is not None:
+                self._drop(oldest)
+                return
 
     def _oldest(self, stage: Stage, address: str | None = None) -> Guest | None:
-        if address is not None and not self._count(address, stage):
-            return None
-        guests = self._guests[stage]
-        return next((one for one in guests if address in (None, one.address)), None)
+        guests = self._guests[stage] if address is None else self._of.get((address, stage), ())
+        return next(iter(guests), None)
 
     def _count(self, address: str, *stages: Stage) -> int:
-        return sum(self._counts[address, stage] for stage in stages)
+        return sum(len(self._of.get((address, stage), ())) for stage in stages)
 
     def _drop(self, guest: Guest) -> None:
         self.leave(guest)
@@ -234,4 +272,4 @@ class Admission:
     def _add(self, guest: Guest, stage: Stage) -> None:
         guest.stage = stage
         self._guests[stage][guest] = None
-        self._counts[guest.address, stage] += 1
+        self._of.setdefault((guest.address, stage), OrderedDict())[guest] = None

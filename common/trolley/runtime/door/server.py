@@ -51,7 +51,6 @@ class _Visit:
         self.said = b""
         self.ends: list[_End] = []
         self.num_answered = 0
-        self.has_replied = False
         self.num_after_reply = 0
 
 
@@ -205,9 +204,15 @@ class Door:
         self._show_out()
 
     def _show_out(self) -> None:
+        ignored, self._admission.ignored = self._admission.ignored, []
+        for guest in ignored:
+            visit = self._visits[guest]
+            self._note_turned_away(guest, _WHY[Stage.UNPROVEN if visit.ends else Stage.GREETED])
+            self._part(visit)
         dropped, self._admission.dropped = self._admission.dropped, []
         for guest in dropped:
-            self._note_turned_away(guest, _WHY[guest.stage])
+            if guest.stage is not Stage.IGNORED:  # else it has been noted
+                self._note_turned_away(guest, _WHY[guest.stage])
             self._end(self._visits[guest])
 
     async def _lead(self, visit: _Visit) -> None:
@@ -232,7 +237,8 @@ class Door:
         except OSError as problem:
             link.close()
             self._log.limited("router", "The router takes nobody in", why=problem.strerror)
-        if visit.guest not in self._visits or not (inner.is_open and outer.is_open):
+        is_ignored = visit.guest.stage is Stage.IGNORED
+        if visit.guest not in self._visits or not (inner.is_open and outer.is_open) or is_ignored:
             self._end(visit)
 
     async def _reach_router(self) -> socket.socket:
@@ -247,17 +253,27 @@ class Door:
         return towards
 
     def _heard(self, visit: _Visit) -> None:
-        visit.guest.heard_s = time.monotonic()
-        visit.has_replied = visit.has_replied or visit.num_answered > 0
+        guest = visit.guest
+        if guest.stage is Stage.IGNORED:  # it speaks after all, and may come again at once
+            self._end(visit)
+        guest.heard_s = time.monotonic()
+        guest.has_replied = guest.has_replied or visit.num_answered > 0
 
     def _answered(self, visit: _Visit, num_bytes: int) -> None:
         """The router certainly speaks with a guest if it says much after the guest's reply."""
         visit.num_answered += num_bytes
         is_asked = visit.guest in self._visits and visit.guest.stage is Stage.UNPROVEN
-        if is_asked and visit.has_replied:
+        if is_asked and visit.guest.has_replied:
             visit.num_after_reply += num_bytes
             if visit.num_after_reply > UNANSWERED_ALERT:
                 self._admission.prove(visit.guest, time.monotonic())
+
+    def _part(self, visit: _Visit) -> None:
+        """End what leads a guest to the router; its own connection stays."""
+        for end in visit.ends:
+            end.other = None
+        if visit.ends and visit.ends[0].transport is not None:
+            visit.ends[0].transport.abort()
 
     def _lost(self, visit: _Visit) -> None:
         """One end of a relay has closed; the other may still have something to say."""

@@ -49,7 +49,64 @@ def test_who_does_not_get_further_has_to_go() -> None:
     admission.drop_overdue(1.0 + LIMITS.proof_s)
     assert admission.dropped == []
     admission.drop_overdue(1.1 + LIMITS.proof_s)
+    assert (admission.ignored, admission.dropped) == ([guest], [])
+    admission.drop_overdue(1.2 + LIMITS.proof_s + LIMITS.ignored_s)
     assert admission.dropped == [guest]
+    assert admission.num_guests == 0
+
+
+def test_who_has_replied_and_does_not_get_further_may_come_again() -> None:
+    admission = Admission(LIMITS)
+    guest = greeted(admission, LAWFUL, 0.0)
+    let_all_in(admission, 0.0)
+    guest.has_replied = True
+    admission.drop_overdue(0.1 + LIMITS.proof_s)
+    assert (admission.ignored, admission.dropped) == ([], [guest])
+
+
+def test_who_waits_longer_than_a_router_does_is_not_let_in_any_more() -> None:
+    admission = Admission(LIMITS)
+    crowd = [greeted(admission, HOSTILE, 0.0) for _ in range(5)]
+    assert let_all_in(admission, 0.0) == [crowd[4], crowd[3]]
+    admission.drop_overdue(0.1 + LIMITS.hello_s)
+    assert admission.ignored == [*crowd[:3], crowd[4], crowd[3]]
+    assert let_all_in(admission, 0.1 + LIMITS.hello_s) == []
+    assert admission.num_guests == len(crowd)
+
+
+@pytest.mark.parametrize("calm_s", [0.1, 1.0])
+def test_a_crowd_at_a_lawful_hosts_own_address_keeps_it_out_for_a_moment_only(
+    calm_s: float,
+) -> None:
+    """2,000 that greet, hang, and come again whenever they are sent away."""
+    admission = Admission()
+    outside = [(0.0005 * number, HOSTILE) for number in range(2000)]
+    lawful: Guest | None = None
+    waited_s: list[float] = []
+    for tick in range(2000):
+        now_s = 0.01 * tick
+        while outside and outside[0][0] <= now_s:
+            greeted(admission, outside.pop(0)[1], now_s)
+        if lawful is None and now_s > 1.0:
+            lawful, came_s = greeted(admission, HOSTILE, now_s), now_s
+        for guest in let_all_in(admission, now_s):
+            if guest is lawful:
+                admission.prove(guest, now_s)
+                admission.leave(guest)
+                waited_s.append(now_s - came_s)
+                lawful = None
+        admission.drop_overdue(now_s)
+        outside += [(now_s + calm_s, HOSTILE) for guest in admission.dropped]
+        assert lawful not in admission.dropped
+        admission.dropped.clear()
+    assert len(waited_s) > 100
+    assert max(waited_s) <= 2.0 * Limits().patience_s
+
+
+def test_few_files_are_enough_for_few_guests() -> None:
+    assert Limits().within(16_384) == Limits()
+    assert Limits().within(1024).guests == 1024 - Limits().own_files - Limits().inside
+    assert Limits().within(16).guests == 1
 
 
 def test_who_was_proven_stays_as_long_as_it_speaks() -> None:
@@ -149,11 +206,12 @@ def test_the_page_tells_the_limits() -> None:
     page = (Path(__file__).resolve().parents[4] / "docs" / "network.md").read_text("utf-8")
     usual = Limits()
     for row in (
-        f"{usual.guests_per_address}, {usual.guests:,}",
+        f"{usual.guests_per_address:,}, {usual.guests:,}",
         f"{usual.inside_per_address}, {usual.inside}",
         f"{usual.unproven_per_address} from one address",
         f"{usual.burst} at once, then {usual.entries_per_s:.0f} a second in all",
         f"{usual.hello_s:.0f} s each",
+        f"{usual.ignored_s / 60.0:.0f} min",
         f"{usual.idle_s:.0f} s",
     ):
         assert f"| {row} |" in page
@@ -167,7 +225,7 @@ def test_one_that_hangs_inside_makes_room_after_a_while() -> None:
     lawful = greeted(admission, HOSTILE, 0.1)
     assert admission.let_in(0.1) is None
     assert admission.let_in(0.1 + LIMITS.patience_s) is lawful
-    assert admission.dropped == [second]
+    assert admission.ignored == [second]
 
 
 def test_proven_guests_never_make_room() -> None:
