@@ -128,6 +128,11 @@ def parse_encoded_any_schema(
         raise Unreadable(str(error) if content else "it is empty") from error
 
 
+def reason_of(why: Exception) -> str:
+    """Why a state file cannot be used, for a sentence: of an `OSError` without file and number."""
+    return str((isinstance(why, OSError) and why.strerror) or why)
+
+
 def keep_unreadable(path: Path, why: Exception) -> Path:
     """Rename a state file that cannot be read; its name says so, or that it is a newer Trolley's.
 

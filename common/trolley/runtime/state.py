@@ -23,6 +23,7 @@ from trolley.state_file import (
     keep_original,
     keep_unreadable,
     parse_any_schema,
+    reason_of,
     render,
     schema_of,
 )
@@ -101,7 +102,7 @@ class StateFolder:
         write_atomically(path, render(value), SECRET if is_secret else READABLE_BY_ALL)
 
     def _keep_aside(self, name: str, error: Exception) -> None:
-        path, why = self.path / name, error.strerror if isinstance(error, OSError) else error
+        path, why = self.path / name, reason_of(error)
         keep = partial(keep_unreadable, path, error)
         try:
             aside = keep()

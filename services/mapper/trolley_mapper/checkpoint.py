@@ -11,7 +11,7 @@ from trolley.files import make_folder, write_atomically
 from trolley.messages import Zone
 from trolley.messages.mapping import MapName
 from trolley.runtime.service import Service
-from trolley.state_file import Unreadable, keep_unreadable, read_encoded
+from trolley.state_file import Unreadable, keep_unreadable, read_encoded, reason_of
 from trolley_mapper.slam.estimate import Anchor
 
 FILE = "mapping.bin"
@@ -124,12 +124,11 @@ def read(folder: Path) -> Checkpoint | str | None:
 
 def put_aside(folder: Path, why: Exception) -> str:
     """Rename a checkpoint that cannot be used, and say so in a sentence."""
-    reason = why.strerror if isinstance(why, OSError) else why
     try:
         aside = keep_unreadable(folder / FILE, why)
     except OSError as error:
         return f"The unfinished map can be neither read nor moved aside: {error.strerror}."
-    return f"The unfinished map cannot be read ({reason}); it is kept as {aside.name}."
+    return f"The unfinished map cannot be read ({reason_of(why)}); it is kept as {aside.name}."
 
 
 def _remove(folder: Path) -> str | None:

@@ -15,7 +15,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import PoseEstimate, SavedPose, Tour, Zone, Zones
 from trolley.messages.request_params import LoadMap, Named
 from trolley.runtime.service import Service
-from trolley.state_file import Unreadable, keep_unreadable, read_encoded
+from trolley.state_file import Unreadable, keep_unreadable, read_encoded, reason_of
 from trolley_mapper.edit.map_versions import MapVersions
 
 PLAN_FILE = "map_edit.json"
@@ -89,8 +89,7 @@ def pending_plan(state: Path, versions: MapVersions) -> SwitchPlan | str | None:
 
 
 def _put_aside(file: Path, why: Exception) -> str:
-    reason = why.strerror if isinstance(why, OSError) else why
-    words = f"The pending switch to an edited map cannot be read ({reason})"
+    words = f"The pending switch to an edited map cannot be read ({reason_of(why)})"
     try:
         aside = keep_unreadable(file, why)
     except OSError as error:
