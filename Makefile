@@ -3,7 +3,7 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test unit slow lint format audit sbom bench docs lock clean
+.PHONY: help setup demo test unit slow lint format audit sbom bench docs wheels lock clean
 
 # The newest suitable Python that really runs (a pyenv shim may exist and fail).
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
@@ -90,12 +90,18 @@ bench: setup ## Run every program in bench/.
 docs: setup ## Write the generated pages of docs/ anew.
 	@$(BIN)/python docs/make_wire.py
 
+wheels: setup ## Build a wheel of each member into out/wheels.
+	@rm -rf out/wheels && mkdir -p out/wheels
+	@for member in $(MEMBERS); do \
+		(cd "$$member" && "$(CURDIR)/$(BIN)/python" -m hatchling build -t wheel -d "$(CURDIR)/out/wheels") || exit 1; \
+	done
+
 # Keeps the versions that requirements.lock names already; ARGS=--upgrade takes the newest.
 # No line of it says where packages come from: that is the business of the machine's own settings.
 lock: $(STAMPS)/venv ## Write requirements.lock anew from the pyproject files.
 	@$(UV) pip compile --quiet --universal --python-version 3.11 --generate-hashes \
 		--no-header --no-annotate --no-emit-index-url --no-emit-find-links \
-		$(patsubst %,--no-emit-package %,trolley $(patsubst services/%,trolley-%,$(filter services/%,$(MEMBERS)))) \
+		$(patsubst %,--no-emit-package %,trolley-robot $(patsubst services/%,trolley-robot-%,$(filter services/%,$(MEMBERS)))) \
 		--group dev pyproject.toml --output-file requirements.lock $(ARGS) > /dev/null
 
 clean: ## Remove .venv, caches and what test runs left.
@@ -128,7 +134,11 @@ $(STAMPS)/packages: $(STAMPS)/venv requirements.lock
 		$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements.lock; }
 	@touch $@
 
+# Members were called trolley and trolley-base, ... before; nobody should find both.
+FORMER := trolley $(patsubst services/%/pyproject.toml,trolley-%,$(wildcard services/*/pyproject.toml))
+
 $(STAMPS)/members: $(STAMPS)/packages $(MEMBER_FILES)
+	@$(UV) pip uninstall --quiet --python $(BIN)/python $(FORMER) 2> /dev/null
 	@$(UV) pip install --quiet --python $(BIN)/python --offline --no-deps --no-build-isolation \
 		$(addprefix -e ./,$(MEMBERS))
 	@touch $@

@@ -27,7 +27,7 @@ def wanted(root: Path) -> set[str]:
         ]
         found = (NAME.match(requirement) for one in lists for requirement in one)
         names |= {match.group().lower() for match in found if match}
-    return {name for name in names if name != "trolley" and not name.startswith("trolley-")}
+    return {name for name in names if not name.startswith("trolley-robot")}
 
 
 def pinned(lock: str, names: set[str]) -> list[str]:

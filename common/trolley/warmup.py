@@ -6,11 +6,13 @@ them with the kinds of arguments that the service uses. Those of `trolley` itsel
 
 import importlib
 import importlib.util
+import os
 import sys
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,6 +39,22 @@ def warm_ups() -> dict[str, Callable[[], None]]:
         if importlib.util.find_spec(f"{package}.warmup") is not None:
             found[entry.name] = importlib.import_module(f"{package}.warmup").warm_up
     return found
+
+
+def nothing_is_compiled() -> bool:
+    """Whether the services were just installed: no kernel of any of them is kept beside its source.
+
+    Where kernels are kept elsewhere (`NUMBA_CACHE_DIR`, or the source is read-only) nobody looks.
+    """
+    if os.environ.get("NUMBA_CACHE_DIR") or importlib.util.find_spec("numba") is None:
+        return False
+    packages = {entry.module.partition(".")[0] for entry in entry_points(group=SERVICES)}
+    specs = [importlib.util.find_spec(f"{package}.warmup") for package in sorted(packages)]
+    folders = [Path(spec.origin).parent for spec in specs if spec is not None and spec.origin]
+    return bool(folders) and not any(
+        not os.access(folder, os.W_OK) or any(folder.rglob("__pycache__/*.nbc"))
+        for folder in folders
+    )
 
 
 def dots() -> AbstractContextManager[object]:

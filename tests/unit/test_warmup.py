@@ -1,6 +1,7 @@
 """Compiling the kernels at set-up."""
 
 import importlib.util
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,31 @@ def test_services_with_kernels_bring_their_warm_up() -> None:
     assert {"common", "localizer", "planner"} <= set(parts)
     assert not {"tour", "viz"} & set(parts)
     parts["common"]()
+
+
+def installed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A service with a kernel, as an installer leaves it."""
+    package = folder / "trolley_new"
+    (package / "deep" / "__pycache__").mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "warmup.py").touch()
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    entry = EntryPoint("new", "trolley_new.service:New", warmup.SERVICES)
+    monkeypatch.setattr(warmup, "entry_points", lambda group: [entry])
+    return package
+
+
+def test_a_new_installation_has_nothing_compiled(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    package = installed(tmp_path, monkeypatch)
+    assert warmup.nothing_is_compiled()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert not warmup.nothing_is_compiled()
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    (package / "deep" / "__pycache__" / "one.nbc").touch()
+    assert not warmup.nothing_is_compiled()
 
 
 def test_a_kernel_that_is_compiled_shows_as_a_dot(

@@ -43,7 +43,7 @@ def backup_command(file: Path | None, state: Path | None) -> None:
     now = datetime.now().astimezone()
     target = _target(file, now)
     manifest = Manifest(
-        format=FORMAT, made_at=now.isoformat(timespec="seconds"), version=version("trolley")
+        format=FORMAT, made_at=now.isoformat(timespec="seconds"), version=version("trolley-robot")
     )
     try:
         _check_readable(root)

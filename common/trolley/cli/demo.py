@@ -37,6 +37,7 @@ from trolley.cli.running import (
     VIEWER,
     announce_viewer,
     check_port,
+    compile_if_new,
     installed_services,
     say_ended,
     supervised,
@@ -141,6 +142,7 @@ def demo_command(headless: bool, tour: bool, verbose: bool, **options: Any) -> N
     if tour and not choices.has_places:
         raise ConfigError(f"--tour drives the tour {TOUR_NAME}, which belongs to the apartment")
     check_port(choices.port, "choose another one with --port (and --name for a second robot)")
+    compile_if_new()
     interrupts = Interrupts()
     try:
         with (

@@ -59,7 +59,9 @@ def _read(recording: Path) -> "Drive":
         from trolley.recording.drive import read_drive
         from trolley.recording.reader import BadRecording
     except ImportError as error:
-        raise ConfigError(f"{recording} needs the extra trolley[foxglove]: {error}") from error
+        raise ConfigError(
+            f"{recording} needs the extra trolley-robot[foxglove]: {error}"
+        ) from error
     try:
         return read_drive(recording)
     except BadRecording as error:

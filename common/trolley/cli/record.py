@@ -90,7 +90,7 @@ def _record(robot: Robot, path: Path, patterns: Sequence[str], seconds: float | 
     try:
         from trolley.recording.recorder import Recorder
     except ImportError as error:
-        raise ConfigError(f"recording needs the extra trolley[foxglove]: {error}") from error
+        raise ConfigError(f"recording needs the extra trolley-robot[foxglove]: {error}") from error
     listener = Listener(robot.connection, robot.name)
     try:
         with _open(path, robot.name) as writer, until_signalled() as should_end:

@@ -74,7 +74,7 @@ def replay_command(
     try:
         from trolley.recording.reader import BadRecording, RecordingFile
     except ImportError as error:
-        raise ConfigError(f"replaying needs the extra trolley[foxglove]: {error}") from error
+        raise ConfigError(f"replaying needs the extra trolley-robot[foxglove]: {error}") from error
     if given("robot"):
         raise click.UsageError("--robot has no effect here; --as NAME sets its name")
     try:

@@ -1,6 +1,8 @@
 """`trolley up`, `trolley router` and `trolley run`: the processes themselves."""
 
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
@@ -10,7 +12,7 @@ from typing import NoReturn
 
 import click
 
-from trolley import ports
+from trolley import ports, warmup
 from trolley.cli import exits
 from trolley.cli.options import given, where_options
 from trolley.cli.printing import say
@@ -189,6 +191,7 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> 
         environment[BROKER_VARIABLE] = mqtt
     elif not config.mqtt.broker:
         modules.pop(MQTT, None)
+    compile_if_new()
     say(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
     interrupts = Interrupts()
     try:
@@ -198,6 +201,20 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> 
             wait_for_interrupt()
     except KeyboardInterrupt:
         say_ended(interrupts, "All services have stopped.")
+
+
+def compile_if_new() -> None:
+    """Compile the kernels where Trolley was just installed: services would take a minute to start.
+
+    Raises:
+        ConfigError: They cannot be compiled.
+    """
+    if not warmup.nothing_is_compiled():
+        return
+    say("Compiling the kernels, once after the installation; on a small computer it takes minutes.")
+    done = subprocess.run([sys.executable, "-m", warmup.__name__], check=False)
+    if done.returncode != 0:
+        raise ConfigError("the kernels cannot be compiled; what of stands above")
 
 
 def _router_of(config: RobotConfig, local: str) -> AbstractContextManager[None]:

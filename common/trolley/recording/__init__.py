@@ -5,5 +5,5 @@ replayed, bit for bit), and as Foxglove sees it (`trolley.foxglove.views`). Mess
 of about a second, each complete on the disk before the next: a file that was cut is good up to its
 last chunk. All times are robot time.
 
-Needs the extra `trolley[foxglove]`; to read, `mcap` is enough.
+Needs the extra `trolley-robot[foxglove]`; to read, `mcap` is enough.
 """

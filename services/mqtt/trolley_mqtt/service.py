@@ -52,7 +52,7 @@ class MqttService(Service):
         device = Device(
             robot=robot.name,
             title=robot.title or robot.name,
-            version=importlib.metadata.version("trolley"),
+            version=importlib.metadata.version("trolley-robot"),
             base_topic=base_topic,
             prefix=config.mqtt.discovery_prefix,
         )

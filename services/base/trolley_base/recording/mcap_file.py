@@ -20,7 +20,7 @@ def load_mcap(path: Path) -> Recording:
         from trolley.recording.drive import read_drive
         from trolley.recording.reader import BadRecording
     except ImportError as error:
-        raise DriverError(f"{path} needs the extra trolley[foxglove]: {error}") from error
+        raise DriverError(f"{path} needs the extra trolley-robot[foxglove]: {error}") from error
     try:
         drive = read_drive(path)
     except BadRecording as error:

@@ -27,7 +27,7 @@ def open_bridge(service: Service, config: VizConfig) -> "FoxgloveBridge | None":
 
         return FoxgloveBridge(service, config)
     except ImportError as error:
-        why = f"the extra trolley[foxglove] is not installed ({error})"
+        why = f"the extra trolley-robot[foxglove] is not installed ({error})"
     except RuntimeError as error:
         why = f"{config.foxglove_host}, port {config.foxglove_port}, is not available ({error})"
     _say_why(service, why)
