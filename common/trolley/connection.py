@@ -41,6 +41,8 @@ ASK_TIMEOUT_S = 2.5
 """Requests are answered within 2 s."""
 GET_TIMEOUT_S = 2.0
 MOST_WAITING = 1000
+TOKENS_S = (1.0, 3.0)
+"""How long the router may take to say who is there, and when it is asked once more."""
 CLOCK_PATIENCE_S = 1.0
 
 
@@ -296,7 +298,7 @@ class Connection:
     def services(self, robot: str = "*") -> dict[tuple[str, str], list[str]]:
         """The runs that are alive, by (robot, service)."""
         found: dict[tuple[str, str], list[str]] = {}
-        for key in self.bus.alive(topics.ALIVE.key(robot)):
+        for key in self._tokens(topics.ALIVE.key(robot)):
             matched = topics.ALIVE.match(key)
             if matched is not None and topics.names_robot(matched[0]) and not has_wildcard(key):
                 name, (service, run) = matched
@@ -306,6 +308,16 @@ class Connection:
     def robots(self) -> list[str]:
         """The names of the robots of which any service is alive."""
         return sorted({robot for robot, _ in self.services()})
+
+    def _tokens(self, key_expr: str) -> list[str]:
+        """The tokens that are shown; a router that is late with its answer is asked once more."""
+        shown: list[str] = []
+        for patience_s in TOKENS_S:
+            began_s = time.monotonic()
+            shown = self.bus.alive(key_expr, patience_s)
+            if time.monotonic() - began_s < patience_s:
+                break
+        return shown
 
     def robot_now_ns(self, robot: str) -> int | None:
         """Robot time, at most 0.1 s behind; None without `base`. `RobotTime` is exact."""

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 
 import pytest
@@ -77,6 +78,25 @@ def test_what_no_robot_can_be_called_is_no_robot(
         assert robot.connection.stop_all().keys() == {"one"}
         done = trolley("stop", "--all", "--connect", endpoint)
         assert (done.returncode, done.stdout, done.stderr) == (0, "one: stopped\n", "")
+
+
+def test_a_router_that_is_late_is_asked_once_more(
+    add_robot: Callable, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy computer an answer that came too late made it seem that nobody was there."""
+    add_robot("one")
+    monkeypatch.setattr("trolley.connection.TOKENS_S", (0.01, PATIENCE_S))
+    with Robot("one", connect=endpoint) as robot:
+        alive = robot.connection.bus.alive
+
+        def late_at_first(key_expr: str, patience_s: float) -> list[str]:
+            if patience_s == PATIENCE_S:
+                return alive(key_expr, patience_s)
+            time.sleep(2.0 * patience_s)
+            return []
+
+        monkeypatch.setattr(robot.connection.bus, "alive", late_at_first)
+        assert robot.connection.robots() == ["one"]
 
 
 def test_without_a_router_or_a_robot_it_is_unreachable(endpoint: str) -> None:
