@@ -1,10 +1,11 @@
 """How soon a zero leaves on the serial line after what should stop the robot.
 
-    python -m bench.base.zeros [--tries 5]
+    python -m bench.base.zeros [--tries 5] [--board waveshare_ugv]
 
-Base drives an emulated linorobot with an LD19 over pseudo-terminals. What is counted is the time
-from the cause to the first zero on the line after which nothing else comes; in each try also how
-late this machine came round to a thread that mostly sleeps, for that is in the figure as well.
+Base drives an emulated board, a linorobot if none is named, with an LD19 over pseudo-terminals.
+What is counted is the time from the cause to the first zero on the line after which nothing else
+comes; in each try also how late this machine came round to a thread that mostly sleeps, for that is
+in the figure as well.
 """
 
 import argparse
@@ -124,12 +125,14 @@ def main() -> None:
     """Measure each cause and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--tries", type=int, default=3)
-    tries = parser.parse_args().tries
+    parser.add_argument("--board", default="linorobot")
+    arguments = parser.parse_args()
+    tries = arguments.tries
     figures: list[Figure] = []
     with tempfile.TemporaryDirectory() as folder:
         router = RouterProcess(find_free_port(), Path(folder) / "router.log")
         router.start()
-        with Metal(Path(folder), router.endpoint, "linorobot", "ld19").running() as metal:
+        with Metal(Path(folder), router.endpoint, arguments.board, "ld19").running() as metal:
             metal.wait_for("ok")
             for cause, (limit_s, measure) in CAUSES.items():
                 with Lateness() as lateness:

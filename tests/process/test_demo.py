@@ -29,8 +29,9 @@ def test_demo_reaches_all_stops(tmp_path: Path, speed: int, seed: int) -> None:
     assert "0 collisions" in demo.process.log
 
 
-def test_demo_reaches_all_stops_over_emulated_ports(tmp_path: Path) -> None:
-    demo = Demo(tmp_path, "--headless", "--tour", "--emulate", "linorobot,ld19")
+@pytest.mark.parametrize("board", ["linorobot", "waveshare_ugv"])
+def test_demo_reaches_all_stops_over_emulated_ports(tmp_path: Path, board: str) -> None:
+    demo = Demo(tmp_path, "--headless", "--tour", "--emulate", f"{board},ld19")
     try:
         assert demo.process.wait(2 * PATIENCE_S) == 0, demo.process.log
     finally:

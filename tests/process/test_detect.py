@@ -21,6 +21,7 @@ from trolley_base.world.world_file import load_world
 
 Trolley = Callable[..., subprocess.CompletedProcess[str]]
 
+BOARDS_AT_115200 = ("waveshare_ugv",)
 BAUDS = {"linorobot": 57600, "rplidar_a1": 115200, "ydlidar_x4": 128000, "lds01": 230400}
 
 
@@ -75,6 +76,17 @@ def test_recognises_every_device_and_leaves_it_as_it_was(tmp_path: Path, trolley
             assert len(line.read(1000)) == 1000, "it streams, as it did before"
         for name in ("linorobot", "rplidar_a1", "ydlidar_x4"):
             assert bytes_in(robot, name) == 0
+
+
+@pytest.mark.slow
+def test_recognises_every_other_board_and_moves_none(tmp_path: Path, trolley: Trolley) -> None:
+    for board in BOARDS_AT_115200:
+        with emulated(tmp_path, board, "ld19", "rplidar_a1") as robot:
+            before = robot.truth().pose
+            report = detect(trolley, *robot.ports.values())
+            assert models(report) == {name: name for name in (board, "ld19", "rplidar_a1")}
+            assert robot.truth().pose == before
+            assert all(one.twist.is_zero for one in robot.commands())
 
 
 def test_wakes_a_sleeping_lidar_and_lets_it_sleep_again(tmp_path: Path, trolley: Trolley) -> None:

@@ -34,7 +34,20 @@ def linorobot(make_metal: Callable[..., Metal]) -> Iterator[Metal]:
 
 def test_each_cause_sends_a_zero_for_good(linorobot: Metal) -> None:
     """How soon it leaves is measured by `bench/base/zeros.py`."""
-    metal = linorobot
+    check_each_cause(linorobot)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("board", ["waveshare_ugv"])
+def test_each_cause_sends_a_zero_to_other_boards(
+    make_metal: Callable[..., Metal], board: str
+) -> None:
+    with make_metal(board).running() as metal:
+        metal.wait_for("ok")
+        check_each_cause(metal)
+
+
+def check_each_cause(metal: Metal) -> None:
     metal.start_driving(AHEAD)
     metal.hand.let_go()
     metal.check_that_it_stays()

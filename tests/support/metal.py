@@ -25,12 +25,16 @@ from trolley_base.world.world_file import load_world
 NAME = "tester"
 NUM_AFTER = 10
 """Commands on the line by which it is judged that a zero was for good."""
-WHEELS = """
+TABLES = {
+    "arduino_bridge": """
 [base.chassis.wheels]
 ticks_per_revolution = 1550
 diameter_m = 0.10
 track_m = 0.20
-"""
+""",
+    "waveshare_ugv": '[base.chassis.waveshare_ugv]\ntype = "ugv_rover"\n',
+}
+"""What boards need to know of the robot."""
 
 
 def make_hall(folder: Path) -> Path:
@@ -53,7 +57,7 @@ driver = "hardware"
 board = "{board}"
 port = "{ports / board}"
 {more}
-{WHEELS if board == "arduino_bridge" else ""}
+{TABLES.get(board, "")}
 [base.lidar]
 model = "{lidar}"
 port = "{ports / lidar}"

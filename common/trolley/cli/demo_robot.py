@@ -26,8 +26,13 @@ TITLE = "Demo robot"
 FOOTPRINT = {"length_m": 0.30, "width_m": 0.24}
 PORTS = "ports"
 """The folder of emulated ports, beside robot.toml."""
-WHEELS = {"ticks_per_revolution": 1550.0, "diameter_m": 0.10, "track_m": 0.20}
-"""Wheels of a board that counts ticks."""
+BOARD_TABLES: dict[str, dict[str, Any]] = {
+    "arduino_bridge": {
+        "wheels": {"ticks_per_revolution": 1550.0, "diameter_m": 0.10, "track_m": 0.20}
+    },
+    "waveshare_ugv": {"waveshare_ugv": {"type": "ugv_rover"}},
+}
+"""What boards need to know of the robot that they are in: tables of `[base.chassis]`."""
 
 
 def _about_z(x: float, y: float, z: float, w: float) -> Pose2D:
@@ -140,8 +145,7 @@ def _simulated(choices: Choices) -> tuple[dict[str, Any], Path, Pose2D | None]:
 def _real(board: str, lidar: str) -> dict[str, Any]:
     """The settings of real drivers, whose ports the emulator puts beside robot.toml."""
     chassis: dict[str, Any] = {"board": board, "port": f"{PORTS}/{board}"}
-    if board == "arduino_bridge":
-        chassis["wheels"] = WHEELS
+    chassis |= BOARD_TABLES.get(board, {})
     seeing = {"model": lidar, "port": f"{PORTS}/{lidar}"}
     return {"driver": "hardware", "chassis": chassis, "lidar": seeing}
 

@@ -6,7 +6,7 @@ from msgspec import Meta, Struct
 
 from trolley.config.robot import PoseConfig
 
-Board = Literal["linorobot", "arduino_bridge"]
+Board = Literal["linorobot", "arduino_bridge", "waveshare_ugv"]
 LidarModel = Literal["rplidar_a1", "ydlidar_x4", "ld19", "xv11", "lds01"]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
@@ -79,14 +79,27 @@ class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     battery_volts_per_count: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.0049
     """Battery voltage per count of that pin, including the voltage divider."""
     battery_empty_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.5
-    """Voltage below which, after 2 s, the robot does not drive."""
+    """Voltage below which, after 2 s, the robot does not drive (`waveshare_ugv` too)."""
     battery_full_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 12.6
-    """Voltage of a fully charged battery."""
+    """Voltage of a fully charged battery (`waveshare_ugv` too)."""
 
     def __post_init__(self) -> None:
         """Refuse a battery that is empty when it is full."""
         if self.battery_empty_v >= self.battery_full_v:
             raise ValueError("battery_empty_v must be less than battery_full_v")
+
+
+UgvType = Literal["ugv_rover", "ugv_beast"]
+UGV_TRACKS_M: dict[UgvType, float] = {"ugv_rover": 0.172, "ugv_beast": 0.141}
+"""The tracks that Waveshare's firmware counts with."""
+
+
+class WaveshareUgvConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.chassis.waveshare_ugv]`: the robot that a `waveshare_ugv` board sits in."""
+
+    type: UgvType
+    """Which robot it is; sent to the board on each connection, since its wheels and the direction
+    of its motors differ. The tracked UGV Beast was sold as UGV01 as well."""
 
 
 class PidConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -124,6 +137,7 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """The axes of the chip that point forward, left and up; `-y` is opposite to y."""
     pid: PidConfig | None = None
     wheels: WheelsConfig | None = None
+    waveshare_ugv: WaveshareUgvConfig | None = None
     inputs: InputsConfig = InputsConfig()
 
     def __post_init__(self) -> None:
@@ -138,6 +152,17 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
                 "arduino_bridge needs [base.chassis.wheels] ticks_per_revolution, diameter_m "
                 "and track_m"
             )
+        if self.board == "waveshare_ugv" and self.waveshare_ugv is None:
+            raise ValueError(
+                'waveshare_ugv needs [base.chassis.waveshare_ugv] type: "ugv_rover" or "ugv_beast"'
+            )
+
+    @property
+    def track_m(self) -> float | None:
+        """The track that the board counts with [m]; None where only its firmware knows."""
+        if self.board == "waveshare_ugv" and self.waveshare_ugv is not None:
+            return UGV_TRACKS_M[self.waveshare_ugv.type]
+        return None if self.wheels is None else self.wheels.track_m
 
 
 def _is_right_handed(axes: tuple[Axis, Axis, Axis]) -> bool:

@@ -7,6 +7,7 @@ meant for:
 - 57600: boards. A board may reboot when its port is opened, so it is asked until some seconds have
   passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
   by the CR that follows; to rosserial, letters are noise between frames.
+- The boards of `board_questions.py`, at 115200.
 - 115200, 128000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead program has
   left streaming. Bits at 57600 are two at 115200 and more at 128000, so the questions before cannot
   be read as A5, with which every command to these lidars begins.
@@ -27,6 +28,7 @@ from typing import TypeVar
 import serial
 
 from trolley_base.detection import answers, rosserial_answer, streams
+from trolley_base.detection.board_questions import QUESTIONS
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.dialogue import Line
@@ -43,6 +45,7 @@ BOARD_TRIES = 2
 ROSSERIAL_S = 0.35
 TOPICS_S = 0.5
 LINE_S = 0.2
+BOARD_S = 0.25
 LIDAR_S = 0.5
 LIDAR_TRIES = 2
 TALKER_TRIES = 5
@@ -115,6 +118,7 @@ class Probe:
         return (
             self._listen_to_streams()
             or self._ask_boards()
+            or self._ask_known_boards()
             or self._ask_lidars()
             or self._start_lidars()
         )
@@ -144,6 +148,17 @@ class Probe:
             self._port.write(b"b\r")
             if self._read(LINE_S, answers.is_bridge, data):
                 return self._describe_bridge()
+        return None
+
+    def _ask_known_boards(self) -> FoundDevice | None:
+        for question in BOARD_TRIES * QUESTIONS:
+            self._port.set_baud(question.baud)
+            self._port.write(question.ask)
+            found = self._read(BOARD_S, question.recognise)
+            if found is not None:
+                self._port.write(question.leave)
+                time.sleep(POLL_S)  # closing drops what has not left
+                return found
         return None
 
     def _describe_linorobot(self, data: bytearray) -> FoundDevice:

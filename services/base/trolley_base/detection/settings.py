@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from trolley.config.describe import to_toml
 from trolley_base.detection.detector import devices_of
@@ -11,14 +11,45 @@ from trolley_base.detection.results import FoundDevice, PortResult
 
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
 
-WHEELS = """\
+
+class Missing(NamedTuple):
+    """What a board needs and only its owner knows.
+
+    Attributes:
+        table: of `[base.chassis]`, which says it.
+        template: that table as comments.
+        note: a sentence about what is to be done.
+    """
+
+    table: str
+    template: str
+    note: str
+
+
+MISSING = {
+    "arduino_bridge": Missing(
+        "wheels",
+        """\
 # Measure these, then take the # away here and before board = "arduino_bridge":
 # [base.chassis.wheels]
 # ticks_per_revolution = 0  # of the wheel: the encoder's resolution times the gear
 # diameter_m = 0.0          # of a driven wheel
 # track_m = 0.0             # between the middles of the left and the right wheel
-"""
-"""What an `arduino_bridge` needs and only its owner knows."""
+""",
+        "You still have to measure the wheels: [base.chassis] board stays commented out, and the "
+        "robot cannot drive, until [base.chassis.wheels] says how large they are.",
+    ),
+    "waveshare_ugv": Missing(
+        "waveshare_ugv",
+        """\
+# Say which robot it is, then take the # away here and before board = "waveshare_ugv":
+# [base.chassis.waveshare_ugv]
+# type = "ugv_rover"        # or "ugv_beast", which has tracks
+""",
+        "You still have to say which robot the board is in: [base.chassis] board stays commented "
+        "out, and the robot cannot drive, until [base.chassis.waveshare_ugv] type says it.",
+    ),
+}
 
 Settings = dict[tuple[str, ...], str | int | float]
 
@@ -99,13 +130,11 @@ def _the_only(
 def _propose_board(
     proposal: Proposal, port: Port, found: FoundDevice, chassis: dict[str, Any]
 ) -> None:
-    if found.model == "arduino_bridge" and "wheels" not in chassis:
+    missing = MISSING.get(found.model or "")
+    if found.model is not None and missing is not None and missing.table not in chassis:
         proposal.waiting[*CHASSIS, "board"] = found.model
-        proposal.appendix = WHEELS
-        proposal.notes.append(
-            "You still have to measure the wheels: [base.chassis] board stays commented out, and "
-            "the robot cannot drive, until [base.chassis.wheels] says how large they are."
-        )
+        proposal.appendix = missing.template
+        proposal.notes.append(missing.note)
     else:
         proposal.values[*CHASSIS, "board"] = found.model or ""
     proposal.values[*CHASSIS, "port"] = port.name

@@ -17,6 +17,7 @@ from trolley_base.emulators.arduino_bridge import (
 from trolley_base.emulators.device import Board, Device
 from trolley_base.emulators.lidar import SpinningLidar
 from trolley_base.emulators.robot import EmulatedRobot
+from trolley_base.emulators.waveshare_ugv import WaveshareUgv
 
 
 def base_settings(robot: EmulatedRobot) -> str:
@@ -51,6 +52,8 @@ def _chassis(robot: EmulatedRobot, board: Device, kind: str, port: str) -> dict[
             "battery_pin": BATTERY_PIN,
             "battery_volts_per_count": BATTERY_VOLTS_PER_COUNT,
         }
+    elif isinstance(board, WaveshareUgv):
+        chassis["waveshare_ugv"] = {"type": board.robot}
     return chassis
 
 

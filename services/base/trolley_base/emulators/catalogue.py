@@ -12,6 +12,7 @@ from trolley_base.emulators.lds01 import Lds01
 from trolley_base.emulators.lidar import MakeLidar, Mount
 from trolley_base.emulators.linorobot import Linorobot, LinorobotOptions
 from trolley_base.emulators.rplidar_a1 import RplidarA1
+from trolley_base.emulators.waveshare_ugv import WaveshareUgv
 from trolley_base.emulators.xv11 import Xv11
 from trolley_base.emulators.ydlidar_x4 import YdlidarX4
 from trolley_base.world import LidarSpec
@@ -30,6 +31,10 @@ BOARDS = {
         "no-imu": "no inertial unit answers",
     },
     "arduino_bridge": {"no-base": "built without USE_BASE, as the sketch ships"},
+    "waveshare_ugv": {
+        "beast": "a UGV Beast, which has tracks; else a UGV Rover",
+        "general": "with ugv_base_general: no counts, and a UGV Rover drives without encoders",
+    },
 }
 """Boards and their options."""
 NAMES = (*BOARDS, *LIDARS)
@@ -97,5 +102,8 @@ def _make(kind: str, options: str, surroundings: Surroundings, rng: np.random.Ge
             return Linorobot(built, rng)
         case "arduino_bridge":
             return ArduinoBridge(surroundings.wheels, use_base="no-base" not in given)
+        case "waveshare_ugv":
+            robot = "ugv_beast" if "beast" in given else "ugv_rover"
+            return WaveshareUgv(robot, is_general="general" in given)
         case _:
             return LIDARS[kind](surroundings.mount, surroundings.errors, rng)

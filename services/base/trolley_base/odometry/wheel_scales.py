@@ -114,5 +114,5 @@ def scales_of(config: RobotConfig) -> WheelScales:
 
 def counted_track_of(config: RobotConfig) -> float | None:
     """Return the track that the board assumes [m], None where nothing says it."""
-    wheels = config.base.chassis.wheels
-    return config.base.odometry.track_m if wheels is None else wheels.track_m
+    track_m = config.base.chassis.track_m
+    return config.base.odometry.track_m if track_m is None else track_m

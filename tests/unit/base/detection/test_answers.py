@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trolley.config.hardware import LidarModel
-from trolley_base.detection import answers, rosserial_answer, streams
+from trolley_base.detection import answers, board_questions, rosserial_answer, streams
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.lino_messages import TOPICS
 from trolley_base.drivers.boards.rosserial import PUBLISHER, SUBSCRIBER, encode
@@ -46,6 +46,7 @@ def test_a_lidar_is_known_by_sound_frames_only(
 def test_rubbish_is_no_device(data: bytes) -> None:
     assert all(streams.recognise_stream(data, baud) is None for baud in streams.STREAM_BAUDS)
     assert rosserial_answer.read_topics(data) == {}
+    assert all(question.recognise(data) is None for question in board_questions.QUESTIONS)
 
 
 def info(model: int) -> bytes:
@@ -143,3 +144,21 @@ def test_another_rosserial_board_is_none() -> None:
     found = rosserial_answer.describe(rosserial_answer.read_topics(one))
     assert found.model is None
     assert "does not announce raw_vel and cmd_vel" in found.problems[0]
+
+
+def test_a_waveshare_board_is_known_by_a_report() -> None:
+    whole = b'oot\r\n{"T":130}\n{"T":1001,"L":0,"R":0.0,"r":1.5,"p":2,"v":11.93}\r\n'
+    found = board_questions.recognise_ugv(whole)
+    assert found is not None
+    assert (found.model, found.baud, found.details) == (
+        "waveshare_ugv",
+        115200,
+        ("battery at 11.9 V",),
+    )
+    assert board_questions.recognise_ugv(whole[:-2]) is None
+    assert board_questions.recognise_ugv(b'{"T":1001,"L":null,"R":1}\n{"T":1002}\n') is None
+
+
+def test_no_question_to_a_board_begins_a_lidars_command() -> None:
+    for question in board_questions.QUESTIONS:
+        assert b"\xa5" not in question.ask + question.leave

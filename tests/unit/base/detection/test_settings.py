@@ -20,6 +20,10 @@ BRIDGE = PortResult(
     Port("/dev/ttyACM0", "/dev/serial/by-id/arduino"),
     FoundDevice("board", "arduino_bridge", "ROSArduinoBridge", 57600),
 )
+UGV = PortResult(
+    Port("/dev/ttyACM0", "/dev/serial/by-id/esp32"),
+    FoundDevice("board", "waveshare_ugv", "Waveshare UGV", 115200),
+)
 LD19 = PortResult(
     Port("/dev/ttyUSB0", "/dev/serial/by-path/pci-1"), FoundDevice("lidar", "ld19", "LD19", 230400)
 )
@@ -116,6 +120,20 @@ def test_takes_the_place_of_the_lines_that_explain() -> None:
         ("# model =", 'model = "ld19"'),
         ('# port = ""', 'port = "/dev/serial/by-path/pci-1"'),
     ]
+
+
+def test_asks_which_robot_a_waveshare_board_is_in(tmp_path: Path) -> None:
+    text = changed(ROBOT, UGV)
+    assert "board" not in base_of(text)["chassis"]
+    path = tmp_path / "robot.toml"
+    lines = [
+        line.removeprefix("# ") if line.startswith(("# board =", "# [", "# type")) else line
+        for line in text.splitlines()
+    ]
+    path.write_text("\n".join(lines))
+    chassis = load_config(path).base.chassis
+    assert chassis.board == "waveshare_ugv"
+    assert chassis.track_m == 0.172
 
 
 def test_keeps_known_wheels() -> None:

@@ -1,13 +1,17 @@
 """Motor boards by their firmware."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 from trolley.config.hardware import Board, ChassisConfig
 from trolley.messages.motion import Drive
 from trolley_base.drivers.boards.arduino_bridge import ArduinoBridgeDialogue
 from trolley_base.drivers.boards.linorobot import LinorobotDialogue
+from trolley_base.drivers.boards.waveshare_ugv import WATCHDOG_MS, WaveshareUgvDialogue
 from trolley_base.drivers.dialogue import BoardDialogue
 from trolley_base.drivers.interface import DriverError
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +21,8 @@ class BoardFacts:
     Attributes:
         title: how people call it.
         baud: bits per second, if the firmware was not changed.
-        watchdog_s: after what silence it stops the motors by itself [s].
+        watchdog_s: after what silence it stops the motors by itself [s], as delivered or as it is
+            told on each connection.
         has_imu: it can report an inertial sensor.
         has_inputs: its pins can be read: bumpers, cliff sensors, a battery.
     """
@@ -33,6 +38,9 @@ BOARDS: dict[Board, BoardFacts] = {
     "linorobot": BoardFacts("linorobot (Teensy)", 57600, 0.4, has_imu=True, has_inputs=False),
     "arduino_bridge": BoardFacts(
         "ROSArduinoBridge (Arduino)", 57600, 2.0, has_imu=False, has_inputs=True
+    ),
+    "waveshare_ugv": BoardFacts(
+        "Waveshare UGV (ESP32)", 115200, WATCHDOG_MS * 1e-3, has_imu=False, has_inputs=False
     ),
 }
 
@@ -62,9 +70,16 @@ def make_board(config: ChassisConfig, drive: Drive) -> BoardDialogue:
             f'[robot] drive = "mecanum" has four motors, and {facts.title} drives two; use '
             "linorobot's firmware"
         )
-    if config.wheels is None:
-        raise DriverError("arduino_bridge needs [base.chassis.wheels]")
-    return ArduinoBridgeDialogue(config, config.wheels, baud)
+    if config.board == "waveshare_ugv":
+        return WaveshareUgvDialogue(config, _needed(config.waveshare_ugv, config.board), baud)
+    return ArduinoBridgeDialogue(config, _needed(config.wheels, "wheels"), baud)
+
+
+def _needed(table: T | None, name: str) -> T:
+    """Return a table of `[base.chassis]` without which there is no dialogue."""
+    if table is None:
+        raise DriverError(f"[base.chassis] needs the table [base.chassis.{name}]")
+    return table
 
 
 __all__ = ["BOARDS", "BoardFacts", "make_board"]

@@ -3,23 +3,16 @@
 from trolley import codes
 from trolley.config.hardware import InputsConfig
 from trolley.messages import Battery
+from trolley_base.drivers.boards.battery import BatteryGauge
 
 TOUCH_EVERY_NS, TOUCH_PINS = 40_000_000, 2
 """Two pins are read this often: with the answer and a period of base, the wheels are told to stop
 within 0.1 s. More of them share the same part of the line."""
 BATTERY_EVERY_NS = 1_000_000_000
-EMPTY_FOR_NS = 2_000_000_000
-"""Motors that set off pull the voltage down for a moment."""
-RECOVERED_SHARE = 0.1
-"""An empty battery recovers a little as soon as nothing is driven; this share of the range from
-empty to full above the limit it counts as charged again."""
 
 
 class Inputs:
     """What is asked of the pins, and what the answers mean.
-
-    Attributes:
-        battery: the newest charge, None if it is not known.
 
     Args:
         config: what is wired to which pin.
@@ -27,14 +20,18 @@ class Inputs:
 
     def __init__(self, config: InputsConfig) -> None:
         self._config = config
+        self._gauge = BatteryGauge(config)
         self.reset()
+
+    @property
+    def battery(self) -> Battery | None:
+        """The newest charge, None if it is not known."""
+        return self._gauge.battery
 
     def reset(self) -> None:
         """Forget what was read."""
-        self.battery: Battery | None = None
+        self._gauge.reset()
         self._active: dict[str, str] = {}
-        self._low_since_ns: int | None = None
-        self._is_empty = False
 
     def questions(self) -> dict[str, int]:
         """Return what is to be asked, and how far apart [ns]."""
@@ -50,7 +47,7 @@ class Inputs:
         """Take what a pin reads."""
         kind, pin = question.split()
         if kind == "a":
-            self._take_battery(value * self._config.battery_volts_per_count, now_ns)
+            self._gauge.take_voltage(value * self._config.battery_volts_per_count, now_ns)
             return
         config = self._config
         self._active.pop(question, None)
@@ -61,20 +58,4 @@ class Inputs:
 
     def alarms(self) -> tuple[str, ...]:
         """Return the codes that hold now."""
-        found = set(self._active.values())
-        if self._is_empty:
-            found.add(codes.BATTERY)
-        return tuple(sorted(found))
-
-    def _take_battery(self, voltage: float, now_ns: int) -> None:
-        empty, full = self._config.battery_empty_v, self._config.battery_full_v
-        share = (voltage - empty) / (full - empty)
-        self.battery = Battery(fraction=min(1.0, max(0.0, share)), voltage=voltage)
-        if share >= 0.0:
-            self._low_since_ns = None
-        elif self._low_since_ns is None:
-            self._low_since_ns = now_ns
-        if self._low_since_ns is not None and now_ns - self._low_since_ns >= EMPTY_FOR_NS:
-            self._is_empty = True
-        elif share >= RECOVERED_SHARE:
-            self._is_empty = False
+        return tuple(sorted({*self._active.values(), *self._gauge.alarms()}))

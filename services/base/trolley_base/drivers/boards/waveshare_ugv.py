@@ -1,0 +1,292 @@
+"""A Waveshare UGV: an ESP32 that takes and sends JSON, one object a line.
+
+What a board forgets when it boots is told to it on each connection: which robot it sits in, how
+often it reports, and that it stops its motors after 0.4 s without a command (3 s as delivered). It
+confirms a line by repeating it; nothing is driven until it has repeated those two that say which
+robot it is and 0.4 s. Lines of a boot, or silence, take that back.
+
+Newer firmware counts the way of each side (`odl`, `odr`), from which motions are made; older
+reports speeds alone, which are integrated. A board without encoders reports its motors' power, up
+to 255, in place of speeds: it is not driven.
+
+Counts, below `chassis/`: `stray_lines` (no JSON object, or too long), `bad_messages` (a report that
+holds no speeds), `gaps`, `encoder_jumps`, `restarts` (of the board).
+
+Source:
+    Waveshare ugv_base_general and ugv_base_ros: json_cmd.h, uart_ctrl.h, movtion_module.h,
+    ugv_advance.h.
+"""
+
+import math
+import re
+from typing import Any
+
+import msgspec
+
+from trolley.config.hardware import (
+    UGV_TRACKS_M,
+    ChassisConfig,
+    UgvType,
+    WaveshareUgvConfig,
+    WheelsConfig,
+)
+from trolley.geometry import Twist2D
+from trolley_base.differential import sides_of, twist_of
+from trolley_base.drivers.boards.battery import BatteryGauge
+from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.velocities import VelocityIntegrator
+from trolley_base.drivers.boards.wheel_ticks import MOST_SPEED, Counts, WheelOdometry
+from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line, Status
+from trolley_base.drivers.interface import ChassisReading
+
+MAIN_TYPES: dict[UgvType, int] = {"ugv_rover": 2, "ugv_beast": 3}
+"""How the firmware numbers the robots."""
+WATCHDOG_MS = 400
+REPORT_MS = 40
+"""Extra pause between two reports: the newest firmware's 350 bytes take 30 ms of the line."""
+REPORT_NS = REPORT_MS * 1_000_000
+SET_UP_EVERY_NS = 1_000_000_000
+"""A board that has not confirmed is told again; one that has is told its watchdog again."""
+PACE_NS = 35_000_000
+"""Every other call of `outgoing` at 50 Hz: 25 commands a second."""
+FASTEST_SIDE = 2.0
+"""The board ignores a command beyond this, to either side [m/s]."""
+LONGEST_LINE = 2048
+COUNTS_PER_M = 1e6
+"""The way of a side is counted in micrometres."""
+
+STOP = b'{"T":1,"L":0.0,"R":0.0}\n'
+BOOT = re.compile(rb"rst:0x|ets [A-Z]|Initialize |UGV started|WiFi init|Device connected")
+"""Lines of a board that boots; they may begin with a line that was cut."""
+
+NO_ENCODERS = (
+    "The motor board reports its motors' power in place of speeds: this robot has no encoders, or "
+    "its firmware drives without them, and Trolley cannot know how fast it is. The robot does not "
+    "drive; flash ugv_base_ros if it has encoders."
+)
+UNCONFIRMED = (
+    "The motor board does not confirm which robot it is in and that it stops by itself after "
+    "0.4 s, so the robot does not drive. If this stays so, flash Waveshare's newest firmware."
+)
+
+
+def line_of(**fields: float) -> bytes:
+    """Return a command."""
+    return msgspec.json.encode(fields) + b"\n"
+
+
+WATCHDOG = line_of(T=136, cmd=WATCHDOG_MS)
+REPORT, SPEED_KEYS, WAY_KEYS = 1001, ("L", "R"), ("odl", "odr")
+
+
+class WaveshareUgvDialogue:
+    """Talks to the firmware.
+
+    Args:
+        robot: which robot the board sits in.
+        baud: bits per second.
+    """
+
+    def __init__(self, config: ChassisConfig, robot: WaveshareUgvConfig, baud: int) -> None:
+        self._baud = baud
+        self._report = Report()
+        track_m = UGV_TRACKS_M[robot.type]
+        self._half_track_m = 0.5 * track_m
+        self._type_line = line_of(T=900, main=MAIN_TYPES[robot.type], module=0)
+        # A wheel of one metre around.
+        metre = WheelsConfig(
+            ticks_per_revolution=COUNTS_PER_M, diameter_m=1.0 / math.pi, track_m=track_m
+        )
+        self._ways = WheelOdometry(metre, self._report.count)
+        self._speeds = VelocityIntegrator(REPORT_NS, self._report.count)
+        self._gauge = BatteryGauge(config.inputs)
+        self.begin(0)
+
+    @property
+    def line(self) -> Line:
+        """How the port is opened."""
+        return Line(self._baud)
+
+    def begin(self, now_ns: int) -> None:
+        """The port has been opened: set the board up, command nothing."""
+        self._partial = b""
+        self._wanted = Twist2D.zero()
+        self._gauge.reset()
+        self._byte_ns = now_ns
+        self._reported_ns: int | None = None
+        self._set_up_ns: int | None = None
+        self._sent_ns: int | None = None
+        self._is_standing = True
+        self._has_bytes = self._is_ugv = self._lacks_encoders = False
+        self._lose()
+
+    def _lose(self) -> None:
+        """What the board was told is not known to hold any more."""
+        self._unconfirmed = {WATCHDOG, self._type_line}
+        self._ways.reset()
+        self._speeds.reset()
+
+    # What arrives.
+    def receive(self, data: bytes, arrived_ns: int) -> None:
+        """Take bytes."""
+        if not data:
+            return
+        self._byte_ns, self._has_bytes = arrived_ns, True
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        following = sum(len(line) + 1 for line in lines) + len(self._partial)
+        for line in lines:
+            # When the board began to send it.
+            late_ns = following * BITS_PER_BYTE * 1_000_000_000 // self._baud
+            following -= len(line) + 1
+            self._take_line(line.strip(), arrived_ns - late_ns, arrived_ns)
+        if len(self._partial) > LONGEST_LINE:
+            self._report.count("stray_lines")
+            self._partial = b""
+
+    def _take_line(self, line: bytes, left_ns: int, arrived_ns: int) -> None:
+        if not line:
+            return
+        message = parse_line(line)
+        if message is None:
+            self._report.count("stray_lines")
+            if BOOT.search(line):
+                self._lose()
+        elif message.get("T") == REPORT:
+            if not self._take_report(message, left_ns, arrived_ns):
+                self._report.count("bad_messages")
+        elif self._set_up_ns is not None and line + b"\n" in self._unconfirmed:
+            self._unconfirmed.remove(line + b"\n")
+            self._is_ugv = True
+
+    def _take_report(self, message: dict[str, Any], left_ns: int, arrived_ns: int) -> bool:
+        """Take a report; False if it holds no speeds."""
+        speeds = numbers_of(message, SPEED_KEYS)
+        if speeds is None:
+            return False
+        self._is_ugv = True
+        self._reported_ns = arrived_ns
+        if max(map(abs, speeds)) > MOST_SPEED:
+            self._lacks_encoders = True
+            return True
+        voltage = message.get("v")
+        if isinstance(voltage, float | int) and voltage >= 0.0:
+            self._gauge.take_voltage(float(voltage), arrived_ns)
+        ways = numbers_of(message, WAY_KEYS)
+        if ways is None:
+            motion = self._speeds.add(twist_of(*speeds, self._half_track_m), left_ns)
+        else:
+            left, right = (round(way * COUNTS_PER_M) for way in ways)
+            motion = self._ways.add(Counts(left, right, left_ns))
+            if self._ways.has_jumped:
+                self._report.add_jump()
+            if self._ways.has_restarted:
+                self._report.count("restarts")
+                self._unconfirmed = {WATCHDOG, self._type_line}
+        if motion is not None:
+            self._report.add_motion(motion)
+        return True
+
+    # What is sent.
+    def drive(self, twist: Twist2D) -> None:
+        """Set the wanted velocity; what it says of sideways is left out."""
+        self._wanted = Twist2D(twist.vx, 0.0, twist.wz)
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Return a command if one is due, and what the board is to be told."""
+        if self._reported_ns is not None and now_ns - self._reported_ns > SILENCE_NS:
+            self._lose()
+        return self._command(now_ns) + self._set_up(now_ns)
+
+    def _command(self, now_ns: int) -> bytes:
+        """Return a command: stops and starts at once, zeros too, so that its watchdog rests."""
+        if not self._is_ugv:
+            return b""
+        wanted = self._wanted if self._is_usable(now_ns) else Twist2D.zero()
+        is_due = self._sent_ns is None or now_ns - self._sent_ns >= PACE_NS
+        if wanted.is_zero == self._is_standing and not is_due:
+            return b""
+        self._is_standing, self._sent_ns = wanted.is_zero, now_ns
+        if wanted.is_zero:
+            return STOP
+        left, right = sides_of(wanted, self._half_track_m)
+        # Beyond what the board can take: slower on the same arc.
+        scale = min(1.0, FASTEST_SIDE / max(abs(left), abs(right)))
+        return line_of(T=1, L=round(scale * left, 4), R=round(scale * right, 4))
+
+    def _set_up(self, now_ns: int) -> bytes:
+        if self._set_up_ns is not None and now_ns - self._set_up_ns < SET_UP_EVERY_NS:
+            return b""
+        self._set_up_ns = now_ns
+        if not self._unconfirmed:
+            # Not to be repeated: the line is for reports. It ends what a noisy line has begun.
+            return b"\n" + line_of(T=143, cmd=0) + WATCHDOG
+        return b"".join(
+            (
+                b"\n",
+                line_of(T=605, cmd=1),
+                line_of(T=143, cmd=1),
+                WATCHDOG,
+                self._type_line,
+                line_of(T=142, cmd=REPORT_MS),
+                line_of(T=131, cmd=1),
+            )
+        )
+
+    def goodbye(self) -> tuple[bytes, ...]:
+        """Stop the wheels, then the reports."""
+        return (STOP, line_of(T=131, cmd=0)) if self._is_ugv else ()
+
+    # How it goes.
+    def _is_usable(self, now_ns: int) -> bool:
+        if self._unconfirmed or self._lacks_encoders:
+            return False
+        return self._is_reporting(now_ns)
+
+    def _is_reporting(self, now_ns: int) -> bool:
+        return self._reported_ns is not None and now_ns - self._reported_ns <= SILENCE_NS
+
+    def status(self, now_ns: int) -> Status:
+        """Say how it goes."""
+        if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
+            return Status(
+                "down",
+                "The motor board is silent. Is the robot switched on, and is this its port?",
+                reopen=True,
+            )
+        if self._lacks_encoders:
+            return Status("down", NO_ENCODERS)
+        if self._is_usable(now_ns):
+            return Status("up")
+        if self._is_reporting(now_ns):
+            return Status("down", UNCONFIRMED)
+        if self._is_ugv:
+            return Status("down", "The motor board has stopped reporting; it is set up again.")
+        if self._has_bytes:
+            return Status(
+                "searching",
+                "What arrives is not a Waveshare UGV's: is this the motor board's port, and is "
+                f"{self._baud} its baud rate? A board that boots needs a few seconds.",
+            )
+        return Status("searching", "The motor board is being set up.")
+
+    def take(self, now_ns: int) -> ChassisReading:
+        """Hand over what was reported."""
+        return self._report.take(self.status(now_ns), self._gauge.alarms(), self._gauge.battery)
+
+
+def parse_line(line: bytes) -> dict[str, Any] | None:
+    """Return the object in a line, None if it holds none."""
+    try:
+        return msgspec.json.decode(line, type=dict[str, Any])
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return None
+
+
+def numbers_of(message: dict[str, Any], keys: tuple[str, str]) -> tuple[float, float] | None:
+    """Return two numbers of a message, None if they are not there."""
+    values = [message.get(key) for key in keys]
+    left, right = (
+        float(value) if isinstance(value, float | int) and not isinstance(value, bool) else math.nan
+        for value in values
+    )
+    return (left, right) if math.isfinite(left) and math.isfinite(right) else None
