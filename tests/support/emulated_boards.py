@@ -10,6 +10,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley_base.drivers import ChassisReading
 from trolley_base.drivers.boards import make_board
 from trolley_base.drivers.dialogue import BoardDialogue
+from trolley_base.emulators.create2 import Create2
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.waveshare_ugv import WaveshareUgv
 from trolley_base.world import STEP_NS, Simulation
@@ -17,10 +18,12 @@ from trolley_base.world import STEP_NS, Simulation
 MS = 1_000_000
 START_NS = 1_790_000_000 * 10**9
 SETTINGS: dict[str, dict[str, Any]] = {
+    "create2": {},
     "waveshare_ugv": {"waveshare_ugv": {"type": "ugv_rover"}},
 }
 """What `[base.chassis]` says besides the board's name."""
 EMULATORS: dict[str, Callable[[], Board]] = {
+    "create2": lambda: Create2(is_asleep=False),
     "waveshare_ugv": lambda: WaveshareUgv("ugv_rover", is_general=False),
 }
 

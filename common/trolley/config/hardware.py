@@ -6,7 +6,7 @@ from msgspec import Meta, Struct
 
 from trolley.config.robot import PoseConfig
 
-Board = Literal["linorobot", "arduino_bridge", "waveshare_ugv"]
+Board = Literal["linorobot", "arduino_bridge", "waveshare_ugv", "create2"]
 LidarModel = Literal["rplidar_a1", "ydlidar_x4", "ld19", "xv11", "lds01"]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
@@ -94,6 +94,10 @@ UGV_TRACKS_M: dict[UgvType, float] = {"ugv_rover": 0.172, "ugv_beast": 0.141}
 """The tracks that Waveshare's firmware counts with."""
 
 
+CREATE2_TRACK_M = 0.235
+"""Between the middles of a Create's wheels."""
+
+
 class WaveshareUgvConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[base.chassis.waveshare_ugv]`: the robot that a `waveshare_ugv` board sits in."""
 
@@ -162,6 +166,8 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         """The track that the board counts with [m]; None where only its firmware knows."""
         if self.board == "waveshare_ugv" and self.waveshare_ugv is not None:
             return UGV_TRACKS_M[self.waveshare_ugv.type]
+        if self.board == "create2":
+            return CREATE2_TRACK_M
         return None if self.wheels is None else self.wheels.track_m
 
 

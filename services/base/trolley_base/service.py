@@ -1,5 +1,7 @@
 """The base service: the hardware or the simulated world, and everything that may move it."""
 
+from math import isfinite
+
 import msgspec
 
 from trolley import topics
@@ -150,7 +152,9 @@ class BaseService(Service):
         )
         self.publish(topics.TF, laser, "laser")
         if self._robot.max_speed < self._config.base.limits.max_speed_mps:
+            watchdog_s = self._device.watchdog_s
+            stops = f"stops only after {watchdog_s:g} s" if isfinite(watchdog_s) else "drives on"
             self.log.warning(
-                f"At most {self._robot.max_speed} m/s: if base ends, the motor board stops only "
-                f"after {self._device.watchdog_s:g} s; see [base.chassis] watchdog_s"
+                f"At most {self._robot.max_speed} m/s: if base ends, the motor board {stops}; see "
+                "[base.chassis] watchdog_s"
             )

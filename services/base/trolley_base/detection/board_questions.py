@@ -4,6 +4,8 @@ They are asked before the lidars of 115200 baud: none of them holds an A5, with 
 lidars are told begins.
 
 - Waveshare's JSON boards: an empty line ends what other questions have left in the buffer.
+- A Create: it is started, which moves nothing, asked for its stream, and left off again. To one
+  that was started, A5 and the byte behind it are buttons that are pressed.
 """
 
 from collections.abc import Callable
@@ -11,9 +13,20 @@ from dataclasses import dataclass
 
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards import BOARDS
+from trolley_base.drivers.boards.create2 import (
+    ASK_STREAM,
+    END,
+    FRAME,
+    PAUSE_STREAM,
+    START,
+    parse_frame,
+)
+from trolley_base.drivers.boards.fixed_frames import FrameReader
 from trolley_base.drivers.boards.waveshare_ugv import REPORT, SPEED_KEYS, numbers_of, parse_line
 
-UGV = BOARDS["waveshare_ugv"]
+UGV, CREATE = BOARDS["waveshare_ugv"], BOARDS["create2"]
+ENOUGH = 3
+"""Frames with a sum and fifteen numbers of packets: so many are no coincidence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +35,13 @@ class BoardQuestion:
 
     Attributes:
         baud: at which speed it is asked [bits/s].
-        ask: the question.
+        ask: the question; a device has a moment's rest between two parts of it.
         recognise: finds the answer in what has arrived; None while it is not there.
         leave: what is sent once it has answered, so that it is as it was before; b"" for nothing.
     """
 
     baud: int
-    ask: bytes
+    ask: tuple[bytes, ...]
     recognise: Callable[[bytes], FoundDevice | None]
     leave: bytes = b""
 
@@ -45,4 +58,22 @@ def recognise_ugv(data: bytes) -> FoundDevice | None:
     return None
 
 
-QUESTIONS = (BoardQuestion(UGV.baud, b'\n{"T":130}\n', recognise_ugv),)
+def recognise_create(data: bytes) -> FoundDevice | None:
+    """Find frames of a Create's stream."""
+    frames, _ = FrameReader(FRAME, _ignore).feed(data)
+    if len(frames) < ENOUGH:
+        return None
+    senses = parse_frame(frames[-1].data)
+    details = (f"battery at {senses.millivolts * 1e-3:.1f} V",)
+    problems = ("It is being charged, and does not drive meanwhile.",) if senses.is_charged else ()
+    return FoundDevice("board", "create2", CREATE.title, CREATE.baud, details, problems)
+
+
+def _ignore(_name: str, _number: int) -> None:
+    """Count nothing: what is not a frame is some other device's."""
+
+
+QUESTIONS = (
+    BoardQuestion(UGV.baud, (b'\n{"T":130}\n',), recognise_ugv),
+    BoardQuestion(CREATE.baud, (bytes((START,)), ASK_STREAM), recognise_create, PAUSE_STREAM + END),
+)

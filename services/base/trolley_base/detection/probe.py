@@ -153,7 +153,9 @@ class Probe:
     def _ask_known_boards(self) -> FoundDevice | None:
         for question in BOARD_TRIES * QUESTIONS:
             self._port.set_baud(question.baud)
-            self._port.write(question.ask)
+            for part in question.ask:
+                self._port.write(part)
+                self._pause(POLL_S)
             found = self._read(BOARD_S, question.recognise)
             if found is not None:
                 self._port.write(question.leave)

@@ -31,6 +31,7 @@ class Line:
         is_prompt: what arrives is heard at once and not with the next look, for a device that is
             asked again as soon as it has answered.
         restarts: the device reboots when its port is opened, as an Arduino does.
+        clears_rts: RTS, which Linux sets on opening, is cleared after `settle_s`.
     """
 
     baud: int
@@ -39,6 +40,7 @@ class Line:
     settle_s: float = 0.0
     is_prompt: bool = False
     restarts: bool = False
+    clears_rts: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -149,10 +149,12 @@ class SerialDevice:
             port.close()
 
     def _settle(self, port: SerialPort) -> None:
-        """Wait for a board that reboots when its port is opened."""
+        """Wait for a board that reboots, or wakes, when its port is opened."""
         if self._line.settle_s > 0.0:
             self._is_closing.wait(self._line.settle_s)
             port.discard_input()
+        if self._line.clears_rts:
+            port.clear_rts()
 
     def _read(self, port: SerialPort) -> None:
         while not (self._is_closing.is_set() or self._wants_reopen):

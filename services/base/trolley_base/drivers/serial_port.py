@@ -116,6 +116,18 @@ class SerialPort:
         """
         self._flush(termios.TCIFLUSH)
 
+    def clear_rts(self) -> None:
+        """Clear RTS, if there is such a line.
+
+        Raises:
+            OSError: the device is gone.
+        """
+        try:
+            self._serial.rts = False
+        except OSError as error:
+            if error.errno not in NO_SUCH_LINE:
+                raise
+
     def close(self) -> None:
         """Set DTR as the line says, and let go of the port; may be called more than once."""
         if not self._serial.is_open:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trolley_base.emulators.arduino_bridge import ArduinoBridge, WheelFacts
+from trolley_base.emulators.create2 import Create2
 from trolley_base.emulators.device import Board, Device, DeviceError
 from trolley_base.emulators.ld19 import Ld19
 from trolley_base.emulators.lds01 import Lds01
@@ -35,6 +36,7 @@ BOARDS = {
         "beast": "a UGV Beast, which has tracks; else a UGV Rover",
         "general": "with ugv_base_general: no counts, and a UGV Rover drives without encoders",
     },
+    "create2": {"asleep": "it sleeps until its port is opened"},
 }
 """Boards and their options."""
 NAMES = (*BOARDS, *LIDARS)
@@ -105,5 +107,7 @@ def _make(kind: str, options: str, surroundings: Surroundings, rng: np.random.Ge
         case "waveshare_ugv":
             robot = "ugv_beast" if "beast" in given else "ugv_rover"
             return WaveshareUgv(robot, is_general="general" in given)
+        case "create2":
+            return Create2(is_asleep="asleep" in given)
         case _:
             return LIDARS[kind](surroundings.mount, surroundings.errors, rng)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trolley_base.emulators.create2 import FEELINGS
 from trolley_base.emulators.device import Frame
 from trolley_base.world.faulty_wheels import BOTH, NONE, WELL, Sides, Trouble
 
@@ -42,6 +43,7 @@ KINDS = {
     "refuse": "the port accepts nothing that the host writes",
     "md5": "linorobot: other firmware, with a different `raw_vel`",
     "pin": "arduino_bridge: =d4:0 or =a0:700, what a pin reads",
+    "feels": "create2: =bump, =cliff, =drop (of a wheel), =dock or =clean (its button)",
     "ok": "all faults of the device end",
 }
 _FAULT = re.compile(
@@ -70,7 +72,7 @@ _RANGES = {
     "gyro": (-100.0, 100.0),
 }
 SIDES = {"left": frozenset(("left",)), "right": frozenset(("right",)), "both": BOTH}
-BOARDS = ("linorobot", "arduino_bridge", "waveshare_ugv")
+BOARDS = ("linorobot", "arduino_bridge", "waveshare_ugv", "create2")
 OF_BOARDS = ("deaf", "drives", "factor", "motor", "encoder", "swapped", "lifted", "pushed", "jump")
 OF_LIDARS = ("blind", "fail", "cover")
 OF_LINOROBOT = ("md5", "nan", "gyro")
@@ -90,7 +92,7 @@ class Fault:
         device: the name of its port.
         kind: one of `KINDS`.
         amount: for noise, cut, blind and fail.
-        pin: for pin: its name and what it reads.
+        pin: for pin: its name and what it reads; for feels: what, and 1.
         sides: for motor and encoder: which are broken.
         start_s: since the start of the emulator; None: at once.
         duration_s: None: forever.
@@ -131,6 +133,8 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
         raise FaultError(f"{text!r}: only motor boards know {kind}")
     if kind == "pin" and not device.startswith("arduino_bridge"):
         raise FaultError(f"{text!r}: only arduino_bridge has pins")
+    if kind == "feels" and not device.startswith("create2"):
+        raise FaultError(f"{text!r}: only create2 feels something")
     if kind in OF_LIDARS and device.startswith(BOARDS):
         raise FaultError(f"{text!r}: only lidars can be {kind}")
     start, duration = match["start"], match["duration"]
@@ -148,7 +152,7 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
 
 def _amount(text: str, kind: str, value: str | None) -> float:
     if kind not in _DEFAULTS:
-        if value is not None and kind not in ("pin", "motor", "encoder"):
+        if value is not None and kind not in ("pin", "feels", "motor", "encoder"):
             raise FaultError(f"{text!r}: {kind} takes no value")
         return 0.0
     if value is None:
@@ -192,6 +196,11 @@ def trouble_of(faults: Mapping[str, Fault]) -> Trouble:
 
 
 def _pin(text: str, kind: str, value: str | None) -> tuple[str, int]:
+    if kind == "feels":
+        if value not in FEELINGS:
+            known = ", ".join(f"feels={one}" for one in FEELINGS)
+            raise FaultError(f"{text!r}: write what it feels: {known}")
+        return value, 1
     if kind != "pin":
         return "", 0
     match = _PIN.fullmatch(value or "")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from trolley_base.emulators.arduino_bridge import ArduinoBridge
+from trolley_base.emulators.create2 import Create2
 from trolley_base.emulators.device import Board, Device
 from trolley_base.emulators.faults import Damage, Fault, trouble_of
 from trolley_base.emulators.lidar import BadView, SpinningLidar
@@ -92,6 +93,8 @@ class DevicePort:
             )
         if isinstance(device, ArduinoBridge):
             device.wired = dict(fault.pin for fault in faults.values() if fault.kind == "pin")
+        if isinstance(device, Create2):
+            device.felt = frozenset(one.pin[0] for one in faults.values() if one.kind == "feels")
 
     def look(self, now_ns: int) -> None:
         """Notice a host that opens the port or lets go of it."""

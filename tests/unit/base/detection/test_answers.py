@@ -161,4 +161,4 @@ def test_a_waveshare_board_is_known_by_a_report() -> None:
 
 def test_no_question_to_a_board_begins_a_lidars_command() -> None:
     for question in board_questions.QUESTIONS:
-        assert b"\xa5" not in question.ask + question.leave
+        assert b"\xa5" not in b"".join((*question.ask, question.leave))

@@ -1,21 +1,24 @@
 """What a configuration of real devices must not say."""
 
+import math
 import os
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 from trolley.config import ConfigError, RobotConfig
+from trolley_base.description import UNWATCHED_SPEED, limits_of
 from trolley_base.drivers.real_device import RealDevice
 
 
-def config_of(folder: Path, board: str, lidar: str) -> RobotConfig:
+def config_of(folder: Path, board: str, lidar: str, **chassis: Any) -> RobotConfig:
     plain = {
         "robot": {"name": "r", "footprint": {"radius_m": 0.2}},
         "base": {
             "driver": "hardware",
-            "chassis": {"board": "linorobot", "port": board},
+            "chassis": {"board": "linorobot", "port": board, **chassis},
             "lidar": {"model": "ld19", "port": lidar},
         },
         "folder": str(folder),
@@ -30,3 +33,21 @@ def test_board_and_lidar_cannot_claim_one_port_by_whatever_name(tmp_path: Path) 
         with pytest.raises(ConfigError, match="both name the port"):
             RealDevice(config_of(tmp_path, "ttyUSB0", lidar))
     assert RealDevice(config_of(tmp_path, "ttyUSB0", "ttyUSB1")).cannot_drive == ""
+
+
+@pytest.mark.parametrize(
+    ("chassis", "watchdog_s", "speed"),
+    [
+        ({}, 0.4, 0.5),
+        ({"board": "create2"}, math.inf, UNWATCHED_SPEED),
+        ({"board": "create2", "watchdog_s": 0.4}, 0.4, 0.5),
+        ({"board": "waveshare_ugv", "waveshare_ugv": {"type": "ugv_beast"}}, 0.4, 0.5),
+    ],
+)
+def test_a_board_that_drives_on_is_driven_slowly_unless_its_owner_knows_better(
+    tmp_path: Path, chassis: dict[str, Any], watchdog_s: float, speed: float
+) -> None:
+    config = config_of(tmp_path, "ttyUSB0", "ttyUSB1", **chassis)
+    device = RealDevice(config)
+    assert device.watchdog_s == watchdog_s
+    assert limits_of(config, device.watchdog_s).speed == speed

@@ -1,11 +1,13 @@
 """Motor boards by their firmware."""
 
+import math
 from dataclasses import dataclass
 from typing import TypeVar
 
 from trolley.config.hardware import Board, ChassisConfig
 from trolley.messages.motion import Drive
 from trolley_base.drivers.boards.arduino_bridge import ArduinoBridgeDialogue
+from trolley_base.drivers.boards.create2 import Create2Dialogue
 from trolley_base.drivers.boards.linorobot import LinorobotDialogue
 from trolley_base.drivers.boards.waveshare_ugv import WATCHDOG_MS, WaveshareUgvDialogue
 from trolley_base.drivers.dialogue import BoardDialogue
@@ -22,7 +24,7 @@ class BoardFacts:
         title: how people call it.
         baud: bits per second, if the firmware was not changed.
         watchdog_s: after what silence it stops the motors by itself [s], as delivered or as it is
-            told on each connection.
+            told on each connection; infinite where it never does.
         has_imu: it can report an inertial sensor.
         has_inputs: its pins can be read: bumpers, cliff sensors, a battery.
     """
@@ -42,6 +44,7 @@ BOARDS: dict[Board, BoardFacts] = {
     "waveshare_ugv": BoardFacts(
         "Waveshare UGV (ESP32)", 115200, WATCHDOG_MS * 1e-3, has_imu=False, has_inputs=False
     ),
+    "create2": BoardFacts("Create 2 or Roomba", 115200, math.inf, has_imu=False, has_inputs=False),
 }
 
 
@@ -72,6 +75,8 @@ def make_board(config: ChassisConfig, drive: Drive) -> BoardDialogue:
         )
     if config.board == "waveshare_ugv":
         return WaveshareUgvDialogue(config, _needed(config.waveshare_ugv, config.board), baud)
+    if config.board == "create2":
+        return Create2Dialogue(config, baud)
     return ArduinoBridgeDialogue(config, _needed(config.wheels, "wheels"), baud)
 
 

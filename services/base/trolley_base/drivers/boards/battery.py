@@ -38,6 +38,22 @@ class BatteryGauge:
         self.battery = Battery(fraction=min(1.0, max(0.0, share)), voltage=voltage)
         self._judge(share, now_ns)
 
+    def take_charge(
+        self, share: float, empty: float, voltage: float, now_ns: int, *, charging: bool
+    ) -> None:
+        """Take a charge that the board knows.
+
+        Args:
+            share: of the capacity.
+            empty: the share below which the battery is empty.
+            voltage: [V].
+            now_ns: the time.
+            charging: whether it is being charged.
+        """
+        fraction = min(1.0, max(0.0, share))
+        self.battery = Battery(fraction=fraction, voltage=voltage, charging=charging)
+        self._judge(share - empty, now_ns)
+
     def _judge(self, share: float, now_ns: int) -> None:
         """Decide whether it is empty: below 0 is what its owner calls so."""
         if share >= 0.0:

@@ -35,7 +35,7 @@ from trolley_base.differential import sides_of, twist_of
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.velocities import VelocityIntegrator
-from trolley_base.drivers.boards.wheel_ticks import MOST_SPEED, Counts, WheelOdometry
+from trolley_base.drivers.boards.wheel_ticks import MOST_SPEED, StreamedOdometry
 from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line, Status
 from trolley_base.drivers.interface import ChassisReading
 
@@ -97,7 +97,7 @@ class WaveshareUgvDialogue:
         metre = WheelsConfig(
             ticks_per_revolution=COUNTS_PER_M, diameter_m=1.0 / math.pi, track_m=track_m
         )
-        self._ways = WheelOdometry(metre, self._report.count)
+        self._ways = StreamedOdometry(metre, REPORT_NS, self._report.count)
         self._speeds = VelocityIntegrator(REPORT_NS, self._report.count)
         self._gauge = BatteryGauge(config.inputs)
         self.begin(0)
@@ -149,6 +149,7 @@ class WaveshareUgvDialogue:
         message = parse_line(line)
         if message is None:
             self._report.count("stray_lines")
+            self._ways.miss()
             if BOOT.search(line):
                 self._lose()
         elif message.get("T") == REPORT:
@@ -176,10 +177,10 @@ class WaveshareUgvDialogue:
             motion = self._speeds.add(twist_of(*speeds, self._half_track_m), left_ns)
         else:
             left, right = (round(way * COUNTS_PER_M) for way in ways)
-            motion = self._ways.add(Counts(left, right, left_ns))
-            if self._ways.has_jumped:
+            motion = self._ways.add(left, right, left_ns)
+            if self._ways.wheels.has_jumped:
                 self._report.add_jump()
-            if self._ways.has_restarted:
+            if self._ways.wheels.has_restarted:
                 self._report.count("restarts")
                 self._unconfirmed = {WATCHDOG, self._type_line}
         if motion is not None:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from trolley.config.hardware import WheelsConfig
 from trolley.geometry import Twist2D, exp_twist
+from trolley_base.drivers.boards.arrival_clock import ArrivalClock
 from trolley_base.drivers.interface import MotionSample
 
 MOST_SPEED = 3.0
@@ -102,6 +103,47 @@ class WheelOdometry:
 
     def _is_near_start(self, counts: Counts) -> bool:
         return max(abs(counts.left), abs(counts.right)) <= NEAR_START_M * self._ticks_per_m
+
+
+class StreamedOdometry:
+    """Makes motions of counts that a board sends by itself at an even pace, without stamps.
+
+    Attributes:
+        wheels: what makes motions of counts and times.
+
+    Args:
+        wheels: what a tick stands for.
+        period_ns: how far apart the counts are, nominally.
+        count: as in `WheelOdometry`.
+    """
+
+    def __init__(
+        self, wheels: WheelsConfig, period_ns: int, count: Callable[[str, int], None]
+    ) -> None:
+        self.wheels = WheelOdometry(wheels, count)
+        self._clock = ArrivalClock(period_ns)
+        self._left_ns = 0
+
+    def reset(self) -> None:
+        """Start over: the next counts are where the motion begins."""
+        self.wheels.reset()
+        self.miss()
+
+    def miss(self) -> None:
+        """Something that was sent has not arrived whole, so the pace begins anew."""
+        self._clock.reset()
+
+    def add(self, left: int, right: int, left_ns: int) -> MotionSample | None:
+        """Return the motion since the last counts; None if these are the first or are refused.
+
+        Args:
+            left: counts of the left wheel.
+            right: of the right one.
+            left_ns: robot time at which they seem to have left the board.
+        """
+        # Over USB bytes come faster than the baud rate, by which their times are calculated.
+        self._left_ns = max(left_ns, self._left_ns)
+        return self.wheels.add(Counts(left, right, self._clock.stamp(self._left_ns)))
 
 
 class TickTargets:

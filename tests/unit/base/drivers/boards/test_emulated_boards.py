@@ -153,3 +153,27 @@ def test_a_bad_line_costs_reports_but_no_motion(talk: EmulatedTalk) -> None:
     assert talk.readings[-1].link.state == "up"
     assert talk.pose.x == pytest.approx(talk.simulation.truth().pose.x, abs=0.04)
     assert abs(talk.pose.y) < 0.05
+
+
+def test_reports_that_come_late_and_together_do_not_look_like_haste(talk: EmulatedTalk) -> None:
+    rng = random.Random(5)
+    held = b""
+
+    def late(data: bytes) -> bytes:
+        nonlocal held
+        held += data
+        if rng.random() < 0.6:
+            return b""
+        given, held = held, b""
+        return given
+
+    talk.come_up()
+    talk.wanted = AHEAD
+    talk.run(2.0)
+    talk.spoil = late
+    talk.readings.clear()
+    talk.run(4.0)
+    speeds = [motion.twist.vx for reading in talk.readings for motion in reading.motions]
+    assert len(speeds) > 50
+    assert max(speeds) < 1.4 * AHEAD.vx
+    assert talk.readings[-1].link.state == "up"

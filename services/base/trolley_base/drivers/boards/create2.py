@@ -1,0 +1,334 @@
+"""An iRobot Create 2, or a Roomba of the 500 to 900 series, over its Open Interface.
+
+The robot is woken, started and put into safe mode, in which it stops by itself at a cliff, when a
+wheel drops, and when it is charged; it then falls back to passive mode, in which it does not drive.
+It is asked for a stream: every 15 ms one frame with what it senses. **It drives on with the last
+command for ever**: nothing stops it when its host is gone.
+
+A command has no checksum: where a byte is lost, the next one may be taken for its rest. So commands
+are repeated, zeros too, and the mode is watched. Within 20 ms after a change of mode the robot may
+miss what it is sent, so nothing is.
+
+Counts, below `chassis/`: `bad_checksum`, `skipped_bytes`, `encoder_jumps`, `restarts`.
+
+Source:
+    iRobot Create 2 Open Interface Specification (2018); AutonomyLab libcreate.
+"""
+
+import struct
+from typing import NamedTuple
+
+from trolley import codes
+from trolley.config.hardware import CREATE2_TRACK_M, ChassisConfig, WheelsConfig
+from trolley.geometry import Twist2D
+from trolley_base.differential import sides_of
+from trolley_base.drivers.boards.battery import BatteryGauge
+from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
+from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.wheel_ticks import StreamedOdometry
+from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line, Status
+from trolley_base.drivers.interface import ChassisReading
+
+START, SAFE, DRIVE_DIRECT, STREAM = 128, 131, 145, 148
+FIELDS = (
+    (7, "B"),  # bumps and wheel drops
+    (9, "B"),  # cliff left
+    (10, "B"),  # cliff front left
+    (11, "B"),  # cliff front right
+    (12, "B"),  # cliff right
+    (14, "B"),  # overcurrents
+    (18, "B"),  # buttons
+    (21, "B"),  # charging state
+    (22, "H"),  # voltage [mV]
+    (25, "H"),  # charge [mAh]
+    (26, "H"),  # capacity [mAh]
+    (34, "B"),  # charging sources
+    (35, "B"),  # mode
+    (43, "H"),  # left encoder
+    (44, "H"),  # right encoder
+)
+"""The packets that are asked for, with their layouts."""
+BODY = struct.Struct(">" + "".join(f"B{layout}" for _, layout in FIELDS))
+HEAD = bytes((0x13, BODY.size))
+WHOLE = len(HEAD) + BODY.size + 1
+ASK_STREAM = bytes((STREAM, len(FIELDS), *(number for number, _ in FIELDS)))
+PAUSE_STREAM, RESUME_STREAM, END = bytes((150, 0)), bytes((150, 1)), bytes((173,))
+STOP = bytes((DRIVE_DIRECT, 0, 0, 0, 0))
+
+SAFE_MODE = 2
+BUMPS, WHEEL_DROPS, WHEEL_OVERCURRENTS, CLEAN_BUTTON = 0b0011, 0b1100, 0b11000, 0b1
+CHARGES = (1, 2, 3)
+"""Charging states in which it is being charged."""
+
+WAKE_S = 0.7
+"""RTS, on which the cable has the robot's BRC pin, stays low for this long: it wakes."""
+STREAM_NS, COUNTED_FRAMES = 15_000_000, 2
+"""A frame's pace. Of so many frames one is taken for the odometry: a count is half a millimetre,
+which in 15 ms is 3 cm/s."""
+MODE_NS = 60_000_000
+"""Nothing is sent for this long after a change of mode."""
+START_EVERY_NS, SAFE_EVERY_NS = 1_000_000_000, 500_000_000
+CREATE_PACE_NS = 35_000_000
+FASTEST_MMPS = 500
+EMPTY_CHARGE = 0.05
+"""Share of its capacity below which it counts as empty."""
+COUNT_RANGE = 1 << 16
+FIRST_COUNT = 1 << 20
+"""Counts go on from here, far from those of a board that has just started."""
+WHEELS = WheelsConfig(ticks_per_revolution=508.8, diameter_m=0.072, track_m=CREATE2_TRACK_M)
+
+
+class Senses(NamedTuple):
+    """What a frame holds."""
+
+    bumps: int
+    cliff_left: int
+    cliff_front_left: int
+    cliff_front_right: int
+    cliff_right: int
+    overcurrents: int
+    buttons: int
+    charging: int
+    millivolts: int
+    charge: int
+    capacity: int
+    sources: int
+    mode: int
+    left: int
+    right: int
+
+    @property
+    def is_charged(self) -> bool:
+        """Whether it stands on its dock, or its charger is plugged in."""
+        return self.sources != 0 or self.charging in CHARGES
+
+    @property
+    def is_dropped(self) -> bool:
+        """Whether a wheel hangs in the air."""
+        return bool(self.bumps & WHEEL_DROPS)
+
+    def alarms(self) -> set[str]:
+        """Return the codes that hold."""
+        cliffs = any(self[1:5]) or self.is_dropped
+        found = {codes.CLIFF} if cliffs else set[str]()
+        if self.bumps & BUMPS:
+            found.add(codes.BUMPER)
+        if self.buttons & CLEAN_BUTTON:
+            found.add(codes.BUTTON)
+        return found
+
+
+def is_sound(frame: bytes) -> bool:
+    """Whether a frame's sum is right and its packets are those that were asked for."""
+    if sum(frame) % 256:
+        return False
+    return BODY.unpack_from(frame, len(HEAD))[::2] == tuple(number for number, _ in FIELDS)
+
+
+FRAME = FrameFormat(HEAD, WHOLE, is_sound)
+
+
+def parse_frame(frame: bytes) -> Senses:
+    """Read a sound frame."""
+    return Senses(*BODY.unpack_from(frame, len(HEAD))[1::2])
+
+
+def drive_direct(left_mmps: int, right_mmps: int) -> bytes:
+    """Return a command: speeds of the wheels [mm/s]."""
+    return struct.pack(">Bhh", DRIVE_DIRECT, right_mmps, left_mmps)
+
+
+class Create2Dialogue:
+    """Talks to the robot.
+
+    Args:
+        baud: bits per second.
+    """
+
+    def __init__(self, config: ChassisConfig, baud: int) -> None:
+        self._baud = baud
+        self._report = Report()
+        self._reader = FrameReader(FRAME, self._report.count)
+        self._wheels = StreamedOdometry(WHEELS, COUNTED_FRAMES * STREAM_NS, self._report.count)
+        self._gauge = BatteryGauge(config.inputs)
+        self.begin(0)
+
+    @property
+    def line(self) -> Line:
+        """How the port is opened: opening it wakes the robot."""
+        return Line(self._baud, settle_s=WAKE_S, clears_rts=True)
+
+    def begin(self, now_ns: int) -> None:
+        """The port has been opened: start the robot, command nothing."""
+        self._reader.reset()
+        self._wheels.reset()
+        self._gauge.reset()
+        self._wanted = Twist2D.zero()
+        self._senses: Senses | None = None
+        self._counts: tuple[int, int] | None = None
+        self._num_frames = 0
+        self._byte_ns = now_ns
+        self._frame_ns: int | None = None
+        self._has_bytes = False
+        self._is_standing = True
+        self._sent_ns: int | None = None
+        self._started_ns: int | None = None
+        self._mode_ns: int | None = None
+        self._steps: list[bytes] = []
+
+    # What arrives.
+    def receive(self, data: bytes, arrived_ns: int) -> None:
+        """Take bytes."""
+        if not data:
+            return
+        self._byte_ns, self._has_bytes = arrived_ns, True
+        frames, has_skipped = self._reader.feed(data)
+        if has_skipped:
+            self._wheels.miss()
+        for frame in frames:
+            late_ns = frame.following * BITS_PER_BYTE * 1_000_000_000 // self._baud
+            self._take(parse_frame(frame.data), arrived_ns - late_ns, arrived_ns)
+
+    def _take(self, senses: Senses, left_ns: int, arrived_ns: int) -> None:
+        before = self._senses
+        self._senses, self._frame_ns = senses, arrived_ns
+        if senses.capacity:
+            share = senses.charge / senses.capacity
+            is_charging = senses.charging in CHARGES
+            voltage = senses.millivolts * 1e-3
+            self._gauge.take_charge(share, EMPTY_CHARGE, voltage, arrived_ns, charging=is_charging)
+        if senses.overcurrents & WHEEL_OVERCURRENTS and not (before and before.overcurrents):
+            self._report.note(
+                "warning", "A wheel of the Create takes too much current: it is stuck."
+            )
+        self._num_frames += 1
+        if self._num_frames % COUNTED_FRAMES:
+            return
+        motion = self._wheels.add(*self._unwrapped(senses), left_ns)
+        if self._wheels.wheels.has_jumped:
+            self._report.add_jump()
+        if self._wheels.wheels.has_restarted:
+            self._report.count("restarts")
+        if motion is not None:
+            self._report.add_motion(motion)
+
+    def _unwrapped(self, senses: Senses) -> tuple[int, int]:
+        """Return the counts of 16 bits as such that go on beyond them."""
+        if self._counts is None:
+            self._counts = (FIRST_COUNT + senses.left, FIRST_COUNT + senses.right)
+        left, right = self._counts
+        self._counts = (left + _shorter(senses.left - left), right + _shorter(senses.right - right))
+        return self._counts
+
+    # What is sent.
+    def drive(self, twist: Twist2D) -> None:
+        """Set the wanted velocity; what it says of sideways is left out."""
+        self._wanted = Twist2D(twist.vx, 0.0, twist.wz)
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Return a command if one is due, else what starts the robot or makes it drive again."""
+        if self._mode_ns is not None and now_ns - self._mode_ns < MODE_NS:
+            return b""
+        return self._command(now_ns) or self._start(now_ns)
+
+    def _command(self, now_ns: int) -> bytes:
+        """Return a command: stops and starts at once, zeros too, since one may be lost."""
+        if self._frame_ns is None:
+            return b""
+        wanted = self._wanted if self._is_usable(now_ns) else Twist2D.zero()
+        is_due = self._sent_ns is None or now_ns - self._sent_ns >= CREATE_PACE_NS
+        if wanted.is_zero == self._is_standing and not is_due:
+            return b""
+        if self._must_change_mode(now_ns) and self._is_standing and wanted.is_zero:
+            return b""  # what it would not obey
+        self._is_standing, self._sent_ns = wanted.is_zero, now_ns
+        left, right = (1000.0 * side for side in sides_of(wanted, 0.5 * CREATE2_TRACK_M))
+        # Beyond what the robot can take: slower on the same arc.
+        scale = min(1.0, FASTEST_MMPS / max(abs(left), abs(right), 1.0))
+        return drive_direct(round(scale * left), round(scale * right))
+
+    def _must_change_mode(self, now_ns: int) -> bool:
+        """Whether it is to be started, or put into safe mode, now."""
+        if not self._is_reporting(now_ns):
+            waited = self._started_ns is None or now_ns - self._started_ns >= START_EVERY_NS
+            return waited or bool(self._steps)
+        if self._is_usable(now_ns) or not self._may_become_safe:
+            return False
+        return self._mode_ns is None or now_ns - self._mode_ns >= SAFE_EVERY_NS
+
+    def _start(self, now_ns: int) -> bytes:
+        """Start it step by step while it does not report; else put it back into safe mode."""
+        if not self._must_change_mode(now_ns):
+            return b""
+        self._mode_ns = now_ns
+        if self._is_reporting(now_ns):
+            self._steps = []
+            return bytes((SAFE,))
+        if not self._steps:
+            self._started_ns = now_ns
+            self._steps = [bytes((START,)), bytes((SAFE,)), ASK_STREAM + RESUME_STREAM]
+        return self._steps.pop(0)
+
+    @property
+    def _may_become_safe(self) -> bool:
+        senses = self._senses
+        return senses is not None and not (senses.is_charged or senses.is_dropped)
+
+    def goodbye(self) -> tuple[bytes, ...]:
+        """Stop the wheels, then the reports, then the interface: its buttons work again."""
+        return () if self._frame_ns is None else (STOP, PAUSE_STREAM + END)
+
+    # How it goes.
+    def _is_reporting(self, now_ns: int) -> bool:
+        return self._frame_ns is not None and now_ns - self._frame_ns <= SILENCE_NS
+
+    def _is_usable(self, now_ns: int) -> bool:
+        senses = self._senses
+        return senses is not None and senses.mode == SAFE_MODE and self._is_reporting(now_ns)
+
+    def status(self, now_ns: int) -> Status:
+        """Say how it goes."""
+        if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
+            return Status(
+                "down",
+                "The Create is silent. Is it switched on? Press its Clean button once to wake it, "
+                "and look at the cable.",
+                reopen=True,
+            )
+        if self._is_usable(now_ns):
+            return Status("up")
+        if self._is_reporting(now_ns) and self._senses is not None:
+            return Status("down", _why_not(self._senses))
+        if self._frame_ns is not None:
+            return Status("down", "The Create has stopped reporting; it is started again.")
+        if self._has_bytes:
+            return Status(
+                "searching",
+                "What arrives is not a Create's: is this its port, and is "
+                f"{self._baud} its baud rate (19200 if Clean was held when it was switched on)?",
+            )
+        return Status("searching", "The Create is being woken.")
+
+    def take(self, now_ns: int) -> ChassisReading:
+        """Hand over what was reported."""
+        found = set(self._gauge.alarms())
+        if self._senses is not None:
+            found |= self._senses.alarms()
+        return self._report.take(self.status(now_ns), tuple(sorted(found)), self._gauge.battery)
+
+
+def _why_not(senses: Senses) -> str:
+    """Say why it is not in safe mode."""
+    if senses.is_charged:
+        return (
+            "The Create is being charged, and does not drive meanwhile: take it off its dock, or "
+            "pull its charger."
+        )
+    if senses.is_dropped:
+        return "A wheel of the Create hangs in the air: put it on the floor."
+    return "The Create has left its safe mode, in which it drives; it is put into it again."
+
+
+def _shorter(difference: int) -> int:
+    """Return a difference of 16-bit counts as the shorter way round."""
+    return (difference + COUNT_RANGE // 2) % COUNT_RANGE - COUNT_RANGE // 2
