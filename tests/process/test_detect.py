@@ -21,7 +21,7 @@ from trolley_base.world.world_file import load_world
 
 Trolley = Callable[..., subprocess.CompletedProcess[str]]
 
-BOARDS_AT_115200 = ("waveshare_ugv", "create2")
+BOARDS_AT_115200 = ("waveshare_ugv", "create2", "hoverboard")
 BAUDS = {"linorobot": 57600, "rplidar_a1": 115200, "ydlidar_x4": 128000, "lds01": 230400}
 
 

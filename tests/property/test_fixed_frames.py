@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from support.emulated_boards import dialogue_of
 
 from trolley.geometry import Twist2D
+from trolley_base.drivers.boards import hoverboard
 from trolley_base.drivers.boards.create2 import FRAME, HEAD, WHOLE
 from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
 
@@ -25,10 +26,19 @@ def create_frame(values: bytes) -> bytes:
     return whole + bytes((-sum(whole) % 256,))
 
 
+def hoverboard_frame(words: tuple[int, ...]) -> bytes:
+    """A frame of feedback with these words, its check put right."""
+    check = 0xABCD
+    for word in words:
+        check ^= word
+    return b"".join(word.to_bytes(2, "little") for word in (0xABCD, *words, check))
+
+
 FRAMES = {
+    "hoverboard": st.tuples(*[st.integers(0, 0xFFFF)] * 7).map(hoverboard_frame),
     "create2": st.binary(min_size=20, max_size=20).map(create_frame),
 }
-FORMATS: dict[str, FrameFormat] = {"create2": FRAME}
+FORMATS: dict[str, FrameFormat] = {"create2": FRAME, "hoverboard": hoverboard.FRAME}
 PIECES = {
     name: st.lists(
         frames
@@ -60,7 +70,24 @@ def slow_create_frames(stream: bytes) -> list[bytes]:
     return found
 
 
-SLOW = {"create2": slow_create_frames}
+def slow_hoverboard_frames(stream: bytes) -> list[bytes]:
+    """All frames of a hoverboard's feedback, looked for from byte to byte."""
+    found: list[bytes] = []
+    at = 0
+    while at + 18 <= len(stream):
+        part = stream[at : at + 18]
+        low = high = 0
+        for place in range(0, 18, 2):
+            low, high = low ^ part[place], high ^ part[place + 1]
+        if part[0] == 0xCD and part[1] == 0xAB and low == high == 0:
+            found.append(part)
+            at += 18
+        else:
+            at += 1
+    return found
+
+
+SLOW = {"create2": slow_create_frames, "hoverboard": slow_hoverboard_frames}
 
 
 def test_a_frame_is_as_long_as_it_says() -> None:
@@ -107,4 +134,6 @@ def test_whatever_arrives_is_no_reason_to_drive_a_board_that_is_not_up(
 
 def is_drive(name: str, out: bytes) -> bool:
     """Whether something moves by it."""
-    return name == "create2" and out[:1] == b"\x91" and out != b"\x91\x00\x00\x00\x00"
+    if name == "hoverboard":
+        return out not in (b"", bytes.fromhex("CD AB 00 00 00 00 CD AB"))
+    return out[:1] == b"\x91" and out[1:5] != bytes(4)

@@ -80,6 +80,8 @@ def test_reports_are_those_of_a_slow_reader(
 def test_every_report_after_the_first_is_a_motion(reports: list[bytes], chunk: int) -> None:
     dialogue = dialogue_of("waveshare_ugv")
     dialogue.begin(0)
+    dialogue.outgoing(0)
+    dialogue.receive(b'{"T":136,"cmd":400}\n{"T":900,"main":2,"module":0}\n', 1)
     motions = 0
     for number, report in enumerate(reports):
         line = report + b"\r\n"

@@ -12,6 +12,7 @@ from trolley_base.drivers.boards import make_board
 from trolley_base.drivers.dialogue import BoardDialogue
 from trolley_base.emulators.create2 import Create2
 from trolley_base.emulators.device import Board
+from trolley_base.emulators.hoverboard import Hoverboard
 from trolley_base.emulators.waveshare_ugv import WaveshareUgv
 from trolley_base.world import STEP_NS, Simulation
 
@@ -19,11 +20,13 @@ MS = 1_000_000
 START_NS = 1_790_000_000 * 10**9
 SETTINGS: dict[str, dict[str, Any]] = {
     "create2": {},
+    "hoverboard": {"hoverboard": {"diameter_m": 0.165, "track_m": 0.34}},
     "waveshare_ugv": {"waveshare_ugv": {"type": "ugv_rover"}},
 }
 """What `[base.chassis]` says besides the board's name."""
 EMULATORS: dict[str, Callable[[], Board]] = {
     "create2": lambda: Create2(is_asleep=False),
+    "hoverboard": lambda: Hoverboard(is_tank=False, is_voltage=False),
     "waveshare_ugv": lambda: WaveshareUgv("ugv_rover", is_general=False),
 }
 

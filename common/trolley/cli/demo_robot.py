@@ -31,6 +31,10 @@ BOARD_TABLES: dict[str, dict[str, Any]] = {
         "wheels": {"ticks_per_revolution": 1550.0, "diameter_m": 0.10, "track_m": 0.20}
     },
     "waveshare_ugv": {"waveshare_ugv": {"type": "ugv_rover"}},
+    "hoverboard": {
+        "hoverboard": {"diameter_m": 0.165, "track_m": 0.34},
+        "inputs": {"battery_empty_v": 35.0, "battery_full_v": 42.0},
+    },
 }
 """What boards need to know of the robot that they are in: tables of `[base.chassis]`."""
 

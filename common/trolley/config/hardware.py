@@ -6,7 +6,7 @@ from msgspec import Meta, Struct
 
 from trolley.config.robot import PoseConfig
 
-Board = Literal["linorobot", "arduino_bridge", "waveshare_ugv", "create2"]
+Board = Literal["linorobot", "arduino_bridge", "waveshare_ugv", "create2", "hoverboard"]
 LidarModel = Literal["rplidar_a1", "ydlidar_x4", "ld19", "xv11", "lds01"]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
@@ -79,9 +79,10 @@ class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     battery_volts_per_count: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.0049
     """Battery voltage per count of that pin, including the voltage divider."""
     battery_empty_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.5
-    """Voltage below which, after 2 s, the robot does not drive (`waveshare_ugv` too)."""
+    """Voltage below which, after 2 s, the robot does not drive (`waveshare_ugv` and `hoverboard`
+    too)."""
     battery_full_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 12.6
-    """Voltage of a fully charged battery (`waveshare_ugv` too)."""
+    """Voltage of a fully charged battery (`waveshare_ugv` and `hoverboard` too)."""
 
     def __post_init__(self) -> None:
         """Refuse a battery that is empty when it is full."""
@@ -104,6 +105,21 @@ class WaveshareUgvConfig(Struct, frozen=True, kw_only=True, forbid_unknown_field
     type: UgvType
     """Which robot it is; sent to the board on each connection, since its wheels and the direction
     of its motors differ. The tracked UGV Beast was sold as UGV01 as well."""
+
+
+class HoverboardConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.chassis.hoverboard]`: wheels and firmware of a `hoverboard`."""
+
+    diameter_m: Annotated[float, Meta(gt=0.0, le=1.0)]
+    """Diameter of a wheel under load; most hoverboards have about 0.165 m."""
+    track_m: Annotated[float, Meta(gt=0.0, le=3.0)]
+    """Distance between the middles of both wheels."""
+    invert_left: bool = False
+    """Whether the firmware is built with INVERT_L_DIRECTION."""
+    invert_right: bool = False
+    """Whether the firmware is built with INVERT_R_DIRECTION."""
+    tank_steering: bool = False
+    """Whether the firmware is built with TANK_STEERING."""
 
 
 class PidConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -142,6 +158,7 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     pid: PidConfig | None = None
     wheels: WheelsConfig | None = None
     waveshare_ugv: WaveshareUgvConfig | None = None
+    hoverboard: HoverboardConfig | None = None
     inputs: InputsConfig = InputsConfig()
 
     def __post_init__(self) -> None:
@@ -160,12 +177,16 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             raise ValueError(
                 'waveshare_ugv needs [base.chassis.waveshare_ugv] type: "ugv_rover" or "ugv_beast"'
             )
+        if self.board == "hoverboard" and self.hoverboard is None:
+            raise ValueError("hoverboard needs [base.chassis.hoverboard] diameter_m and track_m")
 
     @property
     def track_m(self) -> float | None:
         """The track that the board counts with [m]; None where only its firmware knows."""
         if self.board == "waveshare_ugv" and self.waveshare_ugv is not None:
             return UGV_TRACKS_M[self.waveshare_ugv.type]
+        if self.board == "hoverboard" and self.hoverboard is not None:
+            return self.hoverboard.track_m
         if self.board == "create2":
             return CREATE2_TRACK_M
         return None if self.wheels is None else self.wheels.track_m

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from trolley_base.detection.results import FoundDevice
-from trolley_base.drivers.boards import BOARDS
+from trolley_base.drivers.boards import BOARDS, hoverboard
 from trolley_base.drivers.boards.create2 import (
     ASK_STREAM,
     END,
@@ -25,6 +25,9 @@ from trolley_base.drivers.boards.fixed_frames import FrameReader
 from trolley_base.drivers.boards.waveshare_ugv import REPORT, SPEED_KEYS, numbers_of, parse_line
 
 UGV, CREATE = BOARDS["waveshare_ugv"], BOARDS["create2"]
+HOVERBOARD = BOARDS["hoverboard"]
+ENOUGH_UNASKED = 5
+"""Frames with two known bytes and a sum of 16 bits."""
 ENOUGH = 3
 """Frames with a sum and fifteen numbers of packets: so many are no coincidence."""
 
@@ -67,6 +70,18 @@ def recognise_create(data: bytes) -> FoundDevice | None:
     details = (f"battery at {senses.millivolts * 1e-3:.1f} V",)
     problems = ("It is being charged, and does not drive meanwhile.",) if senses.is_charged else ()
     return FoundDevice("board", "create2", CREATE.title, CREATE.baud, details, problems)
+
+
+def recognise_talking(data: bytes, baud: int) -> FoundDevice | None:
+    """Find feedback of a hoverboard, which sends it unasked."""
+    if baud != HOVERBOARD.baud:
+        return None
+    frames, _ = FrameReader(hoverboard.FRAME, _ignore).feed(data)
+    if len(frames) < ENOUGH_UNASKED:
+        return None
+    told = hoverboard.parse_feedback(frames[-1].data)
+    details = (f"battery at {told.centivolts * 1e-2:.1f} V",)
+    return FoundDevice("board", "hoverboard", HOVERBOARD.title, HOVERBOARD.baud, details)
 
 
 def _ignore(_name: str, _number: int) -> None:

@@ -3,7 +3,7 @@
 First it listens, then it asks in an order in which no question can harm a device that it is not
 meant for:
 
-- 230400 and 115200 baud: an LD19, a running LDS-01 and an XV11 talk unasked.
+- 230400 and 115200 baud: an LD19, a running LDS-01, an XV11 and a hoverboard talk unasked.
 - 57600: boards. A board may reboot when its port is opened, so it is asked until some seconds have
   passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
   by the CR that follows; to rosserial, letters are noise between frames.
@@ -28,7 +28,7 @@ from typing import TypeVar
 import serial
 
 from trolley_base.detection import answers, rosserial_answer, streams
-from trolley_base.detection.board_questions import QUESTIONS
+from trolley_base.detection.board_questions import QUESTIONS, recognise_talking
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.dialogue import Line
@@ -60,6 +60,10 @@ BUSY_S, MOST_LOOKS = 0.5, 3
 answers as well, and it looks again, at most so many times in all."""
 MOST_HELD = 65536
 """At most this many bytes are kept in one step."""
+
+
+def _recognise_unasked(data: bytes, baud: int) -> FoundDevice | None:
+    return streams.recognise_stream(data, baud) or recognise_talking(data, baud)
 
 
 class Interrupted(Exception):
@@ -127,7 +131,7 @@ class Probe:
         for baud in streams.STREAM_BAUDS:
             self._port.set_baud(baud)
             data = bytearray()
-            found = self._read(LISTEN_S, partial(streams.recognise_stream, baud=baud), data)
+            found = self._read(LISTEN_S, partial(_recognise_unasked, baud=baud), data)
             self.received[baud] = len(data)
             if found is not None:
                 return found

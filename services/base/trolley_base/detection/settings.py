@@ -39,6 +39,17 @@ MISSING = {
         "You still have to measure the wheels: [base.chassis] board stays commented out, and the "
         "robot cannot drive, until [base.chassis.wheels] says how large they are.",
     ),
+    "hoverboard": Missing(
+        "hoverboard",
+        """\
+# Measure these, then take the # away here and before board = "hoverboard":
+# [base.chassis.hoverboard]
+# diameter_m = 0.0          # of a wheel, about 0.165
+# track_m = 0.0             # between the middles of both wheels
+""",
+        "You still have to measure the wheels: [base.chassis] board stays commented out, and the "
+        "robot cannot drive, until [base.chassis.hoverboard] says how large they are.",
+    ),
     "waveshare_ugv": Missing(
         "waveshare_ugv",
         """\

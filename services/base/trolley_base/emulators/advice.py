@@ -15,6 +15,7 @@ from trolley_base.emulators.arduino_bridge import (
     ArduinoBridge,
 )
 from trolley_base.emulators.device import Board, Device
+from trolley_base.emulators.hoverboard import GAUGE_M, TIRE_M, Hoverboard
 from trolley_base.emulators.lidar import SpinningLidar
 from trolley_base.emulators.robot import EmulatedRobot
 from trolley_base.emulators.waveshare_ugv import WaveshareUgv
@@ -52,6 +53,9 @@ def _chassis(robot: EmulatedRobot, board: Device, kind: str, port: str) -> dict[
             "battery_pin": BATTERY_PIN,
             "battery_volts_per_count": BATTERY_VOLTS_PER_COUNT,
         }
+    elif isinstance(board, Hoverboard):
+        chassis["hoverboard"] = {"diameter_m": TIRE_M, "track_m": GAUGE_M}
+        chassis["inputs"] = {"battery_empty_v": 35.0, "battery_full_v": 42.0}
     elif isinstance(board, WaveshareUgv):
         chassis["waveshare_ugv"] = {"type": board.robot}
     return chassis

@@ -8,6 +8,7 @@ import numpy as np
 from trolley_base.emulators.arduino_bridge import ArduinoBridge, WheelFacts
 from trolley_base.emulators.create2 import Create2
 from trolley_base.emulators.device import Board, Device, DeviceError
+from trolley_base.emulators.hoverboard import Hoverboard
 from trolley_base.emulators.ld19 import Ld19
 from trolley_base.emulators.lds01 import Lds01
 from trolley_base.emulators.lidar import MakeLidar, Mount
@@ -37,6 +38,10 @@ BOARDS = {
         "general": "with ugv_base_general: no counts, and a UGV Rover drives without encoders",
     },
     "create2": {"asleep": "it sleeps until its port is opened"},
+    "hoverboard": {
+        "tank": "built with TANK_STEERING",
+        "voltage": "built with VLT_MODE, as it ships: its targets are no speeds",
+    },
 }
 """Boards and their options."""
 NAMES = (*BOARDS, *LIDARS)
@@ -109,5 +114,7 @@ def _make(kind: str, options: str, surroundings: Surroundings, rng: np.random.Ge
             return WaveshareUgv(robot, is_general="general" in given)
         case "create2":
             return Create2(is_asleep="asleep" in given)
+        case "hoverboard":
+            return Hoverboard(is_tank="tank" in given, is_voltage="voltage" in given)
         case _:
             return LIDARS[kind](surroundings.mount, surroundings.errors, rng)

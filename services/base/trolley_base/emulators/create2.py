@@ -2,8 +2,8 @@
 
 Off, it heeds Start alone. In passive mode it reports, and does not drive; in safe mode it drives
 until a cliff (forwards), a wheel drop or its charger put it back into passive mode. Nothing stops
-it when commands cease. For 20 ms after a change of mode it hears nothing. Some bytes set it off by
-themselves, as its buttons do.
+it when commands cease. For 20 ms after it was put into another mode than passive it hears nothing.
+Some bytes set it off by themselves, as its buttons do.
 
 Source:
     iRobot Create 2 Open Interface Specification (2018): modes, opcodes, packets.
@@ -24,7 +24,7 @@ COUNTS_PER_METRE = COUNTS_PER_TURN / (math.pi * WHEEL_DIAMETER_M)
 MODE_CHANGE_NS, STREAM_NS = 20 * NS_PER_MS, 15 * NS_PER_MS
 FIRST_COUNTS = (65_400.0, 120.0)
 """Where the counts stand when it is switched on: not at zero, and soon around the corner."""
-MOST_MMPS = 500
+MOST_MMPS, MOST_POWER = 500, 255
 CLEANING = Twist2D(0.2, 0.0, 0.0)
 NEAR_M = 0.003
 JUMP_COUNTS, JUMP_NS = 20_000, 1_000 * NS_PER_MS
@@ -46,7 +46,20 @@ RESET, STOP_OI = 7, 173
 MODE_OF = {128: Mode.PASSIVE, 130: Mode.SAFE, 131: Mode.SAFE, 132: Mode.FULL}
 CLEANING_OPCODES = (134, 135, 136, 143)
 BUTTONS, CLEANING_BUTTONS = 165, 0b111
-POWER, DIRECT, STREAM, QUERY, PAUSE = 133, 145, 148, 149, 150
+POWER, RADIUS, SENSORS, DIRECT, POWERS = 133, 137, 142, 145, 146
+STREAM, QUERY, PAUSE = 148, 149, 150
+DRIVES = (RADIUS, DIRECT, POWERS)
+STRAIGHT = (32767, -32768)
+"""Radii that are none."""
+GROUPS = {
+    0: (7, 26), 1: (7, 16), 2: (17, 20), 3: (21, 26), 4: (27, 34), 5: (35, 42), 6: (7, 42),
+    100: (7, 58), 101: (43, 58), 106: (46, 51), 107: (54, 58),
+}  # fmt: skip
+"""Packets that are several: the first and the last of them."""
+TWO_BYTES = frozenset(
+    (19, 20, 22, 23, 25, 26, 27, 28, 29, 30, 31, 33, *range(39, 45), *range(46, 52), *range(54, 58))
+)
+"""Packets of two bytes; the others have one."""
 DATA_BYTES = {
     129: 1, 137: 4, 138: 1, 139: 3, 141: 1, 142: 1, 144: 3, 145: 4, 146: 4, 147: 1, 150: 1,
     162: 2, 163: 4, 164: 4, 165: 1, 167: 15, 168: 3,
@@ -141,18 +154,29 @@ class Create2(Board):
             self._remarks.append(f"the host made it clean (opcode {opcode})")
         elif opcode in (POWER, STOP_OI):
             self._change_mode(Mode.OFF, now_ns)
-        elif opcode == DIRECT and self._mode >= Mode.SAFE:
-            self._drive(data, now_ns)
+        elif opcode in DRIVES:
+            self._drive(opcode, data, now_ns)
         else:
             self._answer(opcode, data, now_ns)
 
     def _change_mode(self, mode: Mode, now_ns: int) -> None:
         self._mode = mode
         self._speeds, self._cleans = (0, 0), False
-        self._deaf_until_ns = now_ns + MODE_CHANGE_NS
+        self._deaf_until_ns = now_ns + (MODE_CHANGE_NS if mode >= Mode.SAFE else 0)
 
-    def _drive(self, data: bytes, now_ns: int) -> None:
-        right, left = struct.unpack(">hh", data)
+    def _drive(self, opcode: int, data: bytes, now_ns: int) -> None:
+        if self._mode < Mode.SAFE:
+            return
+        first, second = struct.unpack(">hh", data)
+        left, right = second, first
+        if opcode == POWERS:
+            left, right = second * MOST_MMPS // MOST_POWER, first * MOST_MMPS // MOST_POWER
+        elif opcode == RADIUS:
+            # Velocity [mm/s] and radius [mm] to the left; 1 and -1 turn on the spot.
+            turn = 0.0 if second in STRAIGHT else 500.0 * AXLE_M / (second or 1)
+            left, right = round(first * (1.0 - turn)), round(first * (1.0 + turn))
+            if abs(second) == 1:
+                left, right = -second * first, second * first
         self._speeds = _within(left), _within(right)
         self._keep(now_ns, self.wheels())
 
@@ -161,8 +185,9 @@ class Create2(Board):
             self._asked, self._streams, self._stream_ns = data[1:], True, now_ns
         elif opcode == PAUSE:
             self._streams = bool(data[0])
-        elif opcode == QUERY:
-            self._send(now_ns, b"".join(self._packet(number) for number in data[1:]))
+        elif opcode in (QUERY, SENSORS):
+            asked = data[1:] if opcode == QUERY else data
+            self._send(now_ns, b"".join(self._packet(number) for number in asked))
 
     # What it does and says.
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
@@ -199,11 +224,15 @@ class Create2(Board):
         return frame + bytes((-sum(frame) % 256,))
 
     def _packet(self, number: int) -> bytes:
+        if number in GROUPS:
+            first, last = GROUPS[number]
+            return b"".join(self._packet(one) for one in range(first, last + 1))
         docked = "dock" in self.felt
         left, right = self._read_counts()
         wide = {22: MILLIVOLTS, 25: CHARGE, 26: CAPACITY, 43: left, 44: right}
-        if number in wide:
-            return struct.pack(">H", wide[number])
+        wide |= {41: self._speeds[1] & 0xFFFF, 42: self._speeds[0] & 0xFFFF}
+        if number in TWO_BYTES:
+            return struct.pack(">H", wide.get(number, 0))
         bumped = 0b11 if self._is_touching or "bump" in self.felt else 0
         narrow = {
             7: bumped | (0b1100 if "drop" in self.felt else 0),

@@ -72,7 +72,7 @@ _RANGES = {
     "gyro": (-100.0, 100.0),
 }
 SIDES = {"left": frozenset(("left",)), "right": frozenset(("right",)), "both": BOTH}
-BOARDS = ("linorobot", "arduino_bridge", "waveshare_ugv", "create2")
+BOARDS = ("linorobot", "arduino_bridge", "waveshare_ugv", "create2", "hoverboard")
 OF_BOARDS = ("deaf", "drives", "factor", "motor", "encoder", "swapped", "lifted", "pushed", "jump")
 OF_LIDARS = ("blind", "fail", "cover")
 OF_LINOROBOT = ("md5", "nan", "gyro")

@@ -47,6 +47,7 @@ def test_rubbish_is_no_device(data: bytes) -> None:
     assert all(streams.recognise_stream(data, baud) is None for baud in streams.STREAM_BAUDS)
     assert rosserial_answer.read_topics(data) == {}
     assert all(question.recognise(data) is None for question in board_questions.QUESTIONS)
+    assert board_questions.recognise_talking(data, 115200) is None
 
 
 def info(model: int) -> bytes:
@@ -162,3 +163,12 @@ def test_a_waveshare_board_is_known_by_a_report() -> None:
 def test_no_question_to_a_board_begins_a_lidars_command() -> None:
     for question in board_questions.QUESTIONS:
         assert b"\xa5" not in b"".join((*question.ask, question.leave))
+
+
+def test_a_hoverboard_is_known_by_its_feedback() -> None:
+    frame = bytes.fromhex("CD AB 00 00 64 00 62 00 61 00 D8 0E 36 01 00 00 44 A4")
+    found = board_questions.recognise_talking(b"\xab" + frame * 5, 115200)
+    assert found is not None
+    assert (found.model, found.details) == ("hoverboard", ("battery at 38.0 V",))
+    assert board_questions.recognise_talking(frame * 5, 230400) is None
+    assert board_questions.recognise_talking(frame * 4, 115200) is None

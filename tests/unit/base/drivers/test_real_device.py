@@ -13,12 +13,12 @@ from trolley_base.description import UNWATCHED_SPEED, limits_of
 from trolley_base.drivers.real_device import RealDevice
 
 
-def config_of(folder: Path, board: str, lidar: str, **chassis: Any) -> RobotConfig:
+def config_of(folder: Path, port: str, lidar: str, **chassis: Any) -> RobotConfig:
     plain = {
         "robot": {"name": "r", "footprint": {"radius_m": 0.2}},
         "base": {
             "driver": "hardware",
-            "chassis": {"board": "linorobot", "port": board, **chassis},
+            "chassis": {"board": "linorobot", "port": port, **chassis},
             "lidar": {"model": "ld19", "port": lidar},
         },
         "folder": str(folder),
@@ -41,6 +41,11 @@ def test_board_and_lidar_cannot_claim_one_port_by_whatever_name(tmp_path: Path) 
         ({}, 0.4, 0.5),
         ({"board": "create2"}, math.inf, UNWATCHED_SPEED),
         ({"board": "create2", "watchdog_s": 0.4}, 0.4, 0.5),
+        (
+            {"board": "hoverboard", "hoverboard": {"diameter_m": 0.165, "track_m": 0.34}},
+            0.8,
+            UNWATCHED_SPEED,
+        ),
         ({"board": "waveshare_ugv", "waveshare_ugv": {"type": "ugv_beast"}}, 0.4, 0.5),
     ],
 )

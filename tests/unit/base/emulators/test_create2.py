@@ -54,6 +54,29 @@ def test_it_streams_what_it_is_asked_for(simulate: MakeSimulation) -> None:
     assert board.write(bytes((149, 2, 35, 44))) == bytes((1, 0, 120))
 
 
+def test_its_packets_have_the_lengths_of_the_interface(simulate: MakeSimulation) -> None:
+    board = bench(simulate, b"\x80")
+    for group, length in ((0, 26), (1, 10), (2, 6), (3, 10), (4, 14), (5, 12), (6, 52), (100, 80)):
+        assert len(board.write(bytes((142, group)))) == length
+    assert len(board.write(bytes((149, 3, 101, 106, 107)))) == 28 + 12 + 9
+
+
+@pytest.mark.parametrize(
+    ("command", "vx", "wz"),
+    [
+        ("89 00 C8 7F FF", 0.2, 0.0),
+        ("89 00 C8 00 01", 0.0, 0.4 / 0.235),
+        ("89 00 C8 FF FF", 0.0, -0.4 / 0.235),
+        ("89 00 C8 03 E8", 0.2, 0.2),
+        ("92 00 7F 00 7F", 0.249, 0.0),
+    ],
+)
+def test_other_ways_to_drive(simulate: MakeSimulation, command: str, vx: float, wz: float) -> None:
+    board = bench(simulate, b"\x80", b"\x83", bytes.fromhex(command))
+    assert board.board.wheels().vx == pytest.approx(vx, abs=1e-3)
+    assert board.board.wheels().wz == pytest.approx(wz, abs=0.01)
+
+
 def test_nothing_stops_it_when_commands_cease(simulate: MakeSimulation) -> None:
     board = bench(simulate, b"\x80", b"\x83", FORWARD)
     board.wait(5.0)

@@ -7,7 +7,7 @@ from trolley_base.emulators.device import Frame
 from trolley_base.emulators.faults import Damage, FaultError, FaultPlan, parse_fault, trouble_of
 from trolley_base.world.faulty_wheels import WELL
 
-DEVICES = ("linorobot", "ld19", "arduino_bridge")
+DEVICES = ("linorobot", "ld19", "arduino_bridge", "create2")
 MS = 1_000_000
 
 
@@ -21,6 +21,7 @@ MS = 1_000_000
         ("ld19:blind", ("ld19", "blind", 60.0, ("", 0), None, None)),
         ("ld19:fail=0.5+3", ("ld19", "fail", 0.5, ("", 0), None, 3.0)),
         ("ld19:cut", ("ld19", "cut", 0.3, ("", 0), None, None)),
+        ("create2:feels=cliff+1", ("create2", "feels", 0.0, ("cliff", 1), None, 1.0)),
         ("arduino_bridge:pin=d4:0@1+2", ("arduino_bridge", "pin", 0.0, ("d4", 0), 1.0, 2.0)),
     ],
 )
@@ -56,6 +57,8 @@ def test_faults_are_read(text: str, meant: tuple):
         ("linorobot:encoder=front", "encoder=left"),
         ("linorobot:drives=9", "from -2 to 2"),
         ("arduino_bridge:pin", "pin=d4:0"),
+        ("create2:feels=hunger", "feels=bump"),
+        ("linorobot:feels=bump", "only create2"),
         ("ld19:silence=3", "takes no value"),
         ("ld19:cut=2", "from 0 to 1"),
         ("ld19:noise=much", "from 0 to"),

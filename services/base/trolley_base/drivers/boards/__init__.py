@@ -8,6 +8,7 @@ from trolley.config.hardware import Board, ChassisConfig
 from trolley.messages.motion import Drive
 from trolley_base.drivers.boards.arduino_bridge import ArduinoBridgeDialogue
 from trolley_base.drivers.boards.create2 import Create2Dialogue
+from trolley_base.drivers.boards.hoverboard import HoverboardDialogue
 from trolley_base.drivers.boards.linorobot import LinorobotDialogue
 from trolley_base.drivers.boards.waveshare_ugv import WATCHDOG_MS, WaveshareUgvDialogue
 from trolley_base.drivers.dialogue import BoardDialogue
@@ -45,6 +46,9 @@ BOARDS: dict[Board, BoardFacts] = {
         "Waveshare UGV (ESP32)", 115200, WATCHDOG_MS * 1e-3, has_imu=False, has_inputs=False
     ),
     "create2": BoardFacts("Create 2 or Roomba", 115200, math.inf, has_imu=False, has_inputs=False),
+    "hoverboard": BoardFacts(
+        "hoverboard (FOC firmware)", 115200, 0.8, has_imu=False, has_inputs=False
+    ),
 }
 
 
@@ -77,6 +81,8 @@ def make_board(config: ChassisConfig, drive: Drive) -> BoardDialogue:
         return WaveshareUgvDialogue(config, _needed(config.waveshare_ugv, config.board), baud)
     if config.board == "create2":
         return Create2Dialogue(config, baud)
+    if config.board == "hoverboard":
+        return HoverboardDialogue(config, _needed(config.hoverboard, config.board), baud)
     return ArduinoBridgeDialogue(config, _needed(config.wheels, "wheels"), baud)
 
 

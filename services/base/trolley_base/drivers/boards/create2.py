@@ -70,6 +70,9 @@ MODE_NS = 60_000_000
 START_EVERY_NS, SAFE_EVERY_NS = 1_000_000_000, 500_000_000
 CREATE_PACE_NS = 35_000_000
 FASTEST_MMPS = 500
+SETTLES_NS = 300_000_000
+"""After a silence frames that were held up come together, and would look like haste: for this long
+they are not counted, and it does not drive."""
 EMPTY_CHARGE = 0.05
 """Share of its capacity below which it counts as empty."""
 COUNT_RANGE = 1 << 16
@@ -166,7 +169,7 @@ class Create2Dialogue:
         self._wanted = Twist2D.zero()
         self._senses: Senses | None = None
         self._counts: tuple[int, int] | None = None
-        self._num_frames = 0
+        self._num_frames = self._settled_ns = 0
         self._byte_ns = now_ns
         self._frame_ns: int | None = None
         self._has_bytes = False
@@ -191,6 +194,9 @@ class Create2Dialogue:
 
     def _take(self, senses: Senses, left_ns: int, arrived_ns: int) -> None:
         before = self._senses
+        if self._frame_ns is not None and arrived_ns - self._frame_ns > SILENCE_NS:
+            self._settled_ns = arrived_ns + SETTLES_NS
+            self._wheels.miss()
         self._senses, self._frame_ns = senses, arrived_ns
         if senses.capacity:
             share = senses.charge / senses.capacity
@@ -202,7 +208,7 @@ class Create2Dialogue:
                 "warning", "A wheel of the Create takes too much current: it is stuck."
             )
         self._num_frames += 1
-        if self._num_frames % COUNTED_FRAMES:
+        if self._num_frames % COUNTED_FRAMES or arrived_ns < self._settled_ns:
             return
         motion = self._wheels.add(*self._unwrapped(senses), left_ns)
         if self._wheels.wheels.has_jumped:
@@ -252,7 +258,8 @@ class Create2Dialogue:
         if not self._is_reporting(now_ns):
             waited = self._started_ns is None or now_ns - self._started_ns >= START_EVERY_NS
             return waited or bool(self._steps)
-        if self._is_usable(now_ns) or not self._may_become_safe:
+        senses = self._senses
+        if senses is None or senses.mode == SAFE_MODE or not self._may_become_safe:
             return False
         return self._mode_ns is None or now_ns - self._mode_ns >= SAFE_EVERY_NS
 
@@ -265,8 +272,10 @@ class Create2Dialogue:
             self._steps = []
             return bytes((SAFE,))
         if not self._steps:
+            # One that an earlier host has left driving heeds a stop before it is started anew.
+            first = STOP if self._started_ns is None else b""
             self._started_ns = now_ns
-            self._steps = [bytes((START,)), bytes((SAFE,)), ASK_STREAM + RESUME_STREAM]
+            self._steps = [first + bytes((START,)), bytes((SAFE,)), ASK_STREAM + RESUME_STREAM]
         return self._steps.pop(0)
 
     @property
@@ -284,7 +293,9 @@ class Create2Dialogue:
 
     def _is_usable(self, now_ns: int) -> bool:
         senses = self._senses
-        return senses is not None and senses.mode == SAFE_MODE and self._is_reporting(now_ns)
+        if senses is None or senses.mode != SAFE_MODE or now_ns < self._settled_ns:
+            return False
+        return self._is_reporting(now_ns)
 
     def status(self, now_ns: int) -> Status:
         """Say how it goes."""
@@ -326,6 +337,8 @@ def _why_not(senses: Senses) -> str:
         )
     if senses.is_dropped:
         return "A wheel of the Create hangs in the air: put it on the floor."
+    if senses.mode == SAFE_MODE:
+        return "The Create reports again; it is watched for a moment."
     return "The Create has left its safe mode, in which it drives; it is put into it again."
 
 

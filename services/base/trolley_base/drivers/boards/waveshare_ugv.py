@@ -45,6 +45,7 @@ WATCHDOG_MS = 400
 REPORT_MS = 40
 """Extra pause between two reports: the newest firmware's 350 bytes take 30 ms of the line."""
 REPORT_NS = REPORT_MS * 1_000_000
+CONFIRMS_WITHIN_NS = 3_000_000_000
 SET_UP_EVERY_NS = 1_000_000_000
 """A board that has not confirmed is told again; one that has is told its watchdog again."""
 PACE_NS = 35_000_000
@@ -118,12 +119,14 @@ class WaveshareUgvDialogue:
         self._sent_ns: int | None = None
         self._is_standing = True
         self._has_bytes = self._is_ugv = self._lacks_encoders = False
+        self._ways.reset()
         self._lose()
 
     def _lose(self) -> None:
         """What the board was told is not known to hold any more."""
         self._unconfirmed = {WATCHDOG, self._type_line}
-        self._ways.reset()
+        self._asked_since_ns: int | None = None
+        self._ways.miss()
         self._speeds.reset()
 
     # What arrives.
@@ -151,6 +154,7 @@ class WaveshareUgvDialogue:
             self._report.count("stray_lines")
             self._ways.miss()
             if BOOT.search(line):
+                self._ways.reset()
                 self._lose()
         elif message.get("T") == REPORT:
             if not self._take_report(message, left_ns, arrived_ns):
@@ -172,6 +176,10 @@ class WaveshareUgvDialogue:
         voltage = message.get("v")
         if isinstance(voltage, float | int) and voltage >= 0.0:
             self._gauge.take_voltage(float(voltage), arrived_ns)
+        if self._unconfirmed:
+            # Reports that were held up come before the confirmation, and together: they would look
+            # like haste. The first one after it has the way since the last.
+            return True
         ways = numbers_of(message, WAY_KEYS)
         if ways is None:
             motion = self._speeds.add(twist_of(*speeds, self._half_track_m), left_ns)
@@ -218,6 +226,8 @@ class WaveshareUgvDialogue:
         if self._set_up_ns is not None and now_ns - self._set_up_ns < SET_UP_EVERY_NS:
             return b""
         self._set_up_ns = now_ns
+        if self._asked_since_ns is None:
+            self._asked_since_ns = now_ns
         if not self._unconfirmed:
             # Not to be repeated: the line is for reports. It ends what a noisy line has begun.
             return b"\n" + line_of(T=143, cmd=0) + WATCHDOG
@@ -258,11 +268,12 @@ class WaveshareUgvDialogue:
             return Status("down", NO_ENCODERS)
         if self._is_usable(now_ns):
             return Status("up")
-        if self._is_reporting(now_ns):
+        since_ns = now_ns if self._asked_since_ns is None else self._asked_since_ns
+        if self._is_reporting(now_ns) and now_ns - since_ns > CONFIRMS_WITHIN_NS:
             return Status("down", UNCONFIRMED)
-        if self._is_ugv:
+        if self._is_ugv and not self._is_reporting(now_ns):
             return Status("down", "The motor board has stopped reporting; it is set up again.")
-        if self._has_bytes:
+        if self._has_bytes and not self._is_ugv:
             return Status(
                 "searching",
                 "What arrives is not a Waveshare UGV's: is this the motor board's port, and is "

@@ -65,13 +65,25 @@ def test_a_frame_is_read() -> None:
 def test_it_is_started_step_by_step_with_rests(talk: EmulatedTalk) -> None:
     talk.come_up()
     sent = [data for _, data in talk.sent]
-    assert sent[0] == b"\x80"
+    assert sent[0] == bytes.fromhex("91 00 00 00 00 80")
     assert sent[1] == b"\x83"
     assert sent[2][:2] == bytes((148, 15))
     changes = [at for at, data in talk.sent[:3]]
     assert changes[1] - changes[0] >= 60 * MS
     assert changes[2] - changes[1] >= 60 * MS
     assert not [line for line in talk.board.take_remarks() if "within 20 ms" in line]
+
+
+def test_one_that_was_left_driving_is_stopped_by_the_first_bytes(talk: EmulatedTalk) -> None:
+    talk.come_up()
+    talk.wanted = AHEAD
+    talk.run(1.0)
+    talk.wanted = Twist2D.zero()
+    talk.dialogue.begin(talk.now_ns)
+    talk.tick()
+    assert talk.told is not None
+    assert talk.told.is_zero
+    assert talk.board.wheels().is_zero
 
 
 def test_nobody_stops_it_once_its_host_is_gone(talk: EmulatedTalk) -> None:

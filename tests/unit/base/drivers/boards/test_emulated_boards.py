@@ -7,6 +7,7 @@ import pytest
 from support.emulated_boards import EMULATORS, MS, EmulatedTalk, dialogue_of
 
 from trolley.geometry import Pose2D, Twist2D
+from trolley_base.emulators.hoverboard import Hoverboard
 from trolley_base.world import Simulation
 
 MakeTalk = Callable[..., EmulatedTalk]
@@ -177,3 +178,32 @@ def test_reports_that_come_late_and_together_do_not_look_like_haste(talk: Emulat
     assert len(speeds) > 50
     assert max(speeds) < 1.4 * AHEAD.vx
     assert talk.readings[-1].link.state == "up"
+
+
+def test_what_was_driven_in_a_silence_is_made_good_without_haste(talk: EmulatedTalk) -> None:
+    talk.come_up()
+    talk.wanted = AHEAD
+    talk.run(1.0)
+    held = b""
+
+    def hold(data: bytes) -> bytes:
+        nonlocal held
+        held += data
+        return b""
+
+    def let_go(data: bytes) -> bytes:
+        nonlocal held
+        given, held = held + data, b""
+        return given
+
+    talk.spoil = hold
+    talk.run(0.7)
+    talk.spoil = let_go
+    talk.wanted = Twist2D.zero()
+    talk.readings.clear()
+    talk.run(2.0)
+    assert talk.readings[-1].link.state == "up"
+    speeds = [motion.twist.vx for reading in talk.readings for motion in reading.motions]
+    assert max(speeds) < 1.2 * AHEAD.vx
+    if not isinstance(talk.board, Hoverboard):  # which counts nothing
+        assert talk.pose.x == pytest.approx(talk.simulation.truth().pose.x, abs=0.01)
