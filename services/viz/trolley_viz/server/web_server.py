@@ -13,6 +13,7 @@ import hashlib
 import html
 import io
 import logging
+import re
 import secrets
 import socket
 import threading
@@ -62,6 +63,8 @@ REFUSAL_POLICY = (
     + base64.b64encode(hashlib.sha256(REFUSAL_STYLE.encode()).digest()).decode()
     + "'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
+COMMAND = re.compile("`([^`]+)`")
+"""What is to be typed in a terminal, as our texts mark it."""
 ASKING = """<form><label>{paste} <input name="token" autocomplete="off"></label>
 <button>{open}</button></form>"""
 
@@ -313,7 +316,7 @@ def _refusal(decided: AccessDecision, tags: str) -> web.Response:
     text = REFUSAL.format(
         language=language,
         style=REFUSAL_STYLE,
-        text=html.escape(say(decided.text)),
+        text=COMMAND.sub(r"<code>\1</code>", html.escape(say(decided.text))),
         form=asking if is_asking else "",
     )
     headers = {"Content-Security-Policy": REFUSAL_POLICY}
