@@ -9,7 +9,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
-from trolley_planner.control.controller import Motion, limited_change, safe_command
+from trolley_planner.control.controller import HURRIED_REVERSE, Motion, limited_change, safe_command
 from trolley_planner.control.critics import Target
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
 from trolley_planner.control.robot_motion import Limits
@@ -164,6 +164,8 @@ class GoalExecution:
         local_costmap = context.local_costmap
         if self._hurries:
             local_costmap.leave_people_out()
+            if local_costmap.known_floor.looks_behind(now.motion.pose):
+                limits = limits._replace(max_reverse=min(HURRIED_REVERSE, limits.max_speed))
         found = context.controller.command(now.motion, local_costmap, limits, target, now.elapsed_s)
         local_costmap.update_moving(now.now_ns)
         if found is None:
