@@ -24,6 +24,8 @@ from trolley_planner.paths.path import PlannedPath
 
 BESIDE_ROUTE = Tolerances(0.12, math.pi)
 """How near to a place beside the route is near enough."""
+OUT_OF_THE_WAY = Tolerances(0.06, math.pi)
+"""The same where people pass within centimetres of it."""
 
 
 class GoalExecution:
@@ -137,7 +139,7 @@ class GoalExecution:
         return twist
 
     def _hurry(self, now: ControlInput) -> Twist2D:
-        """Return the velocity out of people's way, with wide tolerances at the place."""
+        """Return the velocity out of people's way, in whatever heading it comes there."""
         if now.motion.pose.distance_to(self.goal_grid) < self.goal.tolerances.xy:
             self.outcome = "arrived"
         return self._control(now)
@@ -259,7 +261,8 @@ class GoalExecution:
         if path is None:
             return None
         pose = costmap.frame_T_grid @ Pose2D(*place, 0.0)
-        goal = Goal(self.goal.id, pose, (), BESIDE_ROUTE, self.goal.speed, now_ns)
+        near = OUT_OF_THE_WAY if hurries else BESIDE_ROUTE
+        goal = Goal(self.goal.id, pose, (), near, self.goal.speed, now_ns)
         return GoalExecution(goal, context, self._config, path, now_ns, hurries=hurries)
 
     # What may go wrong.

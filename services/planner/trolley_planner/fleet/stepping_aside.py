@@ -32,7 +32,7 @@ class AsideParams(NamedTuple):
     """Half the edge of the square around the robot in which people and waiting places count."""
     ahead_m: float = 4.0
     """Length of the route that is checked."""
-    ahead_s: float = 8.0
+    ahead_s: float = 12.0
     """Time for which people are predicted to walk on."""
     step_s: float = 0.1
     """Time between two predicted positions."""
@@ -53,7 +53,7 @@ class AsideParams(NamedTuple):
     """Length of route behind the meeting point along which there must be room to pass."""
     keep_m: float = 0.12
     """Least distance between people and the waiting robot; with less it looks for another place."""
-    moves_m: float = 0.3
+    moves_m: float = 0.1
     """Distance within which two waiting places count as the same."""
     pace: float = 0.85
     """Share of its speed at which the robot is predicted to drive."""
