@@ -271,9 +271,13 @@ def smooth(points: NDArray[np.float64], weights: NDArray[np.uint8], rounds: int)
         rounds: passes over all points.
     """
     costs = np.full(points.shape[0], -1.0)  # of the line behind each point, once it is known
+    is_settled = np.zeros(points.shape[0], np.bool_)  # where nothing moved since it was tried
     for _ in range(rounds):
         has_moved = False
         for index in range(1, points.shape[0] - 1):
+            if is_settled[index]:
+                continue
+            is_settled[index] = True
             x, y = points[index, 0], points[index, 1]
             ax, ay = points[index - 1, 0], points[index - 1, 1]
             bx, by = points[index + 1, 0], points[index + 1, 1]
@@ -295,6 +299,7 @@ def smooth(points: NDArray[np.float64], weights: NDArray[np.uint8], rounds: int)
             if first + second <= most:
                 points[index, 0], points[index, 1] = new_x, new_y
                 costs[index - 1], costs[index] = first, second
+                is_settled[index - 1 : index + 2] = False
                 has_moved = True
         if not has_moved:
             break
