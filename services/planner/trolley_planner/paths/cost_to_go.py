@@ -392,7 +392,10 @@ def search_anew(
         reach = max(CORRIDOR.reach_tiles, CORRIDOR.wide_tiles // count)
         reach = min(reach, CORRIDOR.reach_most_tiles)
         num_inside = open_path(corridor, num_inside, terrain.weights, tiles, reach)
-        rewind(corridor, num_inside, queue, -1)
+        if attempt == 0:
+            clear_queue(queue)  # All tiles are new.
+        else:
+            rewind(corridor, num_inside, queue, -1)
         final = grow(cost, weights, queue, fine_seeds, cols, 0, (start, slack), directions)
         if cost[start] != UNREACHED:
             break
