@@ -175,6 +175,15 @@ STREAMS: dict[str, tuple[str, int, Callable[[], Iterator[Frame]]]] = {
     "LDS-01": ("lds01", 230400, lds01_stream),
 }
 """Model, baud and stream by title."""
+TURNS_HZ = {
+    "RPLIDAR A1 standard": 5.5,
+    "RPLIDAR A1 express": 5.5,
+    "YDLIDAR X4": 7.0,
+    "LD19": 10.0,
+    "XV11": 5.0,
+    "LDS-01": 5.0,
+}
+"""How fast the heads turn in these."""
 
 
 def chunks(

@@ -10,7 +10,7 @@ import struct
 
 import numpy as np
 
-from trolley_base.emulators.lidar import LidarFacts, Mount, Samples, SpinningLidar
+from trolley_base.emulators.lidar import LidarFacts, MakeLidar, Mount, Samples, SpinningLidar
 from trolley_base.world import LidarSpec
 
 FACTS = LidarFacts(
@@ -84,3 +84,6 @@ class Ld19(SpinningLidar):
             speed_dps = 0 if self.is_stuck else round(360.0 * samples.hz)
             stamp_ms = last_ns // 1_000_000 % STAMP_WRAP_MS
             self._send(last_ns, encode(speed_dps, angles, points, stamp_ms))
+
+
+LIDARS: dict[str, MakeLidar] = {"ld19": Ld19}

@@ -15,6 +15,7 @@ import numpy as np
 from trolley_base.emulators.lidar import (
     Floats,
     LidarFacts,
+    MakeLidar,
     Mount,
     Samples,
     SpinningLidar,
@@ -172,3 +173,6 @@ def _configuration(payload: bytes) -> bytes:
         0x7F: name.encode() + b"\0",
     }
     return echo + values[kind] if kind in values else b""
+
+
+LIDARS: dict[str, MakeLidar] = {"rplidar_a1": RplidarA1}

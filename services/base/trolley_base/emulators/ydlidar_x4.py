@@ -14,6 +14,7 @@ import numpy as np
 from trolley_base.emulators.lidar import (
     Floats,
     LidarFacts,
+    MakeLidar,
     Mount,
     Samples,
     SpinningLidar,
@@ -105,3 +106,6 @@ class YdlidarX4(SpinningLidar):
             samples = [quarter_mm for _, _, quarter_mm in self._samples]
             self._send(self._samples[-1][0], encode(None, heads_64, samples))
             self._samples = []
+
+
+LIDARS: dict[str, MakeLidar] = {"ydlidar_x4": YdlidarX4}

@@ -11,7 +11,7 @@ from collections import Counter
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig
+from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
@@ -85,10 +85,12 @@ class Ld19(StreamingLidar):
         super().__init__(FACTS, config, Ld19Decoder)
 
 
-DRIVER = LidarDriver(
-    FACTS,
-    Ld19,
-    frames=FORMAT,
-    linorobot_names=("ld06", "ld19"),
-    ros_packages=("ldlidar_stl_ros",),
-)
+DRIVERS: dict[LidarModel, LidarDriver] = {
+    "ld19": LidarDriver(
+        FACTS,
+        Ld19,
+        frames=FORMAT,
+        linorobot_names=("ld06", "ld19"),
+        ros_packages=("ldlidar_stl_ros",),
+    )
+}

@@ -11,7 +11,7 @@ from collections import Counter
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig
+from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
@@ -89,12 +89,14 @@ class Lds01(StreamingLidar):
         return (STOP,)
 
 
-DRIVER = LidarDriver(
-    FACTS,
-    Lds01,
-    frames=FORMAT,
-    start=START,
-    stop=STOP,
-    linorobot_names=("lds01",),
-    ros_packages=("hls_lfcd_lds_driver",),
-)
+DRIVERS: dict[LidarModel, LidarDriver] = {
+    "lds01": LidarDriver(
+        FACTS,
+        Lds01,
+        frames=FORMAT,
+        start=START,
+        stop=STOP,
+        linorobot_names=("lds01",),
+        ros_packages=("hls_lfcd_lds_driver",),
+    )
+}

@@ -8,7 +8,7 @@ Source:
     SLAMTEC RPLIDAR interface protocol; rplidar_sdk.
 """
 
-from trolley.config.hardware import LidarConfig
+from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
@@ -114,17 +114,19 @@ def _other_model(number: int) -> tuple[str, str]:
     )
 
 
-DRIVER = LidarDriver(
-    FACTS,
-    RplidarA1,
-    identity=Identity(
-        stop=(STOP,),
-        get_info=GET_INFO,
-        get_health=GET_HEALTH,
-        is_model=_is_a1,
-        other_model=_other_model,
-        serial=lambda numbers: numbers.hex().upper(),
-    ),
-    linorobot_names=("rplidar",),
-    ros_packages=("rplidar_ros",),
-)
+DRIVERS: dict[LidarModel, LidarDriver] = {
+    "rplidar_a1": LidarDriver(
+        FACTS,
+        RplidarA1,
+        identity=Identity(
+            stop=(STOP,),
+            get_info=GET_INFO,
+            get_health=GET_HEALTH,
+            is_model=_is_a1,
+            other_model=_other_model,
+            serial=lambda numbers: numbers.hex().upper(),
+        ),
+        linorobot_names=("rplidar",),
+        ros_packages=("rplidar_ros",),
+    )
+}

@@ -17,7 +17,7 @@ from collections import Counter
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig
+from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
@@ -168,17 +168,19 @@ def _serial(numbers: bytes) -> str:
     return "".join(f"{digit:X}" for digit in numbers)
 
 
-DRIVER = LidarDriver(
-    FACTS,
-    YdlidarX4,
-    identity=Identity(
-        stop=(FORCE_STOP, STOP),
-        get_info=GET_INFO,
-        get_health=GET_HEALTH,
-        is_model=lambda number: number == MODEL_NUMBER,
-        other_model=_other_model,
-        serial=_serial,
-    ),
-    linorobot_names=("ydlidar",),
-    ros_packages=("ydlidar", "ydlidar_ros", "ydlidar_ros_driver"),
-)
+DRIVERS: dict[LidarModel, LidarDriver] = {
+    "ydlidar_x4": LidarDriver(
+        FACTS,
+        YdlidarX4,
+        identity=Identity(
+            stop=(FORCE_STOP, STOP),
+            get_info=GET_INFO,
+            get_health=GET_HEALTH,
+            is_model=lambda number: number == MODEL_NUMBER,
+            other_model=_other_model,
+            serial=_serial,
+        ),
+        linorobot_names=("ydlidar",),
+        ros_packages=("ydlidar", "ydlidar_ros", "ydlidar_ros_driver"),
+    )
+}

@@ -27,8 +27,7 @@ NEAR_M = 0.06
 HOST_NS = 2_000_000
 """How often the host reads its port."""
 SECONDS = 2.5
-STANDARD = "rplidar_a1, standard"
-MODELS = ["rplidar_a1", STANDARD, "ydlidar_x4", "ld19", "xv11", "lds01"]
+MODELS = [*LIDARS, "rplidar_a1, standard"]
 
 
 class Drive:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bench.base.lidar_streams import (
     STREAMS,
+    TURNS_HZ,
     chunks,
     distance_m,
     ld19_frame,
@@ -21,7 +22,6 @@ from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.interface import DriverError, LidarScan
 from trolley_base.drivers.lidars import MODELS, make_lidar
 
-TURNS_HZ = dict(zip(STREAMS, (5.5, 5.5, 7.0, 10.0, 5.0, 5.0), strict=True))
 # What the sensor looks beside its head, so that beams are fired while the head points there.
 BESIDE_DEG = {"RPLIDAR A1 express": 7.0, "YDLIDAR X4": 7.5}
 
