@@ -89,15 +89,35 @@ def capsule(begins: bool, angle_deg: float, samples: list[tuple[int, int]]) -> b
     return bytes([0xA0 | check & 15, 0x50 | check >> 4]) + body
 
 
-def ld19_stream(hz: float = 10.0) -> Iterator[Frame]:
-    """4500 samples a second."""
-    step = 360.0 * hz / 4500.0
+def ld19_stream(
+    hz: float = 10.0, per_s: float = 4500.0, seen: Callable[[float], float] = distance_m
+) -> Iterator[Frame]:
+    """So many samples a second, each of what is seen [m] where the head points [deg]."""
+    step = 360.0 * hz / per_s
     index = 0
     while True:
         angles = [(index + i) * step % 360.0 for i in range(12)]
         index += 12
-        samples = [round(1000 * distance_m(angle)) for angle in angles]
-        yield Frame((index - 1) / 4500.0, ld19_frame(angles[0], step, 360.0 * hz, samples))
+        samples = [round(1000 * seen(angle)) for angle in angles]
+        yield Frame((index - 1) / per_s, ld19_frame(angles[0], step, 360.0 * hz, samples))
+
+
+def stl27l_stream() -> Iterator[Frame]:
+    """21600 samples a second."""
+    return ld19_stream(10.0, 21600.0)
+
+
+def ld14p_stream() -> Iterator[Frame]:
+    """4000 samples a second, by a sensor that looks from beside its axis."""
+
+    def seen(head_deg: float) -> float:
+        found = distance_m(head_deg - 6.5)
+        for _ in range(5):
+            beside = math.atan((119.23 * found - 18.975571) / (1000 * found + 5.9))
+            found = distance_m(head_deg - math.degrees(beside))
+        return found
+
+    return ld19_stream(6.0, 4000.0, seen)
 
 
 def degree_stream(
@@ -171,6 +191,8 @@ STREAMS: dict[str, tuple[str, int, Callable[[], Iterator[Frame]]]] = {
     "RPLIDAR A1 express": ("rplidar_a1", 115200, express_stream),
     "YDLIDAR X4": ("ydlidar_x4", 128000, x4_stream),
     "LD19": ("ld19", 230400, ld19_stream),
+    "STL-27L": ("stl27l", 921600, stl27l_stream),
+    "LD14P": ("ld14p", 230400, ld14p_stream),
     "XV11": ("xv11", 115200, xv11_stream),
     "LDS-01": ("lds01", 230400, lds01_stream),
 }
@@ -180,6 +202,8 @@ TURNS_HZ = {
     "RPLIDAR A1 express": 5.5,
     "YDLIDAR X4": 7.0,
     "LD19": 10.0,
+    "STL-27L": 10.0,
+    "LD14P": 6.0,
     "XV11": 5.0,
     "LDS-01": 5.0,
 }

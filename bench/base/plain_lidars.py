@@ -191,6 +191,8 @@ PLAIN: dict[str, Callable[[], PlainFrames | PlainSamples]] = {
     "RPLIDAR A1 express": lambda: PlainFrames(capsule_length, capsule_check),
     "YDLIDAR X4": lambda: PlainFrames(x4_length, x4_check),
     "LD19": lambda: PlainFrames(ld19_length, ld19_check),
+    "STL-27L": lambda: PlainFrames(ld19_length, ld19_check),
+    "LD14P": lambda: PlainFrames(ld19_length, ld19_check),
     "XV11": lambda: PlainFrames(xv11_length, xv11_check),
     "LDS-01": lambda: PlainFrames(lds01_length, lds01_check),
 }
@@ -208,6 +210,19 @@ def ld19_samples(frame: bytes) -> Polar:
     return [
         ((first + i * step) / 100 % 360, frame[6 + 3 * i] | frame[7 + 3 * i] << 8)
         for i in range(12)
+    ]
+
+
+def ld14p_samples(frame: bytes) -> Polar:
+    """As an LD19's, each turned back by what its distance says."""
+    return [
+        (
+            (angle - math.degrees(math.atan((0.11923 * mm - 18.975571) / (mm + 5.9)))) % 360
+            if mm
+            else angle,
+            mm,
+        )
+        for angle, mm in ld19_samples(frame)
     ]
 
 
@@ -292,6 +307,8 @@ SAMPLES: dict[str, Callable[[], Callable[[bytes], Polar]]] = {
     "RPLIDAR A1 express": PlainCapsules,
     "YDLIDAR X4": lambda: x4_samples,
     "LD19": lambda: ld19_samples,
+    "STL-27L": lambda: ld19_samples,
+    "LD14P": lambda: ld14p_samples,
     "XV11": lambda: xv11_samples,
     "LDS-01": lambda: lds01_samples,
 }

@@ -7,7 +7,7 @@ from msgspec import Meta, Struct
 from trolley.config.robot import PoseConfig
 
 Board = Literal["linorobot", "arduino_bridge"]
-LidarModel = Literal["rplidar_a1", "ydlidar_x4", "ld19", "xv11", "lds01"]
+LidarModel = Literal["rplidar_a1", "ydlidar_x4", "ld19", "stl27l", "ld14p", "xv11", "lds01"]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 Pin = Annotated[int, Meta(ge=0, le=99)]
@@ -19,7 +19,7 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """`[base.lidar]`: the lidar and where it is mounted (a recording brings its own)."""
 
     model: LidarModel | None = None
-    """The lidar's model, if the driver is `hardware`; `ld19` also covers the LD06."""
+    """The lidar's model, if the driver is `hardware`; `ld19` also covers LD06 and STL-06P to 26."""
     port: str = ""
     """The serial port; a name below /dev/serial/by-id or by-path stays the same."""
     baud: Baud | None = None

@@ -3,14 +3,15 @@
 First it listens, then it asks in an order in which no question can harm a device that it is not
 meant for:
 
-- 230400 and 115200 baud: an LD19, a running LDS-01 and an XV11 talk unasked.
+- At each speed at which a lidar talks unasked: what comes. Several send the same frames; one of
+  them obeys a stop, which is said to it then.
 - 57600: boards. A board may reboot when its port is opened, so it is asked until some seconds have
   passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
   by the CR that follows; to rosserial, letters are noise between frames.
 - 115200, 128000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead program has
   left streaming. Bits at 57600 are two at 115200 and more at 128000, so the questions before cannot
   be read as A5, with which every command to these lidars begins.
-- 230400: `b` starts an LDS-01 that waits; `e` stops it again.
+- 230400: what starts a lidar that waits (`b` for an LDS-01), and stops it again.
 
 DTR stays as Linux sets it on opening: boards with USB of their own want it, an A1 stands and an X4
 turns meanwhile. Closing the port brings back what was. The port is opened once, and its speed
@@ -26,6 +27,7 @@ from typing import TypeVar
 
 import serial
 
+from trolley.config.hardware import LidarModel
 from trolley_base.detection import answers, rosserial_answer, streams
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
@@ -49,7 +51,8 @@ TALKER_TRIES = 5
 """Something talks here that nobody has recognised: it may be a lidar that was left streaming, and
 on a busy computer its answer comes behind what it said before."""
 SPIN_UP_S = 1.5
-STOPPING_S, MOST_STOPPING = 0.1, 10
+STOP_TRIES = 2
+STOPPING_S, MOST_STOPPING = 0.1, 4
 """A lidar that has obeyed a stop is silent for this long; it may take so many times that."""
 POLL_S = 0.05
 BUSY_S, MOST_LOOKS = 0.5, 3
@@ -123,11 +126,29 @@ class Probe:
         for baud in streams.STREAM_BAUDS:
             self._port.set_baud(baud)
             data = bytearray()
-            found = self._read(LISTEN_S, partial(streams.recognise_stream, baud=baud), data)
+            model = self._read(LISTEN_S, partial(streams.recognise_stream, baud=baud), data)
             self.received[baud] = len(data)
-            if found is not None:
-                return found
+            if model is not None:
+                return streams.describe_stream(self._tell_apart(model))
         return None
+
+    def _tell_apart(self, model: LidarModel) -> LidarModel:
+        """Return which of the models that send the same frames this is: one of them obeys a stop.
+
+        One that has obeyed is started again.
+        """
+        for twin in streams.twins_of(model):
+            driver = MODELS[twin]
+            for _ in range(STOP_TRIES if driver.stop else 0):
+                self._port.write(driver.stop)
+                try:
+                    has_stopped = self._await_silence()
+                finally:
+                    self._port.write(driver.start)
+                    time.sleep(POLL_S)  # closing drops what has not left
+                if has_stopped:
+                    return twin
+        return model
 
     def _ask_boards(self) -> FoundDevice | None:
         self._port.set_baud(answers.BRIDGE.baud)
@@ -192,16 +213,17 @@ class Probe:
                 return answer
         return None
 
-    def _await_silence(self) -> None:
-        """Wait until what was told to stop has stopped, or does not mean to."""
+    def _await_silence(self) -> bool:
+        """Wait until what was told to stop has stopped; False where it does not mean to."""
         for _ in range(MOST_STOPPING):
             self._port.discard_input()
             self._pause(STOPPING_S)
             if not self._port.wait(0.0):
-                return
+                return True
+        return False
 
     def _start_lidars(self) -> FoundDevice | None:
-        for driver in MODELS.values():
+        for model, driver in MODELS.items():
             if not driver.start:
                 continue
             baud = driver.facts.baud
@@ -213,7 +235,8 @@ class Probe:
                 self._port.write(driver.stop)
                 time.sleep(POLL_S)  # closing drops what has not left
             if found is not None:
-                return found
+                # What was silent until it was told to start is this one and no twin of it.
+                return streams.describe_stream(model)
         return None
 
     def _read(

@@ -36,10 +36,14 @@ def test_a_lidar_is_known_by_sound_frames_only(
     spoilt = bytearray(frame)
     spoilt[flipped] ^= 0x10
     found = hear(before + frame[7:] + (bytes(spoilt) + frame) * 6)
-    assert found is not None
-    assert found.model == model
+    assert found == model
     assert hear(before + bytes(spoilt) * 20) is None
     assert hear(frame * 4) is None
+
+
+def test_lidars_with_the_same_frames_at_the_same_speed_are_twins() -> None:
+    assert streams.twins_of("ld19") == ["ld14p"]
+    assert streams.twins_of("stl27l") == []
 
 
 @given(st.binary(max_size=4000))

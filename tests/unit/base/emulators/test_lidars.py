@@ -95,6 +95,15 @@ def decode_ld19(data: bytes) -> NDArray[np.float64]:
     return np.array(rows)
 
 
+def decode_ld14p(data: bytes) -> NDArray[np.float64]:
+    rows = decode_ld19(data)
+    for row in rows:
+        if row[1]:
+            shift = math.atan((119.23 * row[1] - 18.975571) / (1000 * row[1] + 5.9))
+            row[0] -= math.degrees(shift)
+    return rows
+
+
 def decode_xv11(data: bytes) -> NDArray[np.float64]:
     rows = []
     for at in range(0, len(data), 22):
@@ -173,6 +182,8 @@ def decode_x4(data: bytes) -> NDArray[np.float64]:
 KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
     # model, decoder, what starts it, samples per second
     "ld19": ("ld19", decode_ld19, b"", 4500.0),
+    "stl27l": ("stl27l", decode_ld19, b"", 21600.0),
+    "ld14p": ("ld14p", decode_ld14p, b"", 4000.0),
     "xv11": ("xv11", decode_xv11, b"", 1800.0),
     "lds01": ("lds01", decode_lds01, b"", 1800.0),
     "standard": ("rplidar_a1", decode_standard, b"\xa5\x20", 1 / 508e-6),
@@ -250,6 +261,23 @@ def test_the_robot_drives_on_while_the_head_turns(simulate: MakeSimulation):
     assert max(wrong) < 0.003
 
 
+def test_an_ld14p_turns_as_fast_as_it_is_told(simulate: MakeSimulation):
+    lidar, simulation = start("ld14p"), simulate()
+    told = bytes.fromhex("54a20470080000a1")  # 2160 degrees a second, as the maker's program says
+    lidar.receive(told.replace(b"\x70", b"\x71"), 0)  # its checksum is wrong
+    lidar.receive(bytes.fromhex("54a204a005000000"), 0)
+    for command, dps in ((told, 2160), (command_14p(0xA2, 1440), 1440)):
+        lidar.receive(command, simulation.now_ns)
+        sent = run(lidar, simulation, 0.5, Twist2D.zero())
+        speeds = [struct.unpack("<H", data[2:4])[0] for _, data in sent]
+        assert speeds == pytest.approx([dps] * len(sent), rel=0.02)
+
+
+def command_14p(kind: int, value: int) -> bytes:
+    body = struct.pack("<BBBI", 0x54, kind, 4, value)
+    return body + bytes([ld19.crc8(body)])
+
+
 def test_noise_and_failures_are_the_worlds(simulate: MakeSimulation):
     noisy = LidarSpec(noise_m=0.01, noise_share=0.0, drop_out=0.1, invalid=0.0)
     spoilt = samples("ld19", simulate(), 2.0, errors=noisy)
@@ -314,6 +342,7 @@ def test_a_request_with_a_wrong_checksum_is_ignored():
         ("rplidar_a1", EXPRESS, b"\xa5\x25"),
         ("ydlidar_x4", b"\xa5\x60", b"\xa5\x65"),
         ("lds01", b"b", b"e"),
+        ("ld14p", bytes.fromhex("54a004000000005e"), bytes.fromhex("54a104000000004a")),
     ],
 )
 def test_it_scans_when_told_to_and_stops(

@@ -28,6 +28,8 @@ HOST_NS = 2_000_000
 """How often the host reads its port."""
 SECONDS = 2.5
 MODELS = [*LIDARS, "rplidar_a1, standard"]
+TWINS = {"stl27l"}
+"""Their decoders are tried with another model; they are tried in the slow run."""
 
 
 class Drive:
@@ -73,7 +75,9 @@ class Drive:
 
 
 @pytest.mark.parametrize("wz", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    "model", [pytest.param(one, marks=[pytest.mark.slow] * (one in TWINS)) for one in MODELS]
+)
 def test_echoes_lie_on_the_walls(
     simulate: Callable[..., Simulation], model: str, wz: float
 ) -> None:

@@ -23,5 +23,5 @@ def test_every_model_can_be_emulated() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_page_of_the_docs_shows_its_settings(model: str) -> None:
-    pages = [page.name for page in PAGES.glob("*.md") if f'model = "{model}"' in page.read_text()]
+    pages = [page.name for page in PAGES.glob("*.md") if f'\nmodel = "{model}"' in page.read_text()]
     assert len(pages) == 1

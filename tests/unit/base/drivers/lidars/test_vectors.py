@@ -7,7 +7,8 @@ import pytest
 from bench.base.lidar_streams import capsule
 
 from trolley_base.drivers.lidars.decoding import Decoded, Decoder
-from trolley_base.drivers.lidars.ld19 import Ld19Decoder
+from trolley_base.drivers.lidars.ld19 import FACTS, LdDecoder
+from trolley_base.drivers.lidars.ld19 import triangulation_deg as ld14p_deg
 from trolley_base.drivers.lidars.lds01 import Lds01Decoder
 from trolley_base.drivers.lidars.rplidar_capsules import CapsuleDecoder
 from trolley_base.drivers.lidars.rplidar_samples import StandardDecoder
@@ -26,12 +27,17 @@ def test_ld19() -> None:
         "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4"
         "CA 00 E2 C7 00 E9 C5 00 E5 C2 00 E5 C0 00 E5 BE 82 3A 1A 50"
     )
-    result = decoded(Ld19Decoder(Counter()), frame)
+    result = decoded(LdDecoder(FACTS, Counter()), frame)
     assert result.samples.angle_deg[[0, -1]] == pytest.approx([324.27, 334.70])
     assert np.diff(result.samples.angle_deg) == pytest.approx(10.43 / 11)
     assert result.samples.range_m[[0, -1]] == pytest.approx([0.224, 0.192])
     assert result.samples.intensity[[0, -1]].tolist() == [228, 229]
     assert result.turns_hz == pytest.approx(2152 / 360)
+
+
+def test_an_ld14p_looks_from_beside_its_axis() -> None:
+    # By hand: atan(100.25 / 1005.9), atan(-7.05 / 105.9); far away atan(0.11923).
+    assert ld14p_deg(np.array([1.0, 0.1, 0.0])) == pytest.approx([-5.691, 3.810, -6.798], abs=2e-3)
 
 
 def test_xv11() -> None:
