@@ -16,6 +16,7 @@ from support.waiting import PATIENCE_S, wait_until
 
 from trolley.config import load_config
 from trolley_base.emulators import EmulatedRobot, RobotInWorld
+from trolley_base.emulators.catalogue import LIDARS
 from trolley_base.world import STEP_NS
 from trolley_base.world.world_file import load_world
 
@@ -75,6 +76,20 @@ def test_recognises_every_device_and_leaves_it_as_it_was(tmp_path: Path, trolley
             assert len(line.read(1000)) == 1000, "it streams, as it did before"
         for name in ("linorobot", "rplidar_a1", "ydlidar_x4"):
             assert bytes_in(robot, name) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(3))
+def test_recognises_every_lidar_among_the_others(
+    tmp_path: Path, trolley: Trolley, first: int
+) -> None:
+    devices = list(LIDARS)[first::3]  # so many at once that the emulator keeps up
+    with emulated(tmp_path, *devices) as robot:
+        report = detect(trolley, *robot.ports.values())
+        assert models(report) == {name: name for name in devices}
+        bauds = {Path(port["port"]).name: port["found"]["baud"] for port in report["ports"]}
+        assert bauds == {name: robot.devices[name].baud for name in devices}
+        assert report["settings"] == {}  # which of them is the robot's it leaves to the person
 
 
 def test_wakes_a_sleeping_lidar_and_lets_it_sleep_again(tmp_path: Path, trolley: Trolley) -> None:

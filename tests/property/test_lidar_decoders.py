@@ -5,13 +5,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from bench.base.lidar_streams import ld19_frame
+from bench.base.lidar_streams import capsule, ld19_frame
 from bench.base.plain_lidars import PLAIN, SAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley_base.drivers.lidars import ld19
+from trolley_base.drivers.lidars import ld19, rplidar_capsules
 from trolley_base.drivers.lidars.decoding import Decoder
+from trolley_base.emulators import rplidar
 
 Make = Callable[[np.random.Generator], list[bytes]]
 """Frames that follow each other, with random distances."""
@@ -31,7 +32,53 @@ def ld_frames(rng: np.random.Generator) -> list[bytes]:
     ]
 
 
+def capsules(make: Callable[[bool, int, list[int]], bytes], most: int, count: int) -> Make:
+    def frames(rng: np.random.Generator) -> list[bytes]:
+        head_64, width_64 = int(rng.integers(23040)), int(rng.integers(64, 1280))
+        # Of the ultra scan a neighbour's distance tells the next one's.
+        near = rng.integers(1, most, 5 * (count + 1) // 4 + 4)
+        around = np.repeat(near, 4)[: 4 * (count + 1)] + rng.integers(-300, 300, 4 * (count + 1))
+        ranges = np.clip(around, 0, most - 1).tolist()
+        return [
+            make(False, (head_64 + i * width_64) % 23040, ranges[i * count : (i + 1) * count + 1])
+            for i in range(3)
+        ]
+
+    return frames
+
+
+def express_frames(rng: np.random.Generator) -> list[bytes]:
+    first_deg = rng.uniform(0.0, 300.0)
+    return [
+        capsule(
+            False,
+            first_deg + 15 * i,
+            list(zip(distances(rng, 16384, 32), rng.integers(0, 64, 32).tolist(), strict=True)),
+        )
+        for i in range(3)
+    ]
+
+
+def of_kind(kind: rplidar_capsules.Capsule) -> Callable[[Counter[str]], Decoder]:
+    return lambda counts: rplidar_capsules.CapsuleDecoder(counts, 62.5e-6, kind)
+
+
 CASES: dict[str, tuple[Make, Callable[[Counter[str]], Decoder]]] = {
+    "RPLIDAR A1 express": (express_frames, of_kind(rplidar_capsules.EXPRESS)),
+    "RPLIDAR A3": (
+        capsules(rplidar.encode_ultra, 25000, 96),
+        of_kind(rplidar_capsules.ULTRA),
+    ),
+    "RPLIDAR C1": (
+        capsules(lambda first, head, mm: rplidar.encode_dense(first, head, mm[:40]), 65535, 40),
+        of_kind(rplidar_capsules.DENSE),
+    ),
+    "RPLIDAR S3": (
+        capsules(
+            lambda first, head, mm: rplidar.encode_ultra_dense(first, head, mm[:64], 7), 60000, 64
+        ),
+        of_kind(rplidar_capsules.ULTRA_DENSE),
+    ),
     "LD19": (ld_frames, lambda counts: ld19.LdDecoder(ld19.FACTS, counts)),
     "LD14P": (
         ld_frames,

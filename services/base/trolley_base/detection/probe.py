@@ -8,9 +8,10 @@ meant for:
 - 57600: boards. A board may reboot when its port is opened, so it is asked until some seconds have
   passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
   by the CR that follows; to rosserial, letters are noise between frames.
-- 115200, 128000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead program has
-  left streaming. Bits at 57600 are two at 115200 and more at 128000, so the questions before cannot
-  be read as A5, with which every command to these lidars begins.
+- From 115200 to 1000000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead
+  program has left streaming. Bits at 57600 are two at 115200 and more at the others, so the
+  questions before cannot be read as A5, with which every command to these lidars begins; and a
+  question at one of these speeds is none at another, which a test tries for all of them.
 - 230400: what starts a lidar that waits (`b` for an LDS-01), and stops it again.
 
 DTR stays as Linux sets it on opening: boards with USB of their own want it, an A1 stands and an X4
@@ -33,11 +34,12 @@ from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars import MODELS
+from trolley_base.drivers.lidars.models import Identity
 from trolley_base.drivers.serial_port import SerialPort
 
 T = TypeVar("T")
 
-LISTEN_S = 0.6
+LISTEN_S = 0.5
 BOARDS_UNTIL_S = 3.2
 """The slowest boards talk about 2 s after their port was opened."""
 BOARD_TRIES = 2
@@ -45,11 +47,20 @@ BOARD_TRIES = 2
 ROSSERIAL_S = 0.35
 TOPICS_S = 0.5
 LINE_S = 0.2
-LIDAR_S = 0.5
-LIDAR_TRIES = 2
-TALKER_TRIES = 5
-"""Something talks here that nobody has recognised: it may be a lidar that was left streaming, and
-on a busy computer its answer comes behind what it said before."""
+LIDAR_S = (0.15, 0.3, 0.5)
+"""How long an answer is waited for at each speed, in one round after another."""
+QUIET_TRIES = 2
+"""So many rounds. The last one only where something talks that nobody has recognised: it may be a
+lidar that was left streaming, and on a busy computer its answer comes behind what it said."""
+QUESTIONS = tuple(
+    dict.fromkeys(
+        (driver.identity, baud)
+        for driver in MODELS.values()
+        if driver.identity is not None
+        for baud in (driver.facts.baud, *driver.facts.other_bauds)
+    )
+)
+"""Which lidars are asked who they are, at which speeds."""
 SPIN_UP_S = 1.5
 STOP_TRIES = 2
 STOPPING_S, MOST_STOPPING = 0.1, 4
@@ -187,31 +198,29 @@ class Probe:
         return answers.describe_bridge(self._read(LINE_S, answers.read_counts))
 
     def _ask_lidars(self) -> FoundDevice | None:
-        for model, driver in MODELS.items():
-            identity = driver.identity
-            if identity is None:
-                continue
-            self._port.set_baud(driver.facts.baud)
-            info = self._ask_lidar(identity.stop, identity.get_info, answers.read_info)
-            if info is not None:
-                health = self._ask_lidar((), identity.get_health, answers.read_health)
-                return answers.describe_lidar(model, identity, info, health)
+        talks = any(self.received.values())
+        for wait_s in LIDAR_S[: len(LIDAR_S) if talks else QUIET_TRIES]:
+            for identity, baud in QUESTIONS:
+                self._port.set_baud(baud)
+                found = self._ask_lidar(identity, baud, wait_s)
+                if found is not None:
+                    return found
         return None
 
-    def _ask_lidar(
-        self, stop: tuple[bytes, ...], question: bytes, read: Callable[[bytes], T | None]
-    ) -> T | None:
-        talks = any(self.received.values())
-        for _ in range(TALKER_TRIES if talks else LIDAR_TRIES):
-            for command in stop:
-                self._port.write(command)
-                self._await_silence()
-            self._port.discard_input()
-            self._port.write(question)
-            answer = self._read(LIDAR_S, read)
-            if answer is not None:
-                return answer
-        return None
+    def _ask_lidar(self, identity: Identity, baud: int, wait_s: float) -> FoundDevice | None:
+        for command in identity.stop:
+            self._port.write(command)
+            self._await_silence()
+        info = self._ask(identity.get_info, wait_s, answers.read_info)
+        if info is None:
+            return None
+        health = self._ask(identity.get_health, LIDAR_S[-1], answers.read_health)
+        return answers.describe_lidar(identity, baud, info, health)
+
+    def _ask(self, question: bytes, wait_s: float, read: Callable[[bytes], T | None]) -> T | None:
+        self._port.discard_input()
+        self._port.write(question)
+        return self._read(wait_s, read)
 
     def _await_silence(self) -> bool:
         """Wait until what was told to stop has stopped; False where it does not mean to."""

@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from bench.base.plain_lidars import PLAIN, SAMPLES
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D
-from trolley_base.emulators import ld19, lds01, rplidar_a1, xv11, ydlidar_x4
+from trolley_base.emulators import ld19, lds01, rplidar, xv11, ydlidar_x4
 from trolley_base.emulators.catalogue import LIDARS
 from trolley_base.emulators.lidar import BadView, Mount, SpinningLidar
 from trolley_base.world import STEP_NS, LidarSpec, Simulation
@@ -22,6 +23,8 @@ PERFECT = LidarSpec(noise_m=0.0, noise_share=0.0, drop_out=0.0, invalid=0.0)
 # Ahead on the left, so that a mirrored or turned picture is a wrong one.
 POST = "[[circle]]\nx = 1.0\ny = 0.8\nradius_m = 0.2\n"
 EXPRESS = bytes.fromhex("a58205000000000022")
+DENSE, TYPICAL = bytes.fromhex("a58205010000000023"), bytes.fromhex("a58205020000000020")
+PWM = bytes.fromhex("a5f0029402c1")
 
 
 def test_ld19_packet_matches_the_manual():
@@ -50,8 +53,20 @@ def test_x4_packet_matches_the_manual():
     assert ydlidar_x4.encode(0.0, (head, head), [0]) == frame
 
 
+def test_rplidar_dense_and_ultra_dense_match_the_vectors():
+    capsule = rplidar.encode_dense(False, 90 * 64, list(range(1000, 1040)))
+    assert capsule[:8] == bytes.fromhex("a6598016e803e903")
+    assert capsule[-2:] == bytes.fromhex("0f04")
+    # The quality's field is 5 in each; it stands for 5, 10, 20 and 40.
+    packed = [
+        rplidar.pack_ultra_dense(mm, quality)
+        for mm, quality in ((1000, 5), (3000, 10), (9999, 20), (26002, 40))
+    ]
+    assert packed == [0x057D0, 0x0A4F9, 0x14716, 0x2847F]
+
+
 def test_rplidar_sample_matches_the_vector():
-    assert rplidar_a1.encode_sample(True, 45 * 64, 1000) == bytes.fromhex("3d8116a00f")
+    assert rplidar.encode_sample(True, 45 * 64, 1000) == bytes.fromhex("3d8116a00f")
 
 
 def run(
@@ -179,6 +194,20 @@ def decode_x4(data: bytes) -> NDArray[np.float64]:
     return np.array(rows)
 
 
+def plainly(title: str) -> Decode:
+    """By the plain decoder that the drivers are compared with, behind the answer to the command."""
+
+    def decode(data: bytes) -> NDArray[np.float64]:
+        assert data[:2] == b"\xa5\x5a"
+        assert data[5] == 0x40
+        frames, read = PLAIN[title](), SAMPLES[title]()
+        found = [sample for frame in frames.feed(data[7:]) for sample in read(frame)]
+        assert frames.skipped == 0
+        return np.array(found) / (1.0, 1000.0)
+
+    return decode
+
+
 KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
     # model, decoder, what starts it, samples per second
     "ld19": ("ld19", decode_ld19, b"", 4500.0),
@@ -188,6 +217,9 @@ KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
     "lds01": ("lds01", decode_lds01, b"", 1800.0),
     "standard": ("rplidar_a1", decode_standard, b"\xa5\x20", 1 / 508e-6),
     "express": ("rplidar_a1", decode_express, EXPRESS, 1 / 254e-6),
+    "ultra": ("rplidar_a3", plainly("RPLIDAR A3"), PWM + TYPICAL, 16000.0),
+    "dense": ("rplidar_c1", plainly("RPLIDAR C1"), DENSE, 5000.0),
+    "ultra dense": ("rplidar_s3", plainly("RPLIDAR S3"), DENSE, 32000.0),
     "x4": ("ydlidar_x4", decode_x4, b"\xa5\x60", 5000.0),
 }
 
@@ -322,6 +354,11 @@ def answers(kind: str, request: str) -> str:
         ("rplidar_a1", "a5840470000000" + "55", "a55a0600000020" + "70000000" + "0200"),
         ("rplidar_a1", "a584047c00000059", "a55a0600000020" + "7c000000" + "0100"),
         ("rplidar_a1", "a58406710000000000" + "56", "a55a0800000020" + "71000000" + "00fc0100"),
+        ("rplidar_c1", "a550", "a55a1400000004" + "41"),
+        ("rplidar_c1", "a584047c00000059", "a55a0600000020" + "7c000000" + "0100"),
+        ("rplidar_c1", "a5840401000000" + "24", "a55a0800000020" + "01000000" + "58020000"),
+        ("rplidar_s2", "a58406710000000100" + "57", "a55a0800000020" + "71000000" + "401f0000"),
+        ("rplidar_a2", "a5ff04000000005e", "a55a04000000ff" + "01000000"),
         ("ydlidar_x4", "a590", "a55a1400000004" + "06"),
         ("ydlidar_x4", "a592", "a55a0300000006" + "000000"),
     ],

@@ -176,10 +176,10 @@ DRIVERS: dict[LidarModel, LidarDriver] = {
             stop=(FORCE_STOP, STOP),
             get_info=GET_INFO,
             get_health=GET_HEALTH,
-            is_model=lambda number: number == MODEL_NUMBER,
             other_model=_other_model,
             serial=_serial,
         ),
+        is_model=lambda number: number == MODEL_NUMBER,
         linorobot_names=("ydlidar",),
         ros_packages=("ydlidar", "ydlidar_ros", "ydlidar_ros_driver"),
     )

@@ -23,10 +23,10 @@ from trolley_base.drivers.interface import DriverError, LidarScan
 from trolley_base.drivers.lidars import MODELS, make_lidar
 
 # Decoders that are tried with another title, at rates that take their time.
-SLOW = {"STL-27L"}
+SLOW = {"STL-27L", "RPLIDAR S2"}
 TITLES = [pytest.param(one, marks=[pytest.mark.slow] * (one in SLOW)) for one in STREAMS]
 # What the sensor looks beside its head, so that beams are fired while the head points there.
-BESIDE_DEG = {"RPLIDAR A1 express": 7.0, "YDLIDAR X4": 7.5, "LD14P": 6.4}
+BESIDE_DEG = {"RPLIDAR A1 express": 7.0, "YDLIDAR X4": 7.5, "LD14P": 6.4, "RPLIDAR A3": 7.7}
 
 
 def angles_of(scan: LidarScan) -> NDArray[Any]:
@@ -47,7 +47,9 @@ def test_scans_show_the_room(title: str, chunk_s: float) -> None:
         truth = np.array([distance_m(math.degrees(sense * angle)) for angle in angles_of(scan)])
         truth = np.where(truth > scan.range_max, np.inf, truth)
         near = truth < scan.range_max - 0.05
-        assert scan.ranges[near] == pytest.approx(truth[near], abs=0.02)
+        # An A3's angles are as coarse as its maker computes them, and its room is at a slant.
+        within_m = 0.03 if title == "RPLIDAR A3" else 0.02
+        assert scan.ranges[near] == pytest.approx(truth[near], abs=within_m)
         assert np.isinf(scan.ranges[truth > scan.range_max + 0.05]).all()
         assert 2.0 * math.pi * scan.angle_increment > 0.0
         covered = len(scan.ranges) * scan.angle_increment

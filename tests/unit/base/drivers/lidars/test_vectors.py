@@ -1,6 +1,9 @@
 """Frames whose bytes are known, as the makers' documents give them or their rules make them."""
 
+import struct
 from collections import Counter
+from functools import reduce
+from operator import xor
 
 import numpy as np
 import pytest
@@ -10,7 +13,9 @@ from trolley_base.drivers.lidars.decoding import Decoded, Decoder
 from trolley_base.drivers.lidars.ld19 import FACTS, LdDecoder
 from trolley_base.drivers.lidars.ld19 import triangulation_deg as ld14p_deg
 from trolley_base.drivers.lidars.lds01 import Lds01Decoder
-from trolley_base.drivers.lidars.rplidar_capsules import CapsuleDecoder
+from trolley_base.drivers.lidars.rplidar import request, start_mode
+from trolley_base.drivers.lidars.rplidar_capsules import DENSE as DENSE_KIND
+from trolley_base.drivers.lidars.rplidar_capsules import ULTRA_DENSE, CapsuleDecoder
 from trolley_base.drivers.lidars.rplidar_samples import StandardDecoder
 from trolley_base.drivers.lidars.xv11 import Xv11Decoder
 from trolley_base.drivers.lidars.ydlidar_x4 import X4Decoder, triangulation_deg
@@ -105,6 +110,57 @@ def test_a_capsule_before_one_that_begins_a_scan_is_dropped() -> None:
     assert decoder.decode(capsule(False, 10.0, [(1000, 0)] * 32)) is None
     assert decoder.decode(capsule(True, 42.0, [(1000, 0)] * 32)) is None
     assert decoder.decode(capsule(False, 74.0, [(1000, 0)] * 32)) is not None
+
+
+DENSE = bytes.fromhex("A659 8016") + np.arange(1000, 1040, dtype="<u2").tobytes()
+
+
+def test_a_dense_capsule() -> None:
+    decoder = CapsuleDecoder(Counter(), 200e-6, DENSE_KIND)
+    following = bytes.fromhex("A053 802C") + DENSE[4:]  # from 178 degrees on
+    following = checked(following[2:])
+    assert checked(DENSE[2:]) == DENSE
+    samples = decoded(decoder, DENSE + following).samples
+    assert samples.angle_deg == pytest.approx(90.0 + np.arange(40) * 88.0 / 40)
+    assert samples.range_m == pytest.approx(np.arange(1.0, 1.0395, 0.001))
+    assert not samples.shift_deg.any()
+    assert len(samples.intensity) == 0
+
+
+def test_ultra_dense_samples_of_each_scale() -> None:
+    packed = [0x057D0, 0x0A4F9, 0x14716, 0x2847F]
+    cabins = b"".join(
+        struct.pack("<HHB", one & 0xFFFF, two & 0xFFFF, one >> 16 | two >> 16 << 4)
+        for one, two in (packed[:2], packed[2:])
+    )
+    first = checked(bytes(6) + b"\x80\x16" + cabins + bytes(150))
+    after = checked(bytes(6) + b"\x80\x2c" + bytes(160))
+    samples = decoded(CapsuleDecoder(Counter(), 31.25e-6, ULTRA_DENSE), first + after).samples
+    assert samples.range_m[:6] == pytest.approx([1.0, 3.0, 9.999, 26.002, 0.0, 0.0])
+    assert samples.intensity[:6].tolist() == [5, 10, 20, 40, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("command", "sent"),
+    [
+        (start_mode(1), "A5 82 05 01 00 00 00 00 23"),
+        (start_mode(3), "A5 82 05 03 00 00 00 00 21"),
+        (request(0x84, struct.pack("<I", 0x7C)), "A5 84 04 7C 00 00 00 59"),
+        (request(0x84, struct.pack("<IH", 0x71, 1)), "A5 84 06 71 00 00 00 01 00 57"),
+        (request(0x84, struct.pack("<I", 1)), "A5 84 04 01 00 00 00 24"),
+        (request(0xA8, struct.pack("<H", 600)), "A5 A8 02 58 02 55"),
+        (request(0xA8, bytes(2)), "A5 A8 02 00 00 0F"),
+        (request(0xF0, struct.pack("<H", 660)), "A5 F0 02 94 02 C1"),
+    ],
+)
+def test_what_an_rplidar_is_sent(command: bytes, sent: str) -> None:
+    assert command == bytes.fromhex(sent)
+
+
+def checked(body: bytes) -> bytes:
+    """A capsule of what its check is of."""
+    check = reduce(xor, body)
+    return bytes([0xA0 | check & 15, 0x50 | check >> 4]) + body
 
 
 def test_an_xv11_distance_marked_invalid_is_none() -> None:
