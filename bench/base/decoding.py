@@ -31,6 +31,8 @@ ANSWERS = {
     b"\xa5\x60": bytes.fromhex("A55A05000040 81"),
     bytes.fromhex("A58205000000000022"): bytes.fromhex("A55A54000040 82"),
 }
+YDLIDARS = {"YDLIDAR G2": 15, "YDLIDAR G4": 5, "YDLIDAR T-mini": 151}
+"""What they call themselves."""
 # Number, period of the typical mode [1/256 us], and what begins its stream.
 TYPICAL = {
     "RPLIDAR A3": (0x31, 16000, "A55A84000040 84"),
@@ -42,6 +44,10 @@ TYPICAL = {
 
 def answers_of(title: str) -> dict[bytes, bytes]:
     """What the sensor says to what it is asked."""
+    if title in YDLIDARS:
+        number = YDLIDARS[title]
+        info = bytes.fromhex("A55A14000000 04") + bytes([number]) + bytes(19)
+        return ANSWERS | {b"\xa5\x90": info, b"\xa5\xd1": bytes.fromhex("A55A01000000 04 02")}
     if title not in TYPICAL:
         return ANSWERS
     number, period, stream = TYPICAL[title]

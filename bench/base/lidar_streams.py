@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trolley_base.emulators import rplidar
+from trolley_base.emulators import rplidar, ydlidar
 
 BITS_PER_BYTE = 10
 
@@ -147,27 +147,64 @@ def lds01_stream(hz: float = 5.0) -> Iterator[Frame]:
     return degree_stream(6, lambda i, rpm, mm: lds01_frame(i, rpm, [(200, one) for one in mm]), hz)
 
 
-def x4_stream(hz: float = 7.0) -> Iterator[Frame]:
-    """5000 samples a second; a turn begins with a frame of one."""
-    step = 360.0 * hz / 5000.0
+def x4_stream(hz: float = 7.0, per_s: float = 5000.0, most: int = 40) -> Iterator[Frame]:
+    """So many samples a second; a turn begins with a frame of one."""
+    return yd_stream(hz, per_s, most, looks_beside=True, make=x4_frame)
+
+
+def yd_stream(
+    hz: float,
+    per_s: float,
+    most: int,
+    *,
+    looks_beside: bool,
+    make: Callable[[bool, float, float, list[int]], bytes],
+) -> Iterator[Frame]:
+    """Frames of at most so many samples, [mm / 4]."""
+    step = 360.0 * hz / per_s
     index = 0
     while True:
         first = index * step % 360.0
         begins = first < step
-        count = 1 if begins else min(40, math.ceil((360.0 - first) / step - 1e-9))
+        count = 1 if begins else min(most, math.ceil((360.0 - first) / step - 1e-9))
         samples = []
         for i in range(count):
-            # The beam that finds something at this distance looked beside the head.
             head = first + i * step
-            seen = distance_m(head - 7.0)
-            for _ in range(5):
+            # The beam that finds something at this distance looked beside the head.
+            seen = distance_m(head - 7.0 * looks_beside)
+            for _ in range(5 * looks_beside):
                 offset = 21.8 * (155.3 - 1000 * seen) / (155.3 * 1000 * seen)
                 seen = distance_m(head + math.degrees(math.atan(offset)))
             samples.append(round(4000 * seen))
         index += count
-        yield Frame(
-            (index - 1) / 5000.0, x4_frame(begins, first, first + (count - 1) * step, samples)
-        )
+        yield Frame((index - 1) / per_s, make(begins, first, first + (count - 1) * step, samples))
+
+
+def with_intensity(begins: bool, first_deg: float, last_deg: float, samples: list[int]) -> bytes:
+    """Make a YDLIDAR's frame with an intensity of 200, and something in the bits beside."""
+    first, last = (round(deg * 64) % 23040 for deg in (first_deg, last_deg))
+    rows = [(200, one & ~3 | number % 4) for number, one in enumerate(samples)]
+    return ydlidar.encode_with_intensity(0.0 if begins else None, (first, last), rows)
+
+
+def tmini_stream() -> Iterator[Frame]:
+    """4000 samples a second, by a sensor that looks where its head points."""
+    return yd_stream(9.3, 4000.0, 40, looks_beside=False, make=with_intensity)
+
+
+def g2_stream() -> Iterator[Frame]:
+    """5000 samples a second with intensity."""
+    return yd_stream(7.0, 5000.0, 40, looks_beside=True, make=with_intensity)
+
+
+def g4_stream() -> Iterator[Frame]:
+    """9000 samples a second."""
+    return x4_stream(7.0, 9000.0, 80)
+
+
+def x2_stream() -> Iterator[Frame]:
+    """3000 samples a second."""
+    return x4_stream(6.0, 3000.0)
 
 
 def standard_stream(hz: float = 5.5) -> Iterator[Frame]:
@@ -256,6 +293,10 @@ STREAMS: dict[str, tuple[str, int, Callable[[], Iterator[Frame]]]] = {
     "RPLIDAR S2": ("rplidar_s2", 1_000_000, fast_dense_stream),
     "RPLIDAR S3": ("rplidar_s3", 1_000_000, ultra_dense_stream),
     "YDLIDAR X4": ("ydlidar_x4", 128000, x4_stream),
+    "YDLIDAR X2": ("ydlidar_x2", 115200, x2_stream),
+    "YDLIDAR G2": ("ydlidar_g2", 230400, g2_stream),
+    "YDLIDAR G4": ("ydlidar_g4", 230400, g4_stream),
+    "YDLIDAR T-mini": ("ydlidar_tmini", 230400, tmini_stream),
     "LD19": ("ld19", 230400, ld19_stream),
     "STL-27L": ("stl27l", 921600, stl27l_stream),
     "LD14P": ("ld14p", 230400, ld14p_stream),
@@ -271,6 +312,10 @@ TURNS_HZ = {
     "RPLIDAR S2": 10.0,
     "RPLIDAR S3": 10.0,
     "YDLIDAR X4": 7.0,
+    "YDLIDAR X2": 6.0,
+    "YDLIDAR G2": 7.0,
+    "YDLIDAR G4": 7.0,
+    "YDLIDAR T-mini": 9.3,
     "LD19": 10.0,
     "STL-27L": 10.0,
     "LD14P": 6.0,

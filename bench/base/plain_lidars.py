@@ -8,7 +8,7 @@ import itertools
 import math
 import struct
 from collections.abc import Callable
-from functools import reduce
+from functools import partial, reduce
 from operator import xor
 
 from bench.base.lidar_streams import crc8
@@ -56,15 +56,15 @@ def lds01_check(frame: bytes) -> bool:
     return frame[40] == frame[41] == 0xFF - sum(frame[:40]) % 256
 
 
-def x4_length(data: bytes) -> int | None:
+def yd_length(data: bytes, sample_bytes: int = 2, most: int = 40) -> int | None:
     """AA 55, kind, number of samples, two angles whose lowest bit is set."""
     if data[0] != 0xAA or (len(data) > 1 and data[1] != 0x55):
         return 0
-    if len(data) > 3 and not 1 <= data[3] <= 40:
+    if len(data) > 3 and not 1 <= data[3] <= most:
         return 0
     if (len(data) > 4 and not data[4] & 1) or (len(data) > 6 and not data[6] & 1):
         return 0
-    return None if len(data) < 7 else 10 + 2 * data[3]
+    return None if len(data) < 7 else 10 + sample_bytes * data[3]
 
 
 def x4_check(frame: bytes) -> bool:
@@ -72,6 +72,14 @@ def x4_check(frame: bytes) -> bool:
     header, kind, size, first, last, check = struct.unpack("<HBBHHH", frame[:10])
     samples = struct.unpack(f"<{size}H", frame[10:])
     return reduce(xor, (header, first, *samples, size << 8 | kind, last)) == check
+
+
+def intensity_check(frame: bytes) -> bool:
+    """As before, the intensities words of their own."""
+    header, kind, size, first, last, check = struct.unpack("<HBBHHH", frame[:10])
+    for one in struct.iter_unpack("<BH", frame[10:]):
+        check ^= one[0] ^ one[1]
+    return header ^ first ^ (size << 8 | kind) ^ last == check
 
 
 def capsule_length(data: bytes) -> int | None:
@@ -205,7 +213,11 @@ PLAIN: dict[str, Callable[[], PlainFrames | PlainSamples]] = {
     "RPLIDAR C1": lambda: PlainFrames(capsule_length, capsule_check),
     "RPLIDAR S2": lambda: PlainFrames(capsule_length, capsule_check),
     "RPLIDAR S3": lambda: PlainFrames(ultra_dense_length, capsule_check),
-    "YDLIDAR X4": lambda: PlainFrames(x4_length, x4_check),
+    "YDLIDAR X4": lambda: PlainFrames(yd_length, x4_check),
+    "YDLIDAR X2": lambda: PlainFrames(yd_length, x4_check),
+    "YDLIDAR G2": lambda: PlainFrames(partial(yd_length, sample_bytes=3), intensity_check),
+    "YDLIDAR G4": lambda: PlainFrames(partial(yd_length, most=80), x4_check),
+    "YDLIDAR T-mini": lambda: PlainFrames(partial(yd_length, sample_bytes=3), intensity_check),
     "LD19": lambda: PlainFrames(ld19_length, ld19_check),
     "STL-27L": lambda: PlainFrames(ld19_length, ld19_check),
     "LD14P": lambda: PlainFrames(ld19_length, ld19_check),
@@ -266,6 +278,30 @@ def x4_samples(frame: bytes) -> Polar:
         beside = math.atan(21.8 * (155.3 - mm) / (155.3 * mm)) if mm else 0.0
         samples.append(((first / 64 + i * step + math.degrees(beside)) % 360, mm))
     return samples
+
+
+def tmini_samples(frame: bytes) -> Polar:
+    """Up to forty, between two angles."""
+    size = frame[3]
+    first, last = (one >> 1 for one in struct.unpack_from("<HH", frame, 4))
+    step = (last - first) % 23040 / 64 / max(size - 1, 1)
+    return [
+        ((first / 64 + i * step) % 360, quarter // 4)
+        for i, (_, quarter) in enumerate(struct.iter_unpack("<BH", frame[10:]))
+    ]
+
+
+def g2_samples(frame: bytes) -> Polar:
+    """The same, each corrected by its distance."""
+    return [
+        (
+            (angle + math.degrees(math.atan(21.8 * (155.3 - mm) / (155.3 * mm)))) % 360
+            if mm
+            else angle,
+            mm,
+        )
+        for angle, mm in tmini_samples(frame)
+    ]
 
 
 def standard_samples(frame: bytes) -> Polar:
@@ -405,6 +441,10 @@ SAMPLES: dict[str, Callable[[], Callable[[bytes], Polar]]] = {
     "RPLIDAR S2": lambda: PlainCapsules(40, 2, plain_dense),
     "RPLIDAR S3": lambda: PlainCapsules(64, 8, plain_ultra_dense),
     "YDLIDAR X4": lambda: x4_samples,
+    "YDLIDAR X2": lambda: x4_samples,
+    "YDLIDAR G2": lambda: g2_samples,
+    "YDLIDAR G4": lambda: x4_samples,
+    "YDLIDAR T-mini": lambda: tmini_samples,
     "LD19": lambda: ld19_samples,
     "STL-27L": lambda: ld19_samples,
     "LD14P": lambda: ld14p_samples,

@@ -22,7 +22,14 @@ from trolley_base.world.world_file import load_world
 
 Trolley = Callable[..., subprocess.CompletedProcess[str]]
 
-BAUDS = {"linorobot": 57600, "rplidar_a1": 115200, "ydlidar_x4": 128000, "lds01": 230400}
+BAUDS = {
+    "linorobot": 57600,
+    "rplidar_a1": 115200,
+    "rplidar_c1": 460800,
+    "ydlidar_x4": 128000,
+    "ydlidar_tmini": 230400,
+    "lds01": 230400,
+}
 
 
 @contextmanager
@@ -103,7 +110,12 @@ def test_wakes_a_sleeping_lidar_and_lets_it_sleep_again(tmp_path: Path, trolley:
 
 
 def test_takes_lidars_over_that_were_left_streaming(tmp_path: Path, trolley: Trolley) -> None:
-    start = {"rplidar_a1": b"\xa5\x20", "ydlidar_x4": b"\xa5\x60"}
+    start = {
+        "rplidar_a1": b"\xa5\x20",
+        "rplidar_c1": bytes.fromhex("a58205010000000023"),
+        "ydlidar_x4": b"\xa5\x60",
+        "ydlidar_tmini": b"\xa5\x60",
+    }
     with emulated(tmp_path, *start) as robot:
         for name, command in start.items():
             with serial.Serial(str(robot.ports[name]), BAUDS[name], timeout=PATIENCE_S) as line:

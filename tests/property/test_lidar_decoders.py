@@ -10,9 +10,11 @@ from bench.base.plain_lidars import PLAIN, SAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley_base.drivers.lidars import ld19, rplidar_capsules
+from trolley.config.hardware import LidarModel
+from trolley_base.drivers.lidars import ld19, rplidar_capsules, ydlidar
 from trolley_base.drivers.lidars.decoding import Decoder
 from trolley_base.emulators import rplidar
+from trolley_base.emulators import ydlidar as ydlidar_emulator
 
 Make = Callable[[np.random.Generator], list[bytes]]
 """Frames that follow each other, with random distances."""
@@ -63,6 +65,33 @@ def of_kind(kind: rplidar_capsules.Capsule) -> Callable[[Counter[str]], Decoder]
     return lambda counts: rplidar_capsules.CapsuleDecoder(counts, 62.5e-6, kind)
 
 
+def yd_frames(make: Callable[[int, tuple[int, int], list[int]], bytes], most: int) -> Make:
+    def frames(rng: np.random.Generator) -> list[bytes]:
+        at_64, data = int(rng.integers(23040)), []
+        for _ in range(3):
+            count, width = int(rng.integers(1, most + 1)), int(rng.integers(1, 1000))
+            width *= count > 1
+            heads = at_64 % 23040, (at_64 + width) % 23040
+            data.append(make(int(rng.integers(2)), heads, distances(rng, 65535, count)))
+            at_64 += width + int(rng.integers(0, 20))
+        return data
+
+    return frames
+
+
+def plain_yd(begins: int, heads: tuple[int, int], quarters: list[int]) -> bytes:
+    return ydlidar_emulator.encode(7.0 if begins else None, heads, quarters)
+
+
+def intense_yd(begins: int, heads: tuple[int, int], quarters: list[int]) -> bytes:
+    rows = [(one % 251, one) for one in quarters]
+    return ydlidar_emulator.encode_with_intensity(7.0 if begins else None, heads, rows)
+
+
+def of_ydlidar(model: LidarModel) -> Callable[[Counter[str]], Decoder]:
+    return lambda counts: ydlidar.YdDecoder(ydlidar.KINDS[model], counts)
+
+
 CASES: dict[str, tuple[Make, Callable[[Counter[str]], Decoder]]] = {
     "RPLIDAR A1 express": (express_frames, of_kind(rplidar_capsules.EXPRESS)),
     "RPLIDAR A3": (
@@ -79,6 +108,10 @@ CASES: dict[str, tuple[Make, Callable[[Counter[str]], Decoder]]] = {
         ),
         of_kind(rplidar_capsules.ULTRA_DENSE),
     ),
+    "YDLIDAR X4": (yd_frames(plain_yd, 40), of_ydlidar("ydlidar_x4")),
+    "YDLIDAR G4": (yd_frames(plain_yd, 80), of_ydlidar("ydlidar_g4")),
+    "YDLIDAR G2": (yd_frames(intense_yd, 40), of_ydlidar("ydlidar_g2")),
+    "YDLIDAR T-mini": (yd_frames(intense_yd, 40), of_ydlidar("ydlidar_tmini")),
     "LD19": (ld_frames, lambda counts: ld19.LdDecoder(ld19.FACTS, counts)),
     "LD14P": (
         ld_frames,

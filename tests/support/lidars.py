@@ -4,7 +4,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterable
 
-from bench.base.decoding import TYPICAL, answers_of
+from bench.base.decoding import TYPICAL, YDLIDARS, answers_of
 from bench.base.lidar_streams import STREAMS, chunks
 
 from trolley.config.hardware import LidarConfig
@@ -76,11 +76,11 @@ def rplidar(*, express: bool = True, health: bytes = bytes(3), model: int = 0x18
     return Asked(answers, start, {b"\xa5\x25", b"\xa5\x40"})
 
 
-def ydlidar(health: bytes = bytes(3)) -> Asked:
+def ydlidar(others: dict[bytes, bytes] | None = None, health: bytes = bytes(3)) -> Asked:
     answers = {
         b"\xa5\x90": INFO + bytes([6, 1, 1, 1]) + bytes(16),
         b"\xa5\x92": HEALTH + health,
-    }
+    } | (others or {})
     return Asked(answers, {b"\xa5\x60": SCAN_STREAM}, {b"\xa5\x00", b"\xa5\x65"})
 
 
@@ -165,6 +165,8 @@ def started(title: str, **settings: object) -> Session:
     device = {"rplidar_a1": rplidar, "ydlidar_x4": ydlidar}.get(model, Silent)()
     if title in TYPICAL:
         device = slamtec(title)
+    elif title in YDLIDARS:
+        device = ydlidar(answers_of(title))
     session = Session(LidarConfig(model=model, **settings), device)  # pyright: ignore[reportArgumentType]
     session.wait_for_stream()
     return session

@@ -16,6 +16,11 @@ LidarModel = Literal[
     "rplidar_s2",
     "rplidar_s3",
     "ydlidar_x4",
+    "ydlidar_x4_pro",
+    "ydlidar_x2",
+    "ydlidar_g2",
+    "ydlidar_g4",
+    "ydlidar_tmini",
     "ld19",
     "stl27l",
     "ld14p",
@@ -33,7 +38,8 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """`[base.lidar]`: the lidar and where it is mounted (a recording brings its own)."""
 
     model: LidarModel | None = None
-    """The lidar's model, if the driver is `hardware`; `ld19` also covers LD06 and STL-06P to 26."""
+    """The lidar's model, if the driver is `hardware`; `ld19` also covers LD06 and STL-06P to 26,
+    `ydlidar_x2` the X3."""
     port: str = ""
     """The serial port; a name below /dev/serial/by-id or by-path stays the same."""
     baud: Baud | None = None

@@ -3,8 +3,8 @@
 First it listens, then it asks in an order in which no question can harm a device that it is not
 meant for:
 
-- At each speed at which a lidar talks unasked: what comes. Several send the same frames; one of
-  them obeys a stop, which is said to it then.
+- At each speed at which a lidar talks unasked: what comes. Several send the same frames: those of
+  them that can say who they are are asked, and one obeys a stop.
 - 57600: boards. A board may reboot when its port is opened, so it is asked until some seconds have
   passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
   by the CR that follows; to rosserial, letters are noise between frames.
@@ -34,7 +34,7 @@ from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars import MODELS
-from trolley_base.drivers.lidars.models import Identity
+from trolley_base.drivers.lidars.models import Identity, LidarDriver
 from trolley_base.drivers.serial_port import SerialPort
 
 T = TypeVar("T")
@@ -140,26 +140,41 @@ class Probe:
             model = self._read(LISTEN_S, partial(streams.recognise_stream, baud=baud), data)
             self.received[baud] = len(data)
             if model is not None:
-                return streams.describe_stream(self._tell_apart(model))
+                found = self._tell_apart(model)
+                if found is not None:
+                    return found
         return None
 
-    def _tell_apart(self, model: LidarModel) -> LidarModel:
-        """Return which of the models that send the same frames this is: one of them obeys a stop.
+    def _tell_apart(self, model: LidarModel) -> FoundDevice | None:
+        """Find out which of the models that send the same frames at the same speed this is.
 
-        One that has obeyed is started again.
+        Some say who they are; one that was left streaming is stopped for that. Of the others one
+        obeys a stop, and is started again. None: nothing that it can be answers.
         """
-        for twin in streams.twins_of(model):
-            driver = MODELS[twin]
-            for _ in range(STOP_TRIES if driver.stop else 0):
-                self._port.write(driver.stop)
-                try:
-                    has_stopped = self._await_silence()
-                finally:
-                    self._port.write(driver.start)
-                    time.sleep(POLL_S)  # closing drops what has not left
-                if has_stopped:
-                    return twin
-        return model
+        kin: list[LidarModel] = [model, *streams.twins_of(model)]
+        identities = dict.fromkeys(MODELS[one].identity for one in kin)
+        for wait_s in LIDAR_S:
+            for identity in filter(None, identities):
+                found = self._ask_lidar(identity, MODELS[model].facts.baud, wait_s)
+                if found is not None:
+                    return found
+        mute: list[LidarModel] = [one for one in kin if MODELS[one].identity is None]
+        for one in mute:
+            if len(mute) > 1 and self._obeys_stop(MODELS[one]):
+                return streams.describe_stream(one)
+        return streams.describe_stream(mute[0]) if mute else None
+
+    def _obeys_stop(self, driver: LidarDriver) -> bool:
+        for _ in range(STOP_TRIES if driver.stop else 0):
+            self._port.write(driver.stop)
+            try:
+                has_stopped = self._await_silence()
+            finally:
+                self._port.write(driver.start)
+                time.sleep(POLL_S)  # closing drops what has not left
+            if has_stopped:
+                return True
+        return False
 
     def _ask_boards(self) -> FoundDevice | None:
         self._port.set_baud(answers.BRIDGE.baud)

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trolley_base.emulators import ld19, lds01, rplidar, xv11, ydlidar_x4
+from trolley_base.emulators import ld19, lds01, rplidar, xv11, ydlidar
 from trolley_base.emulators.arduino_bridge import ArduinoBridge, WheelFacts
 from trolley_base.emulators.device import Board, Device, DeviceError
 from trolley_base.emulators.lidar import MakeLidar, Mount
 from trolley_base.emulators.linorobot import Linorobot, LinorobotOptions
 from trolley_base.world import LidarSpec
 
-FAMILIES = (rplidar, ydlidar_x4, ld19, xv11, lds01)
+FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01)
 """The emulators' modules; each knows one protocol, and its models by name in `LIDARS`."""
 LIDARS: dict[str, MakeLidar] = {
     name: make for family in FAMILIES for name, make in family.LIDARS.items()

@@ -46,6 +46,8 @@ def test_a_lidar_is_known_by_sound_frames_only(
 def test_lidars_with_the_same_frames_at_the_same_speed_are_twins() -> None:
     assert streams.twins_of("ld19") == ["ld14p"]
     assert streams.twins_of("stl27l") == []
+    assert streams.twins_of("ydlidar_x4") == ["ydlidar_x4_pro"]
+    assert streams.twins_of("ydlidar_x2") == []
 
 
 @given(st.binary(max_size=4000))

@@ -11,7 +11,7 @@ from bench.base.plain_lidars import PLAIN, SAMPLES
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D
-from trolley_base.emulators import ld19, lds01, rplidar, xv11, ydlidar_x4
+from trolley_base.emulators import ld19, lds01, rplidar, xv11, ydlidar
 from trolley_base.emulators.catalogue import LIDARS
 from trolley_base.emulators.lidar import BadView, Mount, SpinningLidar
 from trolley_base.world import STEP_NS, LidarSpec, Simulation
@@ -50,7 +50,12 @@ def test_lds01_packet_matches_the_vector():
 def test_x4_packet_matches_the_manual():
     frame = bytes.fromhex("aa55010153ae53aeab540000")
     head = (0xAE53 - 1) // 2
-    assert ydlidar_x4.encode(0.0, (head, head), [0]) == frame
+    assert ydlidar.encode(0.0, (head, head), [0]) == frame
+
+
+def test_ydlidar_packet_with_intensity_matches_the_vector():
+    packet = ydlidar.encode_with_intensity(None, (640, 704), [(100, 4000), (101, 4004)])
+    assert packet == bytes.fromhex("aa550002010581052f5764a00f65a40f")
 
 
 def test_rplidar_dense_and_ultra_dense_match_the_vectors():
@@ -194,14 +199,16 @@ def decode_x4(data: bytes) -> NDArray[np.float64]:
     return np.array(rows)
 
 
-def plainly(title: str) -> Decode:
+def plainly(title: str, *, answered: bool = True) -> Decode:
     """By the plain decoder that the drivers are compared with, behind the answer to the command."""
 
     def decode(data: bytes) -> NDArray[np.float64]:
-        assert data[:2] == b"\xa5\x5a"
-        assert data[5] == 0x40
+        if answered:
+            assert data[:2] == b"\xa5\x5a"
+            assert data[5] == 0x40
+            data = data[7:]
         frames, read = PLAIN[title](), SAMPLES[title]()
-        found = [sample for frame in frames.feed(data[7:]) for sample in read(frame)]
+        found = [sample for frame in frames.feed(data) for sample in read(frame)]
         assert frames.skipped == 0
         return np.array(found) / (1.0, 1000.0)
 
@@ -221,6 +228,10 @@ KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
     "dense": ("rplidar_c1", plainly("RPLIDAR C1"), DENSE, 5000.0),
     "ultra dense": ("rplidar_s3", plainly("RPLIDAR S3"), DENSE, 32000.0),
     "x4": ("ydlidar_x4", decode_x4, b"\xa5\x60", 5000.0),
+    "x2": ("ydlidar_x2", plainly("YDLIDAR X2", answered=False), b"", 3000.0),
+    "g2": ("ydlidar_g2", plainly("YDLIDAR G2"), b"\xa5\x60", 5000.0),
+    "g4": ("ydlidar_g4", plainly("YDLIDAR G4"), b"\xa5\x60", 9000.0),
+    "tmini": ("ydlidar_tmini", plainly("YDLIDAR T-mini"), b"\xa5\x60", 4000.0),
 }
 
 
@@ -360,6 +371,8 @@ def answers(kind: str, request: str) -> str:
         ("rplidar_s2", "a58406710000000100" + "57", "a55a0800000020" + "71000000" + "401f0000"),
         ("rplidar_a2", "a5ff04000000005e", "a55a04000000ff" + "01000000"),
         ("ydlidar_x4", "a590", "a55a1400000004" + "06"),
+        ("ydlidar_tmini", "a590", "a55a1400000004" + "97"),
+        ("ydlidar_g4", "a5d1", "a55a0100000004" + "02"),
         ("ydlidar_x4", "a592", "a55a0300000006" + "000000"),
     ],
 )

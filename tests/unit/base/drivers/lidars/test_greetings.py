@@ -140,6 +140,11 @@ def test_an_rplidar_whose_typical_mode_is_the_standard_one_is_started_in_it() ->
     assert device.heard[-1] == STANDARD
 
 
+def test_a_g4_is_asked_how_fast_it_samples() -> None:
+    session = started("YDLIDAR G4")
+    assert session.device.heard[-2:] == [b"\xa5\xd1", b"\xa5\x60"]
+
+
 def test_an_lds01_is_asked_to_start_until_it_does() -> None:
     session = Session(LidarConfig(model="lds01"))
     start_ns = session.now_ns
@@ -157,6 +162,8 @@ def test_an_lds01_is_asked_to_start_until_it_does() -> None:
         ("rplidar_c1", (None, None), (STOP, bytes.fromhex("A5A80200000F"))),
         ("rplidar_a2", (False, True), (STOP, bytes.fromhex("A5F002000057"))),
         ("ld19", (None, None), ()),
+        ("ydlidar_x2", (True, False), ()),
+        ("ydlidar_tmini", (True, False), (b"\xa5\x00", b"\xa5\x65")),
         ("xv11", (None, None), ()),
         ("lds01", (None, None), (b"e",)),
     ],

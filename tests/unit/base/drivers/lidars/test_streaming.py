@@ -23,10 +23,15 @@ from trolley_base.drivers.interface import DriverError, LidarScan
 from trolley_base.drivers.lidars import MODELS, make_lidar
 
 # Decoders that are tried with another title, at rates that take their time.
-SLOW = {"STL-27L", "RPLIDAR S2"}
+SLOW = {"STL-27L", "RPLIDAR S2", "YDLIDAR G2"}
 TITLES = [pytest.param(one, marks=[pytest.mark.slow] * (one in SLOW)) for one in STREAMS]
 # What the sensor looks beside its head, so that beams are fired while the head points there.
-BESIDE_DEG = {"RPLIDAR A1 express": 7.0, "YDLIDAR X4": 7.5, "LD14P": 6.4, "RPLIDAR A3": 7.7}
+BESIDE_DEG = {
+    "RPLIDAR A1 express": 7.0,
+    "RPLIDAR A3": 7.7,
+    **dict.fromkeys(("YDLIDAR X4", "YDLIDAR X2", "YDLIDAR G2", "YDLIDAR G4"), 7.5),
+    "LD14P": 6.4,
+}
 
 
 def angles_of(scan: LidarScan) -> NDArray[Any]:

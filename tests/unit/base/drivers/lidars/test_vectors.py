@@ -18,7 +18,7 @@ from trolley_base.drivers.lidars.rplidar_capsules import DENSE as DENSE_KIND
 from trolley_base.drivers.lidars.rplidar_capsules import ULTRA_DENSE, CapsuleDecoder
 from trolley_base.drivers.lidars.rplidar_samples import StandardDecoder
 from trolley_base.drivers.lidars.xv11 import Xv11Decoder
-from trolley_base.drivers.lidars.ydlidar_x4 import X4Decoder, triangulation_deg
+from trolley_base.drivers.lidars.ydlidar import KINDS, YdDecoder, triangulation_deg
 
 
 def decoded(decoder: Decoder, data: bytes) -> Decoded:
@@ -67,9 +67,21 @@ def test_lds01() -> None:
 
 
 def test_ydlidar_x4() -> None:
-    result = decoded(X4Decoder(Counter()), bytes.fromhex("AA 55 01 01 53 AE 53 AE AB 54 00 00"))
+    result = decoded(
+        YdDecoder(KINDS["ydlidar_x4"], Counter()),
+        bytes.fromhex("AA 55 01 01 53 AE 53 AE AB 54 00 00"),
+    )
     assert result.samples.angle_deg.tolist() == [(0xAE53 >> 1) / 64]
     assert result.samples.range_m.tolist() == [0]
+
+
+def test_ydlidar_with_intensity() -> None:
+    frame = bytes.fromhex("AA 55 00 02 01 05 81 05 2F 57 64 A0 0F 65 A4 0F")
+    samples = decoded(YdDecoder(KINDS["ydlidar_tmini"], Counter()), frame).samples
+    assert samples.angle_deg.tolist() == [10.0, 11.0]
+    assert samples.range_m.tolist() == [1.0, 1.001]
+    assert samples.intensity.tolist() == [100.0, 101.0]
+    assert samples.shift_deg.tolist() == [0.0, 0.0]
 
 
 def test_the_x4_looks_from_beside_its_axis() -> None:
