@@ -62,7 +62,8 @@ QUESTIONS = tuple(
 )
 """Which lidars are asked who they are, at which speeds."""
 SPIN_UP_S = 1.5
-STOP_TRIES = 2
+STOP_TRIES, OBEYED_ENOUGH, QUIET_S = 3, 2, 0.4
+"""A lidar obeys a stop that is silent for so long, in so many of the tries."""
 STOPPING_S, MOST_STOPPING = 0.1, 4
 """A lidar that has obeyed a stop is silent for this long; it may take so many times that."""
 POLL_S = 0.05
@@ -165,16 +166,19 @@ class Probe:
         return streams.describe_stream(mute[0]) if mute else None
 
     def _obeys_stop(self, driver: LidarDriver) -> bool:
+        """Tell a lidar to stop and to start again, more than once: it may be silent by chance."""
+        obeyed = 0
         for _ in range(STOP_TRIES if driver.stop else 0):
             self._port.write(driver.stop)
             try:
-                has_stopped = self._await_silence()
+                self._pause(STOPPING_S)
+                self._port.discard_input()
+                obeyed += not self._read(QUIET_S, bool)
             finally:
                 self._port.write(driver.start)
                 time.sleep(POLL_S)  # closing drops what has not left
-            if has_stopped:
-                return True
-        return False
+            self._read(SPIN_UP_S, bool)
+        return obeyed >= OBEYED_ENOUGH
 
     def _ask_boards(self) -> FoundDevice | None:
         self._port.set_baud(answers.BRIDGE.baud)
