@@ -233,6 +233,11 @@ KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
     "g4": ("ydlidar_g4", plainly("YDLIDAR G4"), b"\xa5\x60", 9000.0),
     "tmini": ("ydlidar_tmini", plainly("YDLIDAR T-mini"), b"\xa5\x60", 4000.0),
 }
+TRIED = [
+    pytest.param(one, marks=[pytest.mark.slow] * (samples_per_s > 10_000 or one in ("g2", "x2")))
+    for one, (_, _, _, samples_per_s) in KINDS.items()
+]
+"""Those with many samples, and those that differ from another by numbers alone, take their time."""
 
 
 def samples(kind: str, simulation: Simulation, seconds: float = 1.0, **more) -> NDArray[np.float64]:
@@ -257,7 +262,7 @@ def off_walls(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.minimum(walls, post)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", TRIED)
 @pytest.mark.parametrize("hangs", [False, True])
 def test_what_it_says_is_where_things_are(simulate: MakeSimulation, kind: str, hangs: bool):
     mount = Mount(Pose2D(0.1, 0.05, 0.7), reversed=hangs)
@@ -273,7 +278,7 @@ def test_what_it_says_is_where_things_are(simulate: MakeSimulation, kind: str, h
     assert near_post.sum() > 20
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", TRIED)
 def test_it_measures_at_its_pace_and_sends_as_it_measures(simulate: MakeSimulation, kind: str):
     model, decode, begin, per_s = KINDS[kind]
     lidar = start(model)
@@ -330,7 +335,7 @@ def test_noise_and_failures_are_the_worlds(simulate: MakeSimulation):
     assert np.std(spoilt[~failed, 1] - expected) == pytest.approx(0.01, rel=0.1)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", TRIED)
 def test_stuck_it_reports_one_angle_and_goes_on_later(simulate: MakeSimulation, kind: str):
     model, decode, begin, _ = KINDS[kind]
     lidar, simulation = start(model), simulate()

@@ -29,8 +29,8 @@ HOST_NS = 2_000_000
 SECONDS = 2.5
 MODELS = [*LIDARS, "rplidar_a1, standard"]
 TWINS = {
-    *("stl27l", "rplidar_a2", "rplidar_s1", "rplidar_s2"),
-    *("ydlidar_x4_pro", "ydlidar_x2", "ydlidar_g2"),
+    *("stl27l", "rplidar_a2", "rplidar_a3", "rplidar_s1", "rplidar_s2", "rplidar_s3"),
+    *("ydlidar_x4_pro", "ydlidar_x2", "ydlidar_g2", "ydlidar_g4"),
 }
 """Their decoders are tried with another model; they are tried in the slow run."""
 

@@ -23,7 +23,7 @@ from trolley_base.drivers.interface import DriverError, LidarScan
 from trolley_base.drivers.lidars import MODELS, make_lidar
 
 # Decoders that are tried with another title, at rates that take their time.
-SLOW = {"STL-27L", "RPLIDAR S2", "YDLIDAR G2"}
+SLOW = {"STL-27L", "RPLIDAR S2", "RPLIDAR S3", "YDLIDAR G2", "YDLIDAR X2"}
 TITLES = [pytest.param(one, marks=[pytest.mark.slow] * (one in SLOW)) for one in STREAMS]
 # What the sensor looks beside its head, so that beams are fired while the head points there.
 BESIDE_DEG = {
