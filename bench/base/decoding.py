@@ -31,6 +31,38 @@ ANSWERS = {
     b"\xa5\x60": bytes.fromhex("A55A05000040 81"),
     bytes.fromhex("A58205000000000022"): bytes.fromhex("A55A54000040 82"),
 }
+YDLIDARS = {"YDLIDAR G2": 15, "YDLIDAR G4": 5, "YDLIDAR T-mini": 151}
+"""What they call themselves."""
+# Number, period of the typical mode [1/256 us], and what begins its stream.
+TYPICAL = {
+    "RPLIDAR A3": (0x31, 16000, "A55A84000040 84"),
+    "RPLIDAR C1": (0x41, 51200, "A55A54000040 85"),
+    "RPLIDAR S2": (0x71, 8000, "A55A54000040 85"),
+    "RPLIDAR S3": (0x81, 8000, "A55AAA000040 86"),
+}
+
+
+def answers_of(title: str) -> dict[bytes, bytes]:
+    """What the sensor says to what it is asked."""
+    if title in YDLIDARS:
+        number = YDLIDARS[title]
+        info = bytes.fromhex("A55A14000000 04") + bytes([number]) + bytes(19)
+        return ANSWERS | {b"\xa5\x90": info, b"\xa5\xd1": bytes.fromhex("A55A01000000 04 02")}
+    if title not in TYPICAL:
+        return ANSWERS
+    number, period, stream = TYPICAL[title]
+    said = {
+        "A58404 7C000000 59": "A55A06000000 20 7C000000 0100",
+        "A58406 71000000 0000 56": f"A55A08000000 20 71000000 {struct.pack('<I', period).hex()}",
+        "A58406 71000000 0100 57": f"A55A08000000 20 71000000 {struct.pack('<I', period).hex()}",
+        "A58404 01000000 24": "A55A08000000 20 01000000 58020000",
+        "A58205 01 0000 0000 23": stream,
+    }
+    info = {b"\xa5\x50": bytes.fromhex("A55A14000000 04") + bytes([number, 30, 1]) + bytes(17)}
+    asked = {bytes.fromhex(question): bytes.fromhex(answer) for question, answer in said.items()}
+    return ANSWERS | info | asked
+
+
 STARTING = 100
 
 
@@ -38,10 +70,11 @@ def started(title: str) -> LidarDialogue:
     """A dialogue whose sensor is about to stream, at time 0."""
     mode = "standard" if "standard" in title else "auto"
     lidar = make_lidar(LidarConfig(model=STREAMS[title][0], mode=mode))  # pyright: ignore[reportArgumentType]
+    answers = answers_of(title)
     now_ns = -STARTING * 20_000_000
     lidar.begin(now_ns)
     for _ in range(STARTING):
-        if answer := ANSWERS.get(lidar.outgoing(now_ns)):
+        if answer := answers.get(lidar.outgoing(now_ns)):
             lidar.receive(answer, now_ns)
         now_ns += 20_000_000
     return lidar

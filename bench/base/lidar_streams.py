@@ -1,4 +1,7 @@
-"""Honest byte streams of each lidar at its full rate, with the truth that they tell."""
+"""Honest byte streams of each lidar at its full rate, with the truth that they tell.
+
+Newer formats are written by the emulators, which share no code with the drivers.
+"""
 
 import math
 import struct
@@ -6,6 +9,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+
+from trolley_base.emulators import rplidar, ydlidar
 
 BITS_PER_BYTE = 10
 
@@ -89,15 +94,35 @@ def capsule(begins: bool, angle_deg: float, samples: list[tuple[int, int]]) -> b
     return bytes([0xA0 | check & 15, 0x50 | check >> 4]) + body
 
 
-def ld19_stream(hz: float = 10.0) -> Iterator[Frame]:
-    """4500 samples a second."""
-    step = 360.0 * hz / 4500.0
+def ld19_stream(
+    hz: float = 10.0, per_s: float = 4500.0, seen: Callable[[float], float] = distance_m
+) -> Iterator[Frame]:
+    """So many samples a second, each of what is seen [m] where the head points [deg]."""
+    step = 360.0 * hz / per_s
     index = 0
     while True:
         angles = [(index + i) * step % 360.0 for i in range(12)]
         index += 12
-        samples = [round(1000 * distance_m(angle)) for angle in angles]
-        yield Frame((index - 1) / 4500.0, ld19_frame(angles[0], step, 360.0 * hz, samples))
+        samples = [round(1000 * seen(angle)) for angle in angles]
+        yield Frame((index - 1) / per_s, ld19_frame(angles[0], step, 360.0 * hz, samples))
+
+
+def stl27l_stream() -> Iterator[Frame]:
+    """21600 samples a second."""
+    return ld19_stream(10.0, 21600.0)
+
+
+def ld14p_stream() -> Iterator[Frame]:
+    """4000 samples a second, by a sensor that looks from beside its axis."""
+
+    def seen(head_deg: float) -> float:
+        found = distance_m(head_deg - 6.5)
+        for _ in range(5):
+            beside = math.atan((119.23 * found - 18.975571) / (1000 * found + 5.9))
+            found = distance_m(head_deg - math.degrees(beside))
+        return found
+
+    return ld19_stream(6.0, 4000.0, seen)
 
 
 def degree_stream(
@@ -122,27 +147,64 @@ def lds01_stream(hz: float = 5.0) -> Iterator[Frame]:
     return degree_stream(6, lambda i, rpm, mm: lds01_frame(i, rpm, [(200, one) for one in mm]), hz)
 
 
-def x4_stream(hz: float = 7.0) -> Iterator[Frame]:
-    """5000 samples a second; a turn begins with a frame of one."""
-    step = 360.0 * hz / 5000.0
+def x4_stream(hz: float = 7.0, per_s: float = 5000.0, most: int = 40) -> Iterator[Frame]:
+    """So many samples a second; a turn begins with a frame of one."""
+    return yd_stream(hz, per_s, most, looks_beside=True, make=x4_frame)
+
+
+def yd_stream(
+    hz: float,
+    per_s: float,
+    most: int,
+    *,
+    looks_beside: bool,
+    make: Callable[[bool, float, float, list[int]], bytes],
+) -> Iterator[Frame]:
+    """Frames of at most so many samples, [mm / 4]."""
+    step = 360.0 * hz / per_s
     index = 0
     while True:
         first = index * step % 360.0
         begins = first < step
-        count = 1 if begins else min(40, math.ceil((360.0 - first) / step - 1e-9))
+        count = 1 if begins else min(most, math.ceil((360.0 - first) / step - 1e-9))
         samples = []
         for i in range(count):
-            # The beam that finds something at this distance looked beside the head.
             head = first + i * step
-            seen = distance_m(head - 7.0)
-            for _ in range(5):
+            # The beam that finds something at this distance looked beside the head.
+            seen = distance_m(head - 7.0 * looks_beside)
+            for _ in range(5 * looks_beside):
                 offset = 21.8 * (155.3 - 1000 * seen) / (155.3 * 1000 * seen)
                 seen = distance_m(head + math.degrees(math.atan(offset)))
             samples.append(round(4000 * seen))
         index += count
-        yield Frame(
-            (index - 1) / 5000.0, x4_frame(begins, first, first + (count - 1) * step, samples)
-        )
+        yield Frame((index - 1) / per_s, make(begins, first, first + (count - 1) * step, samples))
+
+
+def with_intensity(begins: bool, first_deg: float, last_deg: float, samples: list[int]) -> bytes:
+    """Make a YDLIDAR's frame with an intensity of 200, and something in the bits beside."""
+    first, last = (round(deg * 64) % 23040 for deg in (first_deg, last_deg))
+    rows = [(200, one & ~3 | number % 4) for number, one in enumerate(samples)]
+    return ydlidar.encode_with_intensity(0.0 if begins else None, (first, last), rows)
+
+
+def tmini_stream() -> Iterator[Frame]:
+    """4000 samples a second, by a sensor that looks where its head points."""
+    return yd_stream(9.3, 4000.0, 40, looks_beside=False, make=with_intensity)
+
+
+def g2_stream() -> Iterator[Frame]:
+    """5000 samples a second with intensity."""
+    return yd_stream(7.0, 5000.0, 40, looks_beside=True, make=with_intensity)
+
+
+def g4_stream() -> Iterator[Frame]:
+    """9000 samples a second."""
+    return x4_stream(7.0, 9000.0, 80)
+
+
+def x2_stream() -> Iterator[Frame]:
+    """3000 samples a second."""
+    return x4_stream(6.0, 3000.0)
 
 
 def standard_stream(hz: float = 5.5) -> Iterator[Frame]:
@@ -166,15 +228,101 @@ def express_stream(hz: float = 5.5) -> Iterator[Frame]:
         index += 32
 
 
+def capsule_stream(
+    hz: float, sample_s: float, count: int, make: Callable[[bool, int, list[int]], bytes]
+) -> Iterator[Frame]:
+    """Capsules of so many ranges where the head points; the first of the next goes along."""
+    step = 360.0 * hz * sample_s
+    index = 0
+    while True:
+        head = index * step % 360.0
+        ranges_mm = [round(1000 * distance_m(head + i * step)) for i in range(count + 1)]
+        at_s = (index + count - 1) * sample_s
+        yield Frame(at_s, make(index == 0, round(head * 64) % 23040, ranges_mm))
+        index += count
+
+
+def ultra_stream() -> Iterator[Frame]:
+    """An A3: 16000 samples a second, by a sensor that looks from beside its axis."""
+    step = 360.0 * 15.0 * 62.5e-6
+    index = 0
+    while True:
+        head = index * step % 360.0
+        ranges_mm = []
+        for i in range(97):
+            seen = distance_m(head + i * step - 7.5)
+            for _ in range(3):
+                part = 98361 / (4000 * seen)
+                lag = 8.0 - math.degrees((64 * part + part**3 / 98304) / 65536)
+                seen = distance_m(head + i * step - lag)
+            ranges_mm.append(round(1000 * seen))
+        frame = rplidar.encode_ultra(index == 0, round(head * 64) % 23040, ranges_mm)
+        yield Frame((index + 95) * 62.5e-6, frame)
+        index += 96
+
+
+def dense_stream() -> Iterator[Frame]:
+    """A C1: 5000 samples a second."""
+    return capsule_stream(
+        10.0, 200e-6, 40, lambda first, head, mm: rplidar.encode_dense(first, head, mm[:40])
+    )
+
+
+def fast_dense_stream() -> Iterator[Frame]:
+    """An S2: 32000 samples a second."""
+    return capsule_stream(
+        10.0, 31.25e-6, 40, lambda first, head, mm: rplidar.encode_dense(first, head, mm[:40])
+    )
+
+
+def ultra_dense_stream() -> Iterator[Frame]:
+    """An S3: 32000 samples a second."""
+    return capsule_stream(
+        10.0,
+        31.25e-6,
+        64,
+        lambda first, head, mm: rplidar.encode_ultra_dense(first, head, mm[:64], 0),
+    )
+
+
 STREAMS: dict[str, tuple[str, int, Callable[[], Iterator[Frame]]]] = {
     "RPLIDAR A1 standard": ("rplidar_a1", 115200, standard_stream),
     "RPLIDAR A1 express": ("rplidar_a1", 115200, express_stream),
+    "RPLIDAR A3": ("rplidar_a3", 256000, ultra_stream),
+    "RPLIDAR C1": ("rplidar_c1", 460800, dense_stream),
+    "RPLIDAR S2": ("rplidar_s2", 1_000_000, fast_dense_stream),
+    "RPLIDAR S3": ("rplidar_s3", 1_000_000, ultra_dense_stream),
     "YDLIDAR X4": ("ydlidar_x4", 128000, x4_stream),
+    "YDLIDAR X2": ("ydlidar_x2", 115200, x2_stream),
+    "YDLIDAR G2": ("ydlidar_g2", 230400, g2_stream),
+    "YDLIDAR G4": ("ydlidar_g4", 230400, g4_stream),
+    "YDLIDAR T-mini": ("ydlidar_tmini", 230400, tmini_stream),
     "LD19": ("ld19", 230400, ld19_stream),
+    "STL-27L": ("stl27l", 921600, stl27l_stream),
+    "LD14P": ("ld14p", 230400, ld14p_stream),
     "XV11": ("xv11", 115200, xv11_stream),
     "LDS-01": ("lds01", 230400, lds01_stream),
 }
 """Model, baud and stream by title."""
+TURNS_HZ = {
+    "RPLIDAR A1 standard": 5.5,
+    "RPLIDAR A1 express": 5.5,
+    "RPLIDAR A3": 15.0,
+    "RPLIDAR C1": 10.0,
+    "RPLIDAR S2": 10.0,
+    "RPLIDAR S3": 10.0,
+    "YDLIDAR X4": 7.0,
+    "YDLIDAR X2": 6.0,
+    "YDLIDAR G2": 7.0,
+    "YDLIDAR G4": 7.0,
+    "YDLIDAR T-mini": 9.3,
+    "LD19": 10.0,
+    "STL-27L": 10.0,
+    "LD14P": 6.0,
+    "XV11": 5.0,
+    "LDS-01": 5.0,
+}
+"""How fast the heads turn in these."""
 
 
 def chunks(

@@ -8,7 +8,7 @@ import itertools
 import math
 import struct
 from collections.abc import Callable
-from functools import reduce
+from functools import partial, reduce
 from operator import xor
 
 from bench.base.lidar_streams import crc8
@@ -56,15 +56,15 @@ def lds01_check(frame: bytes) -> bool:
     return frame[40] == frame[41] == 0xFF - sum(frame[:40]) % 256
 
 
-def x4_length(data: bytes) -> int | None:
+def yd_length(data: bytes, sample_bytes: int = 2, most: int = 40) -> int | None:
     """AA 55, kind, number of samples, two angles whose lowest bit is set."""
     if data[0] != 0xAA or (len(data) > 1 and data[1] != 0x55):
         return 0
-    if len(data) > 3 and not 1 <= data[3] <= 40:
+    if len(data) > 3 and not 1 <= data[3] <= most:
         return 0
     if (len(data) > 4 and not data[4] & 1) or (len(data) > 6 and not data[6] & 1):
         return 0
-    return None if len(data) < 7 else 10 + 2 * data[3]
+    return None if len(data) < 7 else 10 + sample_bytes * data[3]
 
 
 def x4_check(frame: bytes) -> bool:
@@ -74,11 +74,31 @@ def x4_check(frame: bytes) -> bool:
     return reduce(xor, (header, first, *samples, size << 8 | kind, last)) == check
 
 
+def intensity_check(frame: bytes) -> bool:
+    """As before, the intensities words of their own."""
+    header, kind, size, first, last, check = struct.unpack("<HBBHHH", frame[:10])
+    for one in struct.iter_unpack("<BH", frame[10:]):
+        check ^= one[0] ^ one[1]
+    return header ^ first ^ (size << 8 | kind) ^ last == check
+
+
 def capsule_length(data: bytes) -> int | None:
     """A. 5., 84 bytes."""
     if data[0] >> 4 != 0xA:
         return 0
     return None if len(data) < 2 else 84 * (data[1] >> 4 == 5)
+
+
+def ultra_length(data: bytes) -> int | None:
+    """A. 5., 132 bytes."""
+    length = capsule_length(data)
+    return length and 132
+
+
+def ultra_dense_length(data: bytes) -> int | None:
+    """A. 5., 170 bytes."""
+    length = capsule_length(data)
+    return length and 170
 
 
 def capsule_check(frame: bytes) -> bool:
@@ -189,8 +209,18 @@ def sample_angle(sample: bytes) -> float:
 PLAIN: dict[str, Callable[[], PlainFrames | PlainSamples]] = {
     "RPLIDAR A1 standard": lambda: PlainSamples(in_step=True),
     "RPLIDAR A1 express": lambda: PlainFrames(capsule_length, capsule_check),
-    "YDLIDAR X4": lambda: PlainFrames(x4_length, x4_check),
+    "RPLIDAR A3": lambda: PlainFrames(ultra_length, capsule_check),
+    "RPLIDAR C1": lambda: PlainFrames(capsule_length, capsule_check),
+    "RPLIDAR S2": lambda: PlainFrames(capsule_length, capsule_check),
+    "RPLIDAR S3": lambda: PlainFrames(ultra_dense_length, capsule_check),
+    "YDLIDAR X4": lambda: PlainFrames(yd_length, x4_check),
+    "YDLIDAR X2": lambda: PlainFrames(yd_length, x4_check),
+    "YDLIDAR G2": lambda: PlainFrames(partial(yd_length, sample_bytes=3), intensity_check),
+    "YDLIDAR G4": lambda: PlainFrames(partial(yd_length, most=80), x4_check),
+    "YDLIDAR T-mini": lambda: PlainFrames(partial(yd_length, sample_bytes=3), intensity_check),
     "LD19": lambda: PlainFrames(ld19_length, ld19_check),
+    "STL-27L": lambda: PlainFrames(ld19_length, ld19_check),
+    "LD14P": lambda: PlainFrames(ld19_length, ld19_check),
     "XV11": lambda: PlainFrames(xv11_length, xv11_check),
     "LDS-01": lambda: PlainFrames(lds01_length, lds01_check),
 }
@@ -208,6 +238,19 @@ def ld19_samples(frame: bytes) -> Polar:
     return [
         ((first + i * step) / 100 % 360, frame[6 + 3 * i] | frame[7 + 3 * i] << 8)
         for i in range(12)
+    ]
+
+
+def ld14p_samples(frame: bytes) -> Polar:
+    """As an LD19's, each turned back by what its distance says."""
+    return [
+        (
+            (angle - math.degrees(math.atan((0.11923 * mm - 18.975571) / (mm + 5.9)))) % 360
+            if mm
+            else angle,
+            mm,
+        )
+        for angle, mm in ld19_samples(frame)
     ]
 
 
@@ -237,31 +280,134 @@ def x4_samples(frame: bytes) -> Polar:
     return samples
 
 
+def tmini_samples(frame: bytes) -> Polar:
+    """Up to forty, between two angles."""
+    size = frame[3]
+    first, last = (one >> 1 for one in struct.unpack_from("<HH", frame, 4))
+    step = (last - first) % 23040 / 64 / max(size - 1, 1)
+    return [
+        ((first / 64 + i * step) % 360, quarter // 4)
+        for i, (_, quarter) in enumerate(struct.iter_unpack("<BH", frame[10:]))
+    ]
+
+
+def g2_samples(frame: bytes) -> Polar:
+    """The same, each corrected by its distance."""
+    return [
+        (
+            (angle + math.degrees(math.atan(21.8 * (155.3 - mm) / (155.3 * mm)))) % 360
+            if mm
+            else angle,
+            mm,
+        )
+        for angle, mm in tmini_samples(frame)
+    ]
+
+
 def standard_samples(frame: bytes) -> Polar:
     """One."""
     return [(sample_angle(frame), (frame[3] | frame[4] << 8) / 4)]
 
 
-class PlainCapsules:
-    """Reads capsules, each with the next."""
+Lagging = list[tuple[float, float]]
+"""Distances [mm], and by how much the beams lag behind the head [deg]."""
 
-    def __init__(self) -> None:
+
+def plain_express(capsule: bytes, _following: bytes) -> Lagging:
+    """Two samples in five bytes."""
+    found: Lagging = []
+    for at in range(4, 84, 5):
+        one, two, low = struct.unpack_from("<HHB", capsule, at)
+        for word, rest in ((one, low & 15), (two, low >> 4)):
+            found.append((word >> 2, ((word & 3) << 4 | rest) / 8))
+    return found
+
+
+def plain_dense(capsule: bytes, _following: bytes) -> Lagging:
+    """Forty words."""
+    return [(mm, 0.0) for mm in struct.unpack_from("<40H", capsule, 4)]
+
+
+def plain_ultra_dense(capsule: bytes, _following: bytes) -> Lagging:
+    """Two samples of twenty bits in five bytes."""
+    found: Lagging = []
+    for at in range(10, 170, 5):
+        one, two, high = struct.unpack_from("<HHB", capsule, at)
+        for bits in (one | (high & 15) << 16, two | (high >> 4) << 16):
+            match bits & 3:
+                case 0:
+                    mm = 2 * (bits >> 2 & 0x3FF)
+                case 1:
+                    mm = 2046 + 3 * (bits >> 2 & 0x7FF)
+                case 2:
+                    mm = 8187 + 4 * (bits >> 2 & 0xFFF)
+                case _:
+                    mm = 24567 + 5 * (bits >> 2 & 0x1FFF)
+            found.append((mm, 0.0))
+    return found
+
+
+def from_ultra_scale(number: int) -> tuple[int, int]:
+    """Distance [mm], and by how many bits what differs from it is shifted."""
+    if number >= 3328:
+        return 16384 + (number - 3328) * 16, 4
+    if number >= 1792:
+        return 4096 + (number - 1792) * 8, 3
+    if number >= 1280:
+        return 2048 + (number - 1280) * 4, 2
+    if number >= 512:
+        return 512 + (number - 512) * 2, 1
+    return number, 0
+
+
+def plain_ultra(capsule: bytes, following: bytes) -> Lagging:
+    """Three samples in four bytes, the last of which needs the next capsule's first."""
+    packed = [*struct.unpack_from("<32I", capsule, 4), *struct.unpack_from("<I", following, 4)]
+    found_mm: list[int] = []
+    for one, two in itertools.pairwise(packed):
+        (major, shift), (after, after_shift) = (from_ultra_scale(x & 0xFFF) for x in (one, two))
+        found_mm.append(major)
+        if major == 0 and after != 0:
+            major, shift = after, after_shift
+        for bits, base, by in ((one >> 12 & 0x3FF, major, shift), (one >> 22, after, after_shift)):
+            signed = bits - 1024 if bits >= 512 else bits
+            found_mm.append(0 if bits in (0x1FF, 0x200) else max(0, base + signed * 2**by))
+    found: Lagging = []
+    for mm in found_mm:
+        lag = 7.5
+        if mm >= 50:
+            part = 98361 // (4 * mm)
+            whole = int(8 * math.pi * 65536 / 180) - part * 64 - part * part * part // 98304
+            lag = math.degrees(whole / 65536)
+        found.append((mm, lag))
+    return found
+
+
+class PlainCapsules:
+    """Reads capsules, each with the next.
+
+    Args:
+        count: of samples in each.
+        at: where its angle is.
+        read: its samples, of it and the next.
+    """
+
+    def __init__(self, count: int, at: int, read: Callable[[bytes, bytes], Lagging]) -> None:
+        self._count, self._at, self._read = count, at, read
         self._last: bytes | None = None
 
     def __call__(self, frame: bytes) -> Polar:
-        """Return the 32 samples of the capsule before this one."""
+        """Return the samples of the capsule before this one."""
         before, self._last = self._last, frame
         if before is None:
             return []
-        start, end = ((one[2] | one[3] << 8) & 0x7FFF for one in (before, frame))
-        step = (end - start) % 23040 / 64 / 32
-        samples: Polar = []
-        for i in range(16):
-            one, two, low = struct.unpack_from("<HHB", before, 4 + 5 * i)
-            for k, word, rest in ((2 * i, one, low & 15), (2 * i + 1, two, low >> 4)):
-                lag = ((word & 3) << 4 | rest) / 8
-                samples.append(((start / 64 + k * step - lag) % 360, word >> 2))
-        return samples
+        at = self._at
+        start, end = ((one[at] | one[at + 1] << 8) & 0x7FFF for one in (before, frame))
+        step = (end - start) % 23040 / 64 / self._count
+        return [
+            ((start / 64 + number * step - lag) % 360, mm)
+            for number, (mm, lag) in enumerate(self._read(before, frame))
+        ]
 
 
 class PlainDriver:
@@ -289,9 +435,19 @@ class PlainDriver:
 
 SAMPLES: dict[str, Callable[[], Callable[[bytes], Polar]]] = {
     "RPLIDAR A1 standard": lambda: standard_samples,
-    "RPLIDAR A1 express": PlainCapsules,
+    "RPLIDAR A1 express": lambda: PlainCapsules(32, 2, plain_express),
+    "RPLIDAR A3": lambda: PlainCapsules(96, 2, plain_ultra),
+    "RPLIDAR C1": lambda: PlainCapsules(40, 2, plain_dense),
+    "RPLIDAR S2": lambda: PlainCapsules(40, 2, plain_dense),
+    "RPLIDAR S3": lambda: PlainCapsules(64, 8, plain_ultra_dense),
     "YDLIDAR X4": lambda: x4_samples,
+    "YDLIDAR X2": lambda: x4_samples,
+    "YDLIDAR G2": lambda: g2_samples,
+    "YDLIDAR G4": lambda: x4_samples,
+    "YDLIDAR T-mini": lambda: tmini_samples,
     "LD19": lambda: ld19_samples,
+    "STL-27L": lambda: ld19_samples,
+    "LD14P": lambda: ld14p_samples,
     "XV11": lambda: xv11_samples,
     "LDS-01": lambda: lds01_samples,
 }

@@ -31,6 +31,8 @@ ARGUMENTS = [
     "--no-sandbox",
 ]
 SCAN_NODE, PARTICLE_NODE, ROBOT_NODE = "/scan/points", "/particles/arrows", "/robot/base_link"
+PICTURE = "/map/floor", "/robot/base_link/body"
+"""Nodes without which a picture is of no use."""
 SECRET = re.compile(r'data-secret="(\w+)"')
 """By which viser's connection is known to be the same page's."""
 
@@ -88,6 +90,10 @@ class ProtocolClient:
         self._zstd = zstandard.ZstdDecompressor()
         self._secret: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.seen = Seen()
+        self.is_robot_there = asyncio.Event()
+        """Whether the map and the robot have come, and where it is."""
+        self._nodes: set[str] = set()
+        """The nodes of the scene that have come."""
         self.is_reading = asyncio.Event()
         self.is_reading.set()
 
@@ -108,15 +114,21 @@ class ProtocolClient:
         async with connect(url, additional_headers=self._headers, max_size=None) as socket:
             self._line.set_result(socket)
             claims = asyncio.create_task(self._claim(socket))
-            async for data in socket:
-                self.seen.num_line_bytes += len(data)
-                told = msgspec.json.decode(data)
-                if "beat_ms" in told:
-                    await socket.send(msgspec.json.encode({"beat_ms": told["beat_ms"]}).decode())
-                if "answer" in told and told["answer"]["id"] in self._stops:
-                    pressed_s = self._stops.pop(told["answer"]["id"])
-                    self.seen.stops_s.append(time.monotonic() - pressed_s)
-            await claims
+            try:
+                async for data in socket:
+                    await self._hear(socket, data)
+                await claims
+            finally:
+                claims.cancel()
+
+    async def _hear(self, socket: ClientConnection, data: str | bytes) -> None:
+        self.seen.num_line_bytes += len(data)
+        told = msgspec.json.decode(data)
+        if "beat_ms" in told:
+            await socket.send(msgspec.json.encode({"beat_ms": told["beat_ms"]}).decode())
+        if "answer" in told and told["answer"]["id"] in self._stops:
+            pressed_s = self._stops.pop(told["answer"]["id"])
+            self.seen.stops_s.append(time.monotonic() - pressed_s)
 
     async def press_stop(self, robot: str) -> None:
         """Press Stop; how long its answer takes is noted."""
@@ -157,8 +169,12 @@ class ProtocolClient:
             if "data-secret" in str(message.get("props", "")) and not self._secret.done():
                 self._secret.set_result(SECRET.findall(str(message["props"]))[0])
             name, updates = message.get("name") or "", message.get("updates")
+            if "props" in message:
+                self._nodes.add(name)
             if message["type"] == "SetPositionMessage" and name.endswith(ROBOT_NODE):
                 self.seen.poses_s.append((now_s - message["position"][1]) % SPAN_S)
+                if all(any(one.endswith(node) for one in self._nodes) for node in PICTURE):
+                    self.is_robot_there.set()
             if message["type"] != "SceneNodeUpdateMessage" or "points" not in updates:
                 continue
             if name.endswith(SCAN_NODE):
@@ -192,6 +208,37 @@ IN_WORKER = """{
   };
 }"""
 """Runs in the worker in which viser receives and decodes, before viser's own script."""
+
+WATCH_SCENE = f"""
+if (location.pathname === "/scene/") {{
+  const make = URL.createObjectURL.bind(URL), Plain = window.Worker;
+  const now = () => (performance.timeOrigin + performance.now()) / 1000;
+  const missing = new Set({list(PICTURE)});
+  const {{marks}} = top;
+  addEventListener("DOMContentLoaded", () => {{ marks.loaded = now(); }});
+  URL.createObjectURL = (thing) => make(
+    thing instanceof Blob && thing.type.includes("javascript")
+      ? new Blob([`{IN_WORKER}`, thing], {{type: thing.type}}) : thing);
+  window.Worker = class extends Plain {{
+    constructor(...rest) {{
+      super(...rest);
+      this.addEventListener("message", (event) => {{
+        if (event.data.type !== "message_batch" || missing.size === 0) return;
+        for (const {{name, props}} of event.data.messages)
+          for (const node of missing)
+            if (props !== undefined && name?.endsWith(node)) missing.delete(node);
+        if (missing.size > 0) return;
+        marks.decoded = event.data.decoded_s;
+        marks.taken = now();
+        // What is taken is drawn with one of the next two pictures, and seen when the third begins.
+        const draw = requestAnimationFrame;
+        draw(() => draw(() => draw(() => {{ marks.drawn = now(); }})));
+      }});
+    }}
+  }};
+}}
+"""
+"""Notes in `marks` of the page when the map and the robot have come, and when they are drawn."""
 
 WATCH = f"""
 const make = URL.createObjectURL.bind(URL), Plain = window.Worker;

@@ -16,13 +16,21 @@ from support.waiting import PATIENCE_S, wait_until
 
 from trolley.config import load_config
 from trolley_base.emulators import EmulatedRobot, RobotInWorld
+from trolley_base.emulators.catalogue import LIDARS
 from trolley_base.world import STEP_NS
 from trolley_base.world.world_file import load_world
 
 Trolley = Callable[..., subprocess.CompletedProcess[str]]
 
 BOARDS_AT_115200 = ("waveshare_ugv", "create2", "hoverboard")
-BAUDS = {"linorobot": 57600, "rplidar_a1": 115200, "ydlidar_x4": 128000, "lds01": 230400}
+BAUDS = {
+    "linorobot": 57600,
+    "rplidar_a1": 115200,
+    "rplidar_c1": 460800,
+    "ydlidar_x4": 128000,
+    "ydlidar_tmini": 230400,
+    "lds01": 230400,
+}
 
 
 @contextmanager
@@ -79,6 +87,20 @@ def test_recognises_every_device_and_leaves_it_as_it_was(tmp_path: Path, trolley
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("first", range(3))
+def test_recognises_every_lidar_among_the_others(
+    tmp_path: Path, trolley: Trolley, first: int
+) -> None:
+    devices = list(LIDARS)[first::3]  # so many at once that the emulator keeps up
+    with emulated(tmp_path, *devices) as robot:
+        report = detect(trolley, *robot.ports.values())
+        assert models(report) == {name: name for name in devices}
+        bauds = {Path(port["port"]).name: port["found"]["baud"] for port in report["ports"]}
+        assert bauds == {name: robot.devices[name].baud for name in devices}
+        assert report["settings"] == {}  # which of them is the robot's it leaves to the person
+
+
+@pytest.mark.slow
 def test_recognises_every_other_board_and_moves_none(tmp_path: Path, trolley: Trolley) -> None:
     for board in BOARDS_AT_115200:
         with emulated(tmp_path, board, "ld19", "rplidar_a1") as robot:
@@ -100,7 +122,12 @@ def test_wakes_a_sleeping_lidar_and_lets_it_sleep_again(tmp_path: Path, trolley:
 
 
 def test_takes_lidars_over_that_were_left_streaming(tmp_path: Path, trolley: Trolley) -> None:
-    start = {"rplidar_a1": b"\xa5\x20", "ydlidar_x4": b"\xa5\x60"}
+    start = {
+        "rplidar_a1": b"\xa5\x20",
+        "rplidar_c1": bytes.fromhex("a58205010000000023"),
+        "ydlidar_x4": b"\xa5\x60",
+        "ydlidar_tmini": b"\xa5\x60",
+    }
     with emulated(tmp_path, *start) as robot:
         for name, command in start.items():
             with serial.Serial(str(robot.ports[name]), BAUDS[name], timeout=PATIENCE_S) as line:

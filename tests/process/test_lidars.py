@@ -15,6 +15,7 @@ from support.waiting import PATIENCE_S
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Scan, floats_from_bytes
+from trolley_base.emulators.catalogue import FAMILIES, LIDARS
 
 # Half a cell of the map, and the sensor's noise.
 NEAR_M = 0.06
@@ -22,7 +23,12 @@ MOUNT = Pose2D(0.08, 0.03, 0.6)
 SETTINGS = "pose = {x = 0.08, y = 0.03, yaw = 0.6}\nmasks_deg = [[170, -170]]\n"
 STANDARD = "rplidar_a1, standard"
 NUM_SCANS = 4
-MODELS = ["rplidar_a1", STANDARD, "ydlidar_x4", "ld19", "xv11", "lds01"]
+FIRST = {*(next(iter(family.LIDARS)) for family in FAMILIES), STANDARD}
+"""One of each family; the others are tried in the slow run."""
+MODELS = [
+    pytest.param(model, marks=[] if model in FIRST else pytest.mark.slow)
+    for model in [*LIDARS, STANDARD]
+]
 
 
 def heard_scans(metal: Metal) -> list[Scan]:

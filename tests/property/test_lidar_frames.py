@@ -9,12 +9,16 @@ from bench.base.plain_lidars import PLAIN, PlainFrames
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley_base.drivers.lidars import ld19, lds01, rplidar_capsules, xv11, ydlidar_x4
+from trolley_base.drivers.lidars import ld19, lds01, rplidar_capsules, xv11, ydlidar
 from trolley_base.drivers.lidars.frames import FrameFinder, FrameFormat
 
 FORMATS: dict[str, FrameFormat] = {
-    "RPLIDAR A1 express": rplidar_capsules.FORMAT,
-    "YDLIDAR X4": ydlidar_x4.FORMAT,
+    "RPLIDAR A1 express": rplidar_capsules.EXPRESS.form,
+    "RPLIDAR A3": rplidar_capsules.ULTRA.form,
+    "RPLIDAR S3": rplidar_capsules.ULTRA_DENSE.form,
+    "YDLIDAR X4": ydlidar.FORMAT,
+    "YDLIDAR T-mini": ydlidar.FORMAT_WITH_INTENSITY,
+    "YDLIDAR G4": ydlidar.FORMAT_G4,
     "LD19": ld19.FORMAT,
     "XV11": xv11.FORMAT,
     "LDS-01": lds01.FORMAT,
@@ -22,7 +26,11 @@ FORMATS: dict[str, FrameFormat] = {
 FRAMES = {title: [one.data for one in islice(STREAMS[title][2](), 40)] for title in FORMATS}
 HEADERS = {
     "RPLIDAR A1 express": b"\xa5\x5a",
+    "RPLIDAR A3": b"\xa5\x5a",
+    "RPLIDAR S3": b"\xa5\x5a",
     "YDLIDAR X4": b"\xaa\x55\x00\x28\x01\x00\x01",
+    "YDLIDAR T-mini": b"\xaa\x55\x00\x28\x01\x00\x01",
+    "YDLIDAR G4": b"\xaa\x55\x00\x50\x01\x00\x01",
     "LD19": b"\x54\x54\x2c",
     "XV11": b"\xfa\xa0",
     "LDS-01": b"\xfa\xdb",

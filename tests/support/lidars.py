@@ -4,6 +4,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterable
 
+from bench.base.decoding import TYPICAL, YDLIDARS, answers_of
 from bench.base.lidar_streams import STREAMS, chunks
 
 from trolley.config.hardware import LidarConfig
@@ -44,7 +45,7 @@ class Asked:
     def __init__(
         self, answers: dict[bytes, bytes], start: dict[bytes, bytes], stop: set[bytes]
     ) -> None:
-        self.answers, self._start, self._stop = answers, start, stop
+        self.answers, self.start, self._stop = answers, start, stop
         self.streams = False
         self.heard: list[bytes] = []
 
@@ -53,9 +54,9 @@ class Asked:
         if not data:
             return b""
         self.heard.append(data)
-        if data in self._start:
+        if data in self.start:
             self.streams = True
-            return self._start[data]
+            return self.start[data]
         if data in self._stop:
             self.streams = False
             return b""
@@ -75,12 +76,19 @@ def rplidar(*, express: bool = True, health: bytes = bytes(3), model: int = 0x18
     return Asked(answers, start, {b"\xa5\x25", b"\xa5\x40"})
 
 
-def ydlidar(health: bytes = bytes(3)) -> Asked:
+def ydlidar(others: dict[bytes, bytes] | None = None, health: bytes = bytes(3)) -> Asked:
     answers = {
         b"\xa5\x90": INFO + bytes([6, 1, 1, 1]) + bytes(16),
         b"\xa5\x92": HEALTH + health,
-    }
+    } | (others or {})
     return Asked(answers, {b"\xa5\x60": SCAN_STREAM}, {b"\xa5\x00", b"\xa5\x65"})
+
+
+def slamtec(title: str) -> Asked:
+    """One that is asked for its typical mode."""
+    answers = answers_of(title)
+    start = {asked: said for asked, said in answers.items() if said[5] & 0x40}
+    return Asked(answers, start, {b"\xa5\x25", b"\xa5\x40"})
 
 
 class Session:
@@ -155,6 +163,10 @@ def started(title: str, **settings: object) -> Session:
     if title == "RPLIDAR A1 standard":
         settings.setdefault("mode", "standard")
     device = {"rplidar_a1": rplidar, "ydlidar_x4": ydlidar}.get(model, Silent)()
+    if title in TYPICAL:
+        device = slamtec(title)
+    elif title in YDLIDARS:
+        device = ydlidar(answers_of(title))
     session = Session(LidarConfig(model=model, **settings), device)  # pyright: ignore[reportArgumentType]
     session.wait_for_stream()
     return session

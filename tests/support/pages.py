@@ -8,7 +8,7 @@ from typing import Any
 from trolley_viz.controls.controls import Controls
 from trolley_viz.controls.messages import Look
 
-CONTAINERS = ("bar", "card", "folder", "strip", "tab", "tabs", "tiles")
+CONTAINERS = ("actions", "bar", "card", "folder", "strip", "tab", "tabs", "tiles")
 
 
 class PageOf:

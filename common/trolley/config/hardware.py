@@ -7,7 +7,26 @@ from msgspec import Meta, Struct
 from trolley.config.robot import PoseConfig
 
 Board = Literal["linorobot", "arduino_bridge", "waveshare_ugv", "create2", "hoverboard"]
-LidarModel = Literal["rplidar_a1", "ydlidar_x4", "ld19", "xv11", "lds01"]
+LidarModel = Literal[
+    "rplidar_a1",
+    "rplidar_a2",
+    "rplidar_a3",
+    "rplidar_c1",
+    "rplidar_s1",
+    "rplidar_s2",
+    "rplidar_s3",
+    "ydlidar_x4",
+    "ydlidar_x4_pro",
+    "ydlidar_x2",
+    "ydlidar_g2",
+    "ydlidar_g4",
+    "ydlidar_tmini",
+    "ld19",
+    "stl27l",
+    "ld14p",
+    "xv11",
+    "lds01",
+]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 Pin = Annotated[int, Meta(ge=0, le=99)]
@@ -19,13 +38,15 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """`[base.lidar]`: the lidar and where it is mounted (a recording brings its own)."""
 
     model: LidarModel | None = None
-    """The lidar's model, if the driver is `hardware`; `ld19` also covers the LD06."""
+    """The lidar's model, if the driver is `hardware`; `ld19` also covers LD06 and STL-06P to 26,
+    `ydlidar_x2` the X3."""
     port: str = ""
     """The serial port; a name below /dev/serial/by-id or by-path stays the same."""
     baud: Baud | None = None
     """Baud rate of the line; the model's own if not given."""
     mode: Literal["auto", "standard", "express"] = "auto"
-    """How a `rplidar_a1` measures; `auto` uses the express scan if the sensor has it."""
+    """How an RPLIDAR measures; `auto` is what the sensor calls typical, with an A1 the express
+    scan if it has it; only an A1 has `express`."""
     pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
     """Its pose in `base_link`: x forward, y left, yaw counter-clockwise to angle 0."""
     z_m: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.2

@@ -232,13 +232,12 @@ class VizService(Service):
         self._robots.update(self._robot_watch.by_parts)
         self._fleet.update(now_ns, is_watched=True)
         scenes = hub.scenes.by_robot
-        with hub.server.atomic():  # viser's thread is woken once for all of it
+        with hub.server.atomic():  # viser sends all of it at once
             hub.scenes.update(self._layers_by_robot(), self._fleet.members)
         hub.people.stoppers.keep(scenes.keys())
         self.past.follow(scenes.keys())
         for page in self.pages.values():
             page.session.update_scene(scenes.keys())
-        hub.server.flush()  # viser would wait for more to send together
         if now_ns >= self._panels_due_ns:
             self._panels_due_ns = now_ns + PANEL_PERIOD_NS
             for page in self.pages.values():

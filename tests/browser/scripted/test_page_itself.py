@@ -77,3 +77,25 @@ def test_a_page_of_another_release_loads_itself_anew_once_and_then_says_so(
             wait_until(lambda: len(viewer.lines) > 1, "the page is loaded anew")
     expect(page.get_by_text("This page is out of date")).to_be_visible()
     assert len(viewer.lines) == 2
+
+
+def test_what_ends_an_edit_is_always_in_view(page: Page, viewer: Viewer) -> None:
+    controls = Controls()
+    with controls.add_folder():
+        for i in range(30):
+            controls.add_text(f"field {i}", "")
+        with controls.add_actions():
+            controls.add_button("Save")
+            controls.add_button("Cancel")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    save = page.get_by_role("button", name="Save")
+    expect(save).to_be_in_viewport(ratio=1.0)
+    page.get_by_label("field 29").scroll_into_view_if_needed()
+    expect(save).to_be_in_viewport(ratio=1.0)
+    for i in range(30):  # nor does it cover what has the focus
+        page.get_by_label(f"field {i}", exact=True).focus()
+        field, row = page.locator(":focus").bounding_box(), save.bounding_box()
+        assert field is not None
+        assert row is not None
+        assert field["y"] + field["height"] <= row["y"]

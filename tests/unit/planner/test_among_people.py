@@ -6,11 +6,13 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from support.flatland import Flatland, empty_room, two_rooms, with_block
+from support.flatland import RANGE_MAX, Flatland, empty_room, two_rooms, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley.gridmap import FREE, GridMap
+from trolley.gridmap import FREE, GridMap, cast_rays
+from trolley.messages import Scan
+from trolley.messages.types import floats_to_bytes
 
 STEP_S = 0.05
 CONTROLLERS = ["mppi", "pursuit"]
@@ -18,6 +20,26 @@ Place = Callable[[float], tuple[float, float]]
 
 
 pytestmark = pytest.mark.drives
+
+
+class HalfView(Flatland):
+    """Its lidar sees the 180 degrees ahead."""
+
+    def scan(self, stamp_ns: int) -> Scan:
+        laser, first = self.pose @ self.base_T_laser, -0.5 * math.pi - self.base_T_laser.yaw
+        angles = laser.yaw + first + np.radians(np.arange(181))
+        edge = self.grid.resolution
+        ranges = cast_rays(self._occupied, edge, (laser.x, laser.y), angles, RANGE_MAX)
+        return Scan(
+            stamp_ns=stamp_ns,
+            frame="laser",
+            angle_min=first,
+            angle_increment=math.pi / 180.0,
+            time_increment=0.0,
+            range_min=0.05,
+            range_max=RANGE_MAX,
+            ranges=floats_to_bytes(ranges),
+        )
 
 
 class Meeting:
@@ -29,9 +51,10 @@ class Meeting:
         controller: Literal["mppi", "pursuit"],
         room: GridMap | None = None,
         goal_x: float = 6.5,
+        world: type[Flatland] = Flatland,
     ) -> None:
         self._room = self._shown = room or empty_room()
-        self.world = Flatland(self._room, Pose2D(1.0, 3.0, 0.0))
+        self.world = world(self._room, Pose2D(1.0, 3.0, 0.0))
         self.drive = ride(self.world, PlannerConfig(controller=controller))
         self.drive.send(Pose2D(goal_x, 3.0, 0.0))
         self.drive.step(40)
@@ -179,8 +202,18 @@ def test_passes_a_polite_person_without_delay(ride, width_m: float) -> None:
     assert len(meeting.poses) * STEP_S < 1.3 * 18.0
 
 
-@pytest.mark.parametrize("niche_x", [3.4, pytest.param(None, marks=pytest.mark.slow)])
-def test_makes_room_where_two_do_not_fit_side_by_side(ride, niche_x: float | None) -> None:
+@pytest.mark.parametrize(
+    ("niche_x", "world"),
+    [
+        (3.4, Flatland),
+        pytest.param(None, Flatland, marks=pytest.mark.slow),
+        pytest.param(3.4, HalfView, marks=pytest.mark.slow),
+        pytest.param(None, HalfView, marks=pytest.mark.slow),
+    ],
+)
+def test_makes_room_where_two_do_not_fit_side_by_side(
+    ride, niche_x: float | None, world: type[Flatland]
+) -> None:
     """It waits in a niche, or in the room behind it, until who comes has passed."""
     grid = corridor(0.7)
     cells = grid.cells.copy()
@@ -189,7 +222,7 @@ def test_makes_room_where_two_do_not_fit_side_by_side(ride, niche_x: float | Non
     if niche_x is not None:
         niche = slice(round(niche_x / edge), round((niche_x + 0.7) / edge))
         cells[round(3.3 / edge) : round(4.0 / edge), niche] = FREE
-    meeting = Meeting(ride, "mppi", GridMap(grid.name, edge, grid.origin, cells), 10.0)
+    meeting = Meeting(ride, "mppi", GridMap(grid.name, edge, grid.origin, cells), 10.0, world)
     person = Person(meeting, 3.0, 0.0)
     meeting.walk(60.0, person)
     assert person.held_s == 0.0

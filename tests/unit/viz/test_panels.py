@@ -26,7 +26,7 @@ from trolley_viz.panels.markup import (
 )
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopLine, StopPresses
-from trolley_viz.scene.scan_and_particles import weight_colours
+from trolley_viz.scene.scan_and_particles import stroke_colours
 from trolley_viz.sentences import StatusLine
 
 if TYPE_CHECKING:
@@ -153,9 +153,9 @@ def test_the_own_robot_is_listed_before_it_is_heard_of() -> None:
 
 
 def test_heavier_particles_are_darker() -> None:
-    faint, strong = weight_colours(np.array([0.1, 1.0], np.float32)).sum(axis=1)
+    faint, strong = stroke_colours(np.array([0.1, 1.0], np.float32))[:, 1].sum(axis=1)
     assert strong < faint
-    assert len(weight_colours(np.zeros(3, np.float32))) == 3
+    assert len(stroke_colours(np.zeros(3, np.float32))) == 3
 
 
 @pytest.mark.parametrize("aspect", [0.5, 1.0, 2.0])

@@ -278,6 +278,17 @@ def test_there_is_a_button_for_each_place(stage: "Stage", session: Session) -> N
     assert "No places saved yet." in page.text()
 
 
+def test_nothing_is_asked_of_a_robot_that_is_away(stage: "Stage", session: Session) -> None:
+    page = page_of(stage).within("Go")
+    asking = ("Go to …", "Set pose …", "Find position", "Follow somebody")
+    assert not any(page.button(label).is_disabled for label in asking)
+    put_places(stage, [])
+    stage.runtime.kill("base")
+    stage.runtime.run(1.5)
+    assert all(page.button(label).is_disabled for label in asking)
+    assert "No places saved yet." not in page.text()  # nobody knows
+
+
 def test_the_place_that_it_drives_to_stands_out(stage: "Stage", session: Session) -> None:
     page = page_of(stage).within("Go")
     page.press("kitchen")

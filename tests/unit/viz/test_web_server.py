@@ -2,6 +2,7 @@
 
 import base64
 import contextlib
+import dataclasses
 import hashlib
 import http.client
 import json
@@ -269,6 +270,17 @@ def test_who_is_refused_sees_a_page_with_its_style(asking: Served) -> None:
     assert "min-height: 44px" in style[1]
     digest = base64.b64encode(hashlib.sha256(style[1].encode()).digest()).decode()
     assert f"style-src 'sha256-{digest}'" in headers["Content-Security-Policy"]
+
+
+def test_what_to_type_is_told_from_the_rest(asking: Served) -> None:
+    assert b"<code>trolley viewer-link</code>" in fetch(asking.port)[2]
+
+
+def test_viser_sends_what_is_drawn_at_once(served: Served) -> None:
+    """By a field that its pinned version has: it would not complain about one that it has not."""
+    buffer = served.scene._websock_server.get_message_buffer()
+    assert "window_duration_sec" in {one.name for one in dataclasses.fields(buffer)}
+    assert buffer.window_duration_sec == 0.0
 
 
 @pytest.fixture

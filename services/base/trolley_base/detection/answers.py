@@ -9,7 +9,6 @@ import re
 import struct
 from typing import NamedTuple
 
-from trolley.config.hardware import LidarModel
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.lidars import MODELS
@@ -54,22 +53,22 @@ def read_health(data: bytes) -> tuple[int, int] | None:
 
 
 def describe_lidar(
-    model: LidarModel, identity: Identity, info: Info, health: tuple[int, int] | None
+    identity: Identity, baud: int, info: Info, health: tuple[int, int] | None
 ) -> FoundDevice:
     """Say which lidar it is.
 
     Args:
-        model: whose questions it answered.
-        identity: of that model.
+        identity: whose questions it answered.
+        baud: at which speed.
         info: who it says it is.
         health: how it says it is, None where it did not answer.
     """
-    facts = MODELS[model].facts
     details, problems = _describe_health(info, identity.serial(info.serial), health)
-    if identity.is_model(info.model):
-        return FoundDevice("lidar", model, facts.title, facts.baud, details, problems)
+    for model, driver in MODELS.items():
+        if driver.identity is identity and driver.is_model(info.model):
+            return FoundDevice("lidar", model, driver.facts.title, baud, details, problems)
     title, advice = identity.other_model(info.model)
-    return FoundDevice("lidar", None, title, facts.baud, details, (*problems, advice))
+    return FoundDevice("lidar", None, title, baud, details, (*problems, advice))
 
 
 def is_bridge(data: bytes) -> bool:

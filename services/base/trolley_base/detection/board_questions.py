@@ -88,7 +88,7 @@ def _ignore(_name: str, _number: int) -> None:
     """Count nothing: what is not a frame is some other device's."""
 
 
-QUESTIONS = (
+BOARD_QUESTIONS = (
     BoardQuestion(UGV.baud, (b'\n{"T":130}\n',), recognise_ugv),
     BoardQuestion(CREATE.baud, (bytes((START,)), ASK_STREAM), recognise_create, PAUSE_STREAM + END),
 )

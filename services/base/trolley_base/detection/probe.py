@@ -3,15 +3,17 @@
 First it listens, then it asks in an order in which no question can harm a device that it is not
 meant for:
 
-- 230400 and 115200 baud: an LD19, a running LDS-01, an XV11 and a hoverboard talk unasked.
+- At each speed at which a lidar talks unasked: what comes. Several send the same frames: those of
+  them that can say who they are are asked, and one obeys a stop.
 - 57600: boards. A board may reboot when its port is opened, so it is asked until some seconds have
   passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
   by the CR that follows; to rosserial, letters are noise between frames.
-- The boards of `board_questions.py`, at 115200.
-- 115200, 128000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead program has
-  left streaming. Bits at 57600 are two at 115200 and more at 128000, so the questions before cannot
-  be read as A5, with which every command to these lidars begins.
-- 230400: `b` starts an LDS-01 that waits; `e` stops it again.
+- The boards of `board_questions.py`, at 115200; a hoverboard talks unasked.
+- From 115200 to 1000000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead
+  program has left streaming. Bits at 57600 are two at 115200 and more at the others, so the
+  questions before cannot be read as A5, with which every command to these lidars begins; and a
+  question at one of these speeds is none at another, which a test tries for all of them.
+- 230400: what starts a lidar that waits (`b` for an LDS-01), and stops it again.
 
 DTR stays as Linux sets it on opening: boards with USB of their own want it, an A1 stands and an X4
 turns meanwhile. Closing the port brings back what was. The port is opened once, and its speed
@@ -27,17 +29,19 @@ from typing import TypeVar
 
 import serial
 
+from trolley.config.hardware import LidarModel
 from trolley_base.detection import answers, rosserial_answer, streams
-from trolley_base.detection.board_questions import QUESTIONS, recognise_talking
+from trolley_base.detection.board_questions import BOARD_QUESTIONS, recognise_talking
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars import MODELS
+from trolley_base.drivers.lidars.models import Identity, LidarDriver
 from trolley_base.drivers.serial_port import SerialPort
 
 T = TypeVar("T")
 
-LISTEN_S = 0.6
+LISTEN_S = 0.5
 BOARDS_UNTIL_S = 3.2
 """The slowest boards talk about 2 s after their port was opened."""
 BOARD_TRIES = 2
@@ -46,13 +50,24 @@ ROSSERIAL_S = 0.35
 TOPICS_S = 0.5
 LINE_S = 0.2
 BOARD_S = 0.25
-LIDAR_S = 0.5
-LIDAR_TRIES = 2
-TALKER_TRIES = 5
-"""Something talks here that nobody has recognised: it may be a lidar that was left streaming, and
-on a busy computer its answer comes behind what it said before."""
+LIDAR_S = (0.15, 0.3, 0.5)
+"""How long an answer is waited for at each speed, in one round after another."""
+QUIET_TRIES = 2
+"""So many rounds. The last one only where something talks that nobody has recognised: it may be a
+lidar that was left streaming, and on a busy computer its answer comes behind what it said."""
+QUESTIONS = tuple(
+    dict.fromkeys(
+        (driver.identity, baud)
+        for driver in MODELS.values()
+        if driver.identity is not None
+        for baud in (driver.facts.baud, *driver.facts.other_bauds)
+    )
+)
+"""Which lidars are asked who they are, at which speeds."""
 SPIN_UP_S = 1.5
-STOPPING_S, MOST_STOPPING = 0.1, 10
+STOP_TRIES, OBEYED_ENOUGH, QUIET_S = 3, 2, 0.4
+"""A lidar obeys a stop that is silent for so long, in so many of the tries."""
+STOPPING_S, MOST_STOPPING = 0.1, 4
 """A lidar that has obeyed a stop is silent for this long; it may take so many times that."""
 POLL_S = 0.05
 BUSY_S, MOST_LOOKS = 0.5, 3
@@ -62,7 +77,7 @@ MOST_HELD = 65536
 """At most this many bytes are kept in one step."""
 
 
-def _recognise_unasked(data: bytes, baud: int) -> FoundDevice | None:
+def _recognise_unasked(data: bytes, baud: int) -> LidarModel | FoundDevice | None:
     return streams.recognise_stream(data, baud) or recognise_talking(data, baud)
 
 
@@ -131,11 +146,49 @@ class Probe:
         for baud in streams.STREAM_BAUDS:
             self._port.set_baud(baud)
             data = bytearray()
-            found = self._read(LISTEN_S, partial(_recognise_unasked, baud=baud), data)
+            model = self._read(LISTEN_S, partial(_recognise_unasked, baud=baud), data)
             self.received[baud] = len(data)
-            if found is not None:
-                return found
+            if isinstance(model, FoundDevice):
+                return model
+            if model is not None:
+                found = self._tell_apart(model)
+                if found is not None:
+                    return found
         return None
+
+    def _tell_apart(self, model: LidarModel) -> FoundDevice | None:
+        """Find out which of the models that send the same frames at the same speed this is.
+
+        Some say who they are; one that was left streaming is stopped for that. Of the others one
+        obeys a stop, and is started again. None: nothing that it can be answers.
+        """
+        kin: list[LidarModel] = [model, *streams.twins_of(model)]
+        identities = dict.fromkeys(MODELS[one].identity for one in kin)
+        for wait_s in LIDAR_S:
+            for identity in filter(None, identities):
+                found = self._ask_lidar(identity, MODELS[model].facts.baud, wait_s)
+                if found is not None:
+                    return found
+        mute: list[LidarModel] = [one for one in kin if MODELS[one].identity is None]
+        for one in mute:
+            if len(mute) > 1 and self._obeys_stop(MODELS[one]):
+                return streams.describe_stream(one)
+        return streams.describe_stream(mute[0]) if mute else None
+
+    def _obeys_stop(self, driver: LidarDriver) -> bool:
+        """Tell a lidar to stop and to start again, more than once: it may be silent by chance."""
+        obeyed = 0
+        for _ in range(STOP_TRIES if driver.stop else 0):
+            self._port.write(driver.stop)
+            try:
+                self._pause(STOPPING_S)
+                self._port.discard_input()
+                obeyed += not self._read(QUIET_S, bool)
+            finally:
+                self._port.write(driver.start)
+                time.sleep(POLL_S)  # closing drops what has not left
+            self._read(SPIN_UP_S, bool)
+        return obeyed >= OBEYED_ENOUGH
 
     def _ask_boards(self) -> FoundDevice | None:
         self._port.set_baud(answers.BRIDGE.baud)
@@ -155,7 +208,7 @@ class Probe:
         return None
 
     def _ask_known_boards(self) -> FoundDevice | None:
-        for question in BOARD_TRIES * QUESTIONS:
+        for question in BOARD_TRIES * BOARD_QUESTIONS:
             self._port.set_baud(question.baud)
             for part in question.ask:
                 self._port.write(part)
@@ -187,42 +240,41 @@ class Probe:
         return answers.describe_bridge(self._read(LINE_S, answers.read_counts))
 
     def _ask_lidars(self) -> FoundDevice | None:
-        for model, driver in MODELS.items():
-            identity = driver.identity
-            if identity is None:
-                continue
-            self._port.set_baud(driver.facts.baud)
-            info = self._ask_lidar(identity.stop, identity.get_info, answers.read_info)
-            if info is not None:
-                health = self._ask_lidar((), identity.get_health, answers.read_health)
-                return answers.describe_lidar(model, identity, info, health)
-        return None
-
-    def _ask_lidar(
-        self, stop: tuple[bytes, ...], question: bytes, read: Callable[[bytes], T | None]
-    ) -> T | None:
         talks = any(self.received.values())
-        for _ in range(TALKER_TRIES if talks else LIDAR_TRIES):
-            for command in stop:
-                self._port.write(command)
-                self._await_silence()
-            self._port.discard_input()
-            self._port.write(question)
-            answer = self._read(LIDAR_S, read)
-            if answer is not None:
-                return answer
+        for wait_s in LIDAR_S[: len(LIDAR_S) if talks else QUIET_TRIES]:
+            for identity, baud in QUESTIONS:
+                self._port.set_baud(baud)
+                found = self._ask_lidar(identity, baud, wait_s)
+                if found is not None:
+                    return found
         return None
 
-    def _await_silence(self) -> None:
-        """Wait until what was told to stop has stopped, or does not mean to."""
+    def _ask_lidar(self, identity: Identity, baud: int, wait_s: float) -> FoundDevice | None:
+        for command in identity.stop:
+            self._port.write(command)
+            self._await_silence()
+        info = self._ask(identity.get_info, wait_s, answers.read_info)
+        if info is None:
+            return None
+        health = self._ask(identity.get_health, LIDAR_S[-1], answers.read_health)
+        return answers.describe_lidar(identity, baud, info, health)
+
+    def _ask(self, question: bytes, wait_s: float, read: Callable[[bytes], T | None]) -> T | None:
+        self._port.discard_input()
+        self._port.write(question)
+        return self._read(wait_s, read)
+
+    def _await_silence(self) -> bool:
+        """Wait until what was told to stop has stopped; False where it does not mean to."""
         for _ in range(MOST_STOPPING):
             self._port.discard_input()
             self._pause(STOPPING_S)
             if not self._port.wait(0.0):
-                return
+                return True
+        return False
 
     def _start_lidars(self) -> FoundDevice | None:
-        for driver in MODELS.values():
+        for model, driver in MODELS.items():
             if not driver.start:
                 continue
             baud = driver.facts.baud
@@ -234,7 +286,8 @@ class Probe:
                 self._port.write(driver.stop)
                 time.sleep(POLL_S)  # closing drops what has not left
             if found is not None:
-                return found
+                # What was silent until it was told to start is this one and no twin of it.
+                return streams.describe_stream(model)
         return None
 
     def _read(

@@ -8,8 +8,11 @@ from trolley.config.describe import to_toml
 from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port
 from trolley_base.detection.results import FoundDevice, PortResult
+from trolley_base.drivers.lidars import MODELS
 
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
+USUAL_BAUDS: dict[str | None, int] = {name: driver.facts.baud for name, driver in MODELS.items()}
+"""What a driver takes where the settings name no speed; boards have one only."""
 
 
 class Missing(NamedTuple):
@@ -155,6 +158,6 @@ def _propose_board(
 def _propose_baud(
     proposal: Proposal, table: tuple[str, ...], found: FoundDevice, present: dict[str, Any]
 ) -> None:
-    """Correct a speed in the file that is not the one at which the device answered."""
-    if present.get("baud", found.baud) != found.baud:
+    """Set the speed at which the device answered, where neither file nor model say it."""
+    if present.get("baud", USUAL_BAUDS.get(found.model, found.baud)) != found.baud:
         proposal.values[*table, "baud"] = found.baud

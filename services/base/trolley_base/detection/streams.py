@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+from trolley.config.hardware import LidarModel
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.lidars import MODELS
 from trolley_base.drivers.lidars.frames import FrameFinder
@@ -15,11 +16,31 @@ STREAM_BAUDS = tuple(
 """The speeds at which a lidar may talk unasked."""
 
 
-def recognise_stream(data: bytes, baud: int) -> FoundDevice | None:
-    """Recognise a lidar that streams at a speed, if enough sound frames of it are there."""
+def recognise_stream(data: bytes, baud: int) -> LidarModel | None:
+    """Recognise a lidar that streams at a speed, if enough sound frames of it are there.
+
+    Returns:
+        The first of the models that send such frames.
+    """
     for model, driver in MODELS.items():
         if driver.frames is None or driver.facts.baud != baud:
             continue
         if len(FrameFinder(driver.frames, Counter()).feed(data)) >= ENOUGH_FRAMES:
-            return FoundDevice("lidar", model, driver.facts.title, baud)
+            return model
     return None
+
+
+def describe_stream(model: LidarModel) -> FoundDevice:
+    """Describe a lidar that was known by its frames."""
+    facts = MODELS[model].facts
+    return FoundDevice("lidar", model, facts.title, facts.baud)
+
+
+def twins_of(model: LidarModel) -> list[LidarModel]:
+    """Return the models that send the same frames at the same speed."""
+    own = MODELS[model]
+    return [
+        name
+        for name, driver in MODELS.items()
+        if name != model and driver.frames is own.frames and driver.facts.baud == own.facts.baud
+    ]

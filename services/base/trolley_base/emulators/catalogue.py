@@ -5,26 +5,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trolley_base.emulators import ld19, lds01, rplidar, xv11, ydlidar
 from trolley_base.emulators.arduino_bridge import ArduinoBridge, WheelFacts
 from trolley_base.emulators.create2 import Create2
 from trolley_base.emulators.device import Board, Device, DeviceError
 from trolley_base.emulators.hoverboard import Hoverboard
-from trolley_base.emulators.ld19 import Ld19
-from trolley_base.emulators.lds01 import Lds01
 from trolley_base.emulators.lidar import MakeLidar, Mount
 from trolley_base.emulators.linorobot import Linorobot, LinorobotOptions
-from trolley_base.emulators.rplidar_a1 import RplidarA1
 from trolley_base.emulators.waveshare_ugv import WaveshareUgv
-from trolley_base.emulators.xv11 import Xv11
-from trolley_base.emulators.ydlidar_x4 import YdlidarX4
 from trolley_base.world import LidarSpec
 
+FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01)
+"""The emulators' modules; each knows one protocol, and its models by name in `LIDARS`."""
 LIDARS: dict[str, MakeLidar] = {
-    "rplidar_a1": RplidarA1,
-    "ydlidar_x4": YdlidarX4,
-    "ld19": Ld19,
-    "xv11": Xv11,
-    "lds01": Lds01,
+    name: make for family in FAMILIES for name, make in family.LIDARS.items()
 }
 BOARDS = {
     "linorobot": {

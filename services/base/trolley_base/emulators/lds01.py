@@ -12,7 +12,7 @@ import struct
 import numpy as np
 
 from trolley_base.emulators.degree_lidar import DegreeLidar
-from trolley_base.emulators.lidar import LidarFacts, Mount
+from trolley_base.emulators.lidar import LidarFacts, MakeLidar, Mount
 from trolley_base.world import LidarSpec
 
 FACTS = LidarFacts(baud=230400, turns_hz=5.0, range_min_m=0.12, range_max_m=3.5)
@@ -49,3 +49,6 @@ def _sample(range_mm: int) -> tuple[int, int]:
     if range_mm == 0:
         return 0, 0
     return min(2000, round(INTENSITY_AT_1M * 1000 / range_mm)), range_mm
+
+
+LIDARS: dict[str, MakeLidar] = {"lds01": Lds01}

@@ -12,7 +12,7 @@ import struct
 import numpy as np
 
 from trolley_base.emulators.degree_lidar import DegreeLidar
-from trolley_base.emulators.lidar import LidarFacts, Mount
+from trolley_base.emulators.lidar import LidarFacts, MakeLidar, Mount
 from trolley_base.world import LidarSpec
 
 FACTS = LidarFacts(baud=115200, turns_hz=5.0, range_min_m=0.06, range_max_m=5.0, clockwise=False)
@@ -50,3 +50,6 @@ def _sample(range_mm: int) -> tuple[int, int]:
     if range_mm == 0:
         return INVALID | NO_SIGNAL, 0
     return range_mm, min(2000, round(STRENGTH_AT_1M * 1000 / range_mm))
+
+
+LIDARS: dict[str, MakeLidar] = {"xv11": Xv11}

@@ -16,6 +16,9 @@ from trolley_planner.control.robot_motion import DT_S, ROBOT_MOTION, Limits, sto
 MAX_REVERSE = 0.25
 """Highest speed backwards [m/s]: few lidars look that way."""
 
+HURRIED_REVERSE = 0.5
+"""Highest speed backwards out of somebody's way, where the lidar looks that way [m/s]."""
+
 
 @dataclass(frozen=True, slots=True)
 class Motion:

@@ -17,6 +17,8 @@ from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, NEVER_SEEN
 
 BACK_STEPS_M = (0.05, 0.1, 0.15)
 """Distances behind the robot at which the floor must be known before it backs up [m]."""
+FAR_STEPS_M = (*BACK_STEPS_M, 0.2, 0.25, 0.3)
+"""The same before it backs up as fast as it drives: it brakes from 0.5 m/s within these."""
 MIDDLE_CELLS = 0.25
 """Distance from a cell's centre, along both axes, within which a point is in its middle [cells]."""
 
@@ -31,7 +33,9 @@ class KnownFloor:
 
     def __init__(self, costmap: Costmap, footprint: Footprint) -> None:
         self._costmap = costmap
-        self._edge, self._behind = footprint.edge_points, _points_behind(footprint)
+        self._edge = footprint.edge_points
+        self._behind = _points_behind(footprint, BACK_STEPS_M)
+        self._far_behind = _points_behind(footprint, FAR_STEPS_M)
 
     def sees_behind(self, pose: Pose2D) -> bool:
         """Say whether the floor behind the robot is known.
@@ -43,6 +47,15 @@ class KnownFloor:
             pose: of the robot in `grid`.
         """
         return self._knows(pose.transform_points(self._behind))
+
+    def looks_behind(self, pose: Pose2D) -> bool:
+        """Say whether the lidar looks at the floor behind the robot, and knows it.
+
+        Args:
+            pose: of the robot in `grid`.
+        """
+        all_round = self._costmap.obstacle_layer.looks_all_round
+        return all_round and self._knows(pose.transform_points(self._far_behind))
 
     def sees_along(self, poses: NDArray[np.float64]) -> bool:
         """Say whether the floor along poses (n, 3) that it backs through is known."""
@@ -109,8 +122,8 @@ class KnownFloor:
         return layer.is_known_free(*flat, SIGHT.fresh_s, SIGHT.fresh_s).reshape(rows.shape)
 
 
-def _points_behind(footprint: Footprint) -> NDArray[np.float64]:
+def _points_behind(footprint: Footprint, steps_m: tuple[float, ...]) -> NDArray[np.float64]:
     """Return points (n, 2) in `base_link` that the outline sweeps next when it backs up."""
-    shifts = [footprint.edge_points - (distance_m, 0.0) for distance_m in BACK_STEPS_M]
+    shifts = [footprint.edge_points - (distance_m, 0.0) for distance_m in steps_m]
     points = np.concatenate(shifts)
     return points[~polygon_contains(footprint.polygon, points)]

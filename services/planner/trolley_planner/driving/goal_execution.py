@@ -9,7 +9,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
-from trolley_planner.control.controller import Motion, limited_change, safe_command
+from trolley_planner.control.controller import HURRIED_REVERSE, Motion, limited_change, safe_command
 from trolley_planner.control.critics import Target
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
 from trolley_planner.control.robot_motion import Limits
@@ -24,6 +24,8 @@ from trolley_planner.paths.path import PlannedPath
 
 BESIDE_ROUTE = Tolerances(0.12, math.pi)
 """How near to a place beside the route is near enough."""
+OUT_OF_THE_WAY = Tolerances(0.06, math.pi)
+"""The same where people pass within centimetres of it."""
 
 
 class GoalExecution:
@@ -137,7 +139,7 @@ class GoalExecution:
         return twist
 
     def _hurry(self, now: ControlInput) -> Twist2D:
-        """Return the velocity out of people's way, with wide tolerances at the place."""
+        """Return the velocity out of people's way, in whatever heading it comes there."""
         if now.motion.pose.distance_to(self.goal_grid) < self.goal.tolerances.xy:
             self.outcome = "arrived"
         return self._control(now)
@@ -164,6 +166,8 @@ class GoalExecution:
         local_costmap = context.local_costmap
         if self._hurries:
             local_costmap.leave_people_out()
+            if local_costmap.known_floor.looks_behind(now.motion.pose):
+                limits = limits._replace(max_reverse=min(HURRIED_REVERSE, limits.max_speed))
         found = context.controller.command(now.motion, local_costmap, limits, target, now.elapsed_s)
         local_costmap.update_moving(now.now_ns)
         if found is None:
@@ -257,7 +261,8 @@ class GoalExecution:
         if path is None:
             return None
         pose = costmap.frame_T_grid @ Pose2D(*place, 0.0)
-        goal = Goal(self.goal.id, pose, (), BESIDE_ROUTE, self.goal.speed, now_ns)
+        near = OUT_OF_THE_WAY if hurries else BESIDE_ROUTE
+        goal = Goal(self.goal.id, pose, (), near, self.goal.speed, now_ns)
         return GoalExecution(goal, context, self._config, path, now_ns, hurries=hurries)
 
     # What may go wrong.

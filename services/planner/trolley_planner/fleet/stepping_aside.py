@@ -16,7 +16,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.jit import kernel
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
-from trolley_planner.control.controller import Motion, limited_change
+from trolley_planner.control.controller import HURRIED_REVERSE, Motion, limited_change
 from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.fleet.right_of_way import Passages
@@ -28,11 +28,11 @@ from trolley_planner.sensing.beams import wrapped
 class AsideParams(NamedTuple):
     """When the robot yields to people in narrow places, and where it waits; all by hand."""
 
-    half_m: float = 5.0
+    half_m: float = 7.0
     """Half the edge of the square around the robot in which people and waiting places count."""
-    ahead_m: float = 4.0
+    ahead_m: float = 5.0
     """Length of the route that is checked."""
-    ahead_s: float = 8.0
+    ahead_s: float = 12.0
     """Time for which people are predicted to walk on."""
     step_s: float = 0.1
     """Time between two predicted positions."""
@@ -53,7 +53,7 @@ class AsideParams(NamedTuple):
     """Length of route behind the meeting point along which there must be room to pass."""
     keep_m: float = 0.12
     """Least distance between people and the waiting robot; with less it looks for another place."""
-    moves_m: float = 0.3
+    moves_m: float = 0.1
     """Distance within which two waiting places count as the same."""
     pace: float = 0.85
     """Share of its speed at which the robot is predicted to drive."""
@@ -199,6 +199,7 @@ class Surroundings:
         row, col = math.floor(pose.y / edge), math.floor(pose.x / edge)
         self._first = max(row - half, 0), max(col - half, 0)
         part = np.s_[self._first[0] : row + half + 1, self._first[1] : col + half + 1]
+        self._looks_all_round = costmap.obstacle_layer.looks_all_round
         self._is_free = np.ascontiguousarray(costmap.weights[part] != LETHAL)
         walls_m = np.ascontiguousarray(costmap.static.distance_m[part])
         walkers = context.local_costmap.walkers_now()
@@ -236,13 +237,37 @@ class Surroundings:
         corner = self._edge_m * np.array([self._first[1], self._first[0]])
         return corner + self._edge_m * (np.column_stack([cols, rows]) + 0.5)
 
-    def arrivals(self, closes_s: Floats, pose: Pose2D, speed: float) -> Floats:
-        """Return when the robot can be in each cell (rows, cols) [s] before somebody is there."""
+    def arrivals(
+        self,
+        closes_s: Floats,
+        pose: Pose2D,
+        speed: float,
+        meeting: tuple[float, float] = (math.nan, math.nan),
+    ) -> Floats:
+        """Return when the robot can be in each cell (rows, cols) [s] before somebody is there.
+
+        It turns to where it drives first, or to look away from there and backs, if its lidar
+        looks that way.
+
+        Args:
+            closes_s: see `closes_s`.
+            pose: of the robot in `grid`.
+            speed: that it may have [m/s].
+            meeting: x, y [m] of where it drives on to. If given, places are left out that are
+                reached later than it is back there from another refuge.
+        """
         here = self.cell_of(pose.x, pose.y)
         found = np.full(closes_s.shape, np.inf)
-        if here is not None:
-            pace = max(ASIDE.pace * speed, 0.05)
-            arrive(found, self._is_free, closes_s, here, (pose.yaw, self._edge_m / pace))
+        if here is None:
+            return found
+        edge_m, (row, col) = self._edge_m, self._first
+        back_to = meeting[1] / edge_m - row - 0.5, meeting[0] / edge_m - col - 0.5
+        facing = (0.0, speed), (math.pi, min(speed, HURRIED_REVERSE))
+        for turned, fastest in facing if self._looks_all_round else facing[:1]:
+            one = np.full(closes_s.shape, np.inf)
+            pace = pose.yaw + turned, edge_m / max(ASIDE.pace * fastest, 0.05)
+            arrive(one, self._is_free, closes_s, here, pace, back_to)
+            np.minimum(found, one, out=found)
         return found
 
     def is_refuge(self, closes_s: Floats) -> NDArray[np.bool_]:
@@ -294,7 +319,8 @@ def find_refuge(
         return None  # the controller passes them there
     # A robot that waits may look anywhere.
     wide_s = around.closes_s(context.footprint.circumscribed_m + ASIDE.keep_m)
-    arrival = around.arrivals(wide_s, pose, speed)
+    x, y = points[meeting].tolist()
+    arrival = around.arrivals(wide_s, pose, speed, (x, y))
     refuge_rows, refuge_cols = np.nonzero(around.is_refuge(wide_s) & np.isfinite(arrival))
     if len(refuge_rows) == 0:
         return None
@@ -386,24 +412,29 @@ def lower_disc(
 
 
 @kernel
-def arrive(
+def arrive(  # noqa: C901 - Dijkstra in one piece
     out_arrival_s: Floats,
     is_free: NDArray[np.bool_],
     closes_s: Floats,
     here: tuple[int, int],
     pace: tuple[float, float],
+    back_to: tuple[float, float],
 ) -> None:
     """Write when the robot can be in each cell, never where somebody is by then (Dijkstra).
+
+    What is reached later than people are predicted for stays infinite.
 
     Args:
         out_arrival_s: (rows, cols), infinite everywhere.
         is_free: (rows, cols) where the robot fits.
         closes_s: (rows, cols) from when on somebody is there.
         here: row and column of the robot; it may be anywhere.
-        pace: its heading [rad], and how long a cell takes [s].
+        pace: the heading that it sets off in without a turn [rad], and how long a cell takes [s].
+        back_to: row and column that it drives on to; NaN: all cells are wanted.
     """
     rows, cols = is_free.shape
     yaw, cell_s = pace
+    until_s = ASIDE.ahead_s
     heap = np.empty((8 * rows * cols + 1, 2))
     out_arrival_s[here] = 0.0
     heap[0, 0], heap[0, 1] = 0.0, here[0] * cols + here[1]
@@ -413,8 +444,14 @@ def arrive(
         cell = take_first(heap, size)
         size -= 1
         row, col = cell // cols, cell % cols
+        if now_s > until_s:
+            break
         if now_s > out_arrival_s[row, col]:
             continue
+        if math.isinf(closes_s[row, col]) and is_free[row, col]:
+            back_s = now_s + cell_s * math.hypot(row - back_to[0], col - back_to[1])
+            if back_s < until_s:
+                until_s = back_s
         for by_row in range(-1, 2):
             for by_col in range(-1, 2):
                 r, c = row + by_row, col + by_col

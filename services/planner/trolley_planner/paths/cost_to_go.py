@@ -73,6 +73,8 @@ class CorridorParams(NamedTuple):
 CORRIDOR = CorridorParams()
 COST_OF_CELL = 2 * STEP * WEIGHT_UNIT
 """Cost of a straight step over free cells."""
+COARSE_SLACK = CORRIDOR.band_cells * COST_OF_CELL // TILE
+"""A search over tiles goes on this far beyond the robot; it is continued where more is asked."""
 
 
 class CostToGo:
@@ -174,18 +176,6 @@ class CostToGo:
             self._grow(np.empty((0, 2), dtype=np.int32), max(0, right - COSTLIEST_STEP), start)
         return self._descend(start, terrain.discs)
 
-    def _widened(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
-        """Return the path with all tiles in the corridor that promise a better one."""
-        self._open_better(start, terrain.weights)
-        rewind(self._corridor, self._num_inside, self._queue, -1)
-        self._grow(np.array([[target, 0]], dtype=np.int32), 0, start)
-        # What costs more than promised now does so everywhere.
-        promise, self._promise = self._promise, math.inf
-        cells = self._descend(start, terrain.discs)
-        if cells is not None:
-            self._promise = max(promise, self._ratio(cells, terrain.discs))
-        return cells
-
     def _searched(self, start: int, target: int, terrain: Terrain) -> NDArray[np.int32] | None:
         """Return the path, searched from scratch; None if there is none."""
         self.searches += 1
@@ -198,50 +188,21 @@ class CostToGo:
             self._corridor,
             self._num_inside,
             self._coarse,
-            self._queue,
+            (self._queue, self._back_queue),
             terrain,
             (start, target),
             is_near,
         )
-        count, self._num_inside, self._final_coarse, self._final_cost, self._directions = found
-        self._promise = CORRIDOR.dearer
+        count, self._num_inside, self._final_coarse, self._final_cost = found[:4]
+        self._directions, self._promise = found[4:]
         if count < 0:
             return None
         if count > 0:
-            cells = self._kept(self._path[:count].copy(), terrain.discs)
-            return self._widened(start, target, terrain) if cells is None else cells
+            return self._path[:count].copy()
         self._open_all(terrain)
         clear_queue(self._queue)
         self._grow(np.array([[target, 0]], dtype=np.int32), 0, start)
         return self._descend(start, terrain.discs)
-
-    def _open_better(self, start: int, weights: NDArray[np.uint8]) -> None:
-        """Add all tiles to the corridor through which a cheaper path may lead."""
-        coarse, back_queue = self._coarse, self._back_queue
-        tile_cols = coarse.weights.shape[1]
-        start_tile = tile_of(start, self._shape[1], tile_cols)
-        flat = coarse.weights.reshape(-1)
-        limit = (int(self._flat_cost[start]) + CORRIDOR.band_cells * COST_OF_CELL) // TILE
-        slack = max(limit - int(coarse.cost[start_tile]), CORRIDOR.band_cells * COST_OF_CELL)
-        none = np.empty((0, 2), dtype=np.int32)
-        self._final_coarse = grow(
-            coarse.cost,
-            flat,
-            coarse.queue,
-            none,
-            tile_cols,
-            max(0, self._final_coarse - COSTLIEST_STEP),
-            (start_tile, slack),
-            self._directions,
-        )
-        # What the path from the start to each tile may still cost: nothing beyond is searched.
-        left = np.maximum(limit + 1 - coarse.cost.astype(np.int64), 0).astype(np.int32)
-        cost = left.copy()
-        seed = np.array([[start_tile, 0]], dtype=np.int32)
-        clear_queue(back_queue)
-        grow(cost, flat, back_queue, seed, tile_cols, 0, (-1, 0), self._directions)
-        better = np.flatnonzero(cost < left).astype(np.int32)
-        self._num_inside = open_path(self._corridor, self._num_inside, weights, better, 0)
 
     def _open_all(self, terrain: Terrain) -> None:
         """Add everything to the corridor."""
@@ -264,36 +225,13 @@ class CostToGo:
         count = descend_into(
             self._path, cost, self._flat_weights, start, self._shape[1], self._directions
         )
-        return self._kept(self._path[:count].copy(), discs)
-
-    def _kept(
-        self, cells: NDArray[np.int32], discs: NDArray[np.float64]
-    ) -> NDArray[np.int32] | None:
-        """Return a path, None if a better one may be elsewhere.
-
-        A path near the coarse one is compared with it, except for its ends inside the discs, where
-        it may have to pay for squeezing out.
-        """
-        is_good = self._has_all or self._ratio(cells, discs) <= self._promise
-        return cells if is_good else None
-
-    def _ratio(self, cells: NDArray[np.int32], discs: NDArray[np.float64]) -> float:
-        """Return the cost of a path relative to the promised one, infinite where that is unknown.
-
-        Half a tile is not counted: the promise does not know where in their tiles the ends are.
-        """
-        skipped, left = _ends(discs)
-        if len(cells) <= skipped + left:
-            return 1.0
-        cost, coarse = self._flat_cost, self._coarse
-        first, last = int(cells[skipped]), int(cells[-1 - left])
-        cols, tile_cols = self._shape[1], coarse.weights.shape[1]
-        coarse_first = int(coarse.cost[tile_of(first, cols, tile_cols)])
-        if coarse_first >= self._final_coarse:
-            return math.inf
-        promised = TILE * (coarse_first - int(coarse.cost[tile_of(last, cols, tile_cols)]))
-        dearer = int(cost[first]) - int(cost[last]) - TILE // 2 * COST_OF_CELL
-        return dearer / max(promised, 1)
+        cells = self._path[:count].copy()
+        if self._has_all:
+            return cells
+        ratio, self._final_coarse = promised_ratio(
+            cells, cost, self._shape[1], self._coarse, discs, self._final_coarse, self._directions
+        )
+        return cells if ratio <= self._promise else None
 
     def _grow(self, seeds: NDArray[np.int32], first: int, start: int) -> None:
         """Continue the search in the corridor until some distance beyond the start."""
@@ -309,9 +247,87 @@ class CostToGo:
         )
 
 
-def _ends(discs: NDArray[np.float64]) -> tuple[int, int]:
-    """Return how many cells at the start and at the end of a path may lie inside the discs."""
-    return math.ceil(1.5 * float(discs[0, 2])), math.ceil(1.5 * float(discs[-1, 2]))
+@kernel
+def promised_ratio(
+    cells: NDArray[np.int32],
+    cost: NDArray[np.int32],
+    cols: int,
+    coarse: Coarse,
+    discs: NDArray[np.float64],
+    final_coarse: int,
+    directions: int,
+) -> tuple[float, int]:
+    """Return the cost of a path relative to the promised one, infinite where that is unknown.
+
+    Its ends inside the discs are not compared: there it may have to pay for squeezing out. Nor is
+    half a tile, since the promise does not know where in their tiles the ends are.
+
+    Args:
+        cells: (n,) of the path.
+        cost: (cells,) cost-to-go.
+        cols: cells in a row.
+        coarse: its search goes on if it did not come as far.
+        discs: see `Terrain`.
+        final_coarse: below what its costs are final.
+        directions: of its search.
+
+    Returns:
+        The ratio, and below what the costs over tiles are final now.
+    """
+    skipped, left = math.ceil(1.5 * discs[0, 2]), math.ceil(1.5 * discs[-1, 2])
+    if cells.shape[0] <= skipped + left:
+        return 1.0, final_coarse
+    tile_cols = coarse.weights.shape[1]
+    first, last = int(cells[skipped]), int(cells[cells.shape[0] - 1 - left])
+    first_tile, last_tile = tile_of(first, cols, tile_cols), tile_of(last, cols, tile_cols)
+    if coarse.cost[first_tile] >= final_coarse:
+        final_coarse = go_on(coarse, final_coarse, first_tile, COARSE_SLACK, directions)
+        if coarse.cost[first_tile] >= final_coarse:
+            return math.inf, final_coarse
+    promised = TILE * (coarse.cost[first_tile] - coarse.cost[last_tile])
+    dearer = cost[first] - cost[last] - TILE // 2 * COST_OF_CELL
+    return dearer / max(promised, 1), final_coarse
+
+
+@kernel
+def go_on(coarse: Coarse, final_coarse: int, tile: int, slack: int, directions: int) -> int:
+    """Continue the search over tiles until so far beyond one; return below what it is final."""
+    return grow(
+        coarse.cost,
+        coarse.weights.reshape(-1),
+        coarse.queue,
+        np.empty((0, 2), dtype=np.int32),
+        coarse.weights.shape[1],
+        max(0, final_coarse - COSTLIEST_STEP),
+        (tile, slack),
+        directions,
+    )
+
+
+@kernel
+def better_tiles(
+    coarse: Coarse, back_queue: Queue, start_tile: int, limit: int, directions: int
+) -> NDArray[np.int32]:
+    """Return the tiles (n,) through which a path may lead that costs no more than `limit`.
+
+    Args:
+        coarse: its costs are final up to the limit.
+        back_queue: scratch, of the tiles.
+        start_tile: where the path begins.
+        limit: [cost over tiles].
+        directions: 8 or 16.
+    """
+    # What the path from the start to each tile may still cost: nothing beyond is searched.
+    left = np.empty_like(coarse.cost)
+    for tile in range(left.shape[0]):
+        left[tile] = max(limit + 1 - coarse.cost[tile], 0)
+    cost = left.copy()
+    seeds = np.zeros((1, 2), dtype=np.int32)
+    seeds[0, 0] = start_tile
+    clear_queue(back_queue)
+    flat, tile_cols = coarse.weights.reshape(-1), coarse.weights.shape[1]
+    grow(cost, flat, back_queue, seeds, tile_cols, 0, (-1, 0), directions)
+    return np.flatnonzero(cost < left).astype(np.int32)
 
 
 @kernel
@@ -320,19 +336,19 @@ def search_anew(
     corridor: Corridor,
     num_inside: int,
     coarse: Coarse,
-    queue: Queue,
+    queues: tuple[Queue, Queue],
     terrain: Terrain,
     ends: tuple[int, int],
     is_near: bool,
-) -> tuple[int, int, int, int, int]:
-    """Search the coarse grid for a path, and the cells near that.
+) -> tuple[int, int, int, int, int, float]:
+    """Search the coarse grid for a path, and the cells near that; more if it promised a better one.
 
     Args:
         out_path: (cells,) the path is written from index 0.
         corridor: changed.
         num_inside: how many tiles are inside.
         coarse: changed.
-        queue: of the corridor's search, changed.
+        queues: of the corridor's search, and one of tiles; changed.
         terrain: as it is now.
         ends: start and target [cells].
         is_near: whether the path may keep to 16 directions.
@@ -340,9 +356,10 @@ def search_anew(
     Returns:
         How many cells the path has, 0 if there is none in the corridor, -1 if there is none at all;
         how many tiles are inside; below what the costs over tiles, and those over cells are final;
-        to how many directions the path keeps.
+        to how many directions the path keeps; how many times what is promised it may cost.
     """
     start, target = ends
+    queue, back_queue = queues
     cols, tile_cols = terrain.weights.shape[1], coarse.weights.shape[1]
     close(corridor, num_inside)
     retile_changes(coarse, terrain.weights)
@@ -354,7 +371,9 @@ def search_anew(
     flat = coarse.weights.reshape(-1)
     slack = CORRIDOR.slack_cells * COST_OF_CELL
     cost, weights = corridor.cost.reshape(-1), corridor.weights.reshape(-1)
-    count, final, final_coarse = 0, 0, 0
+    fine_seeds = np.zeros((1, 2), dtype=np.int32)
+    fine_seeds[0, 0] = target
+    final, final_coarse = 0, 0
     for attempt in range(1 + CORRIDOR.more_attempts):
         final_coarse = cost_to_go_into(
             coarse.cost,
@@ -362,22 +381,44 @@ def search_anew(
             coarse.queue,
             seeds,
             tile_cols,
-            (start_tile, slack // TILE),
+            (start_tile, COARSE_SLACK),
             directions,
         )
         if coarse.cost[start_tile] == UNREACHED:
-            return 0 if attempt else -1, num_inside, final_coarse, final, directions
+            count = 0 if attempt else -1
+            return count, num_inside, final_coarse, final, directions, CORRIDOR.dearer
         count = descend_into(out_path, coarse.cost, flat, start_tile, tile_cols, directions)
         tiles = out_path[:count]
         reach = max(CORRIDOR.reach_tiles, CORRIDOR.wide_tiles // count)
         reach = min(reach, CORRIDOR.reach_most_tiles)
         num_inside = open_path(corridor, num_inside, terrain.weights, tiles, reach)
-        fine_seeds = np.zeros((1, 2), dtype=np.int32)
-        fine_seeds[0, 0] = target
-        rewind(corridor, num_inside, queue, -1)
+        if attempt == 0:
+            clear_queue(queue)  # All tiles are new.
+        else:
+            rewind(corridor, num_inside, queue, -1)
         final = grow(cost, weights, queue, fine_seeds, cols, 0, (start, slack), directions)
         if cost[start] != UNREACHED:
-            count = descend_into(out_path, cost, weights, start, cols, directions)
-            return count, num_inside, final_coarse, final, directions
+            break
         block(coarse, corridor, tiles)
-    return 0, num_inside, final_coarse, final, directions
+    promise = CORRIDOR.dearer
+    if cost[start] == UNREACHED:
+        return 0, num_inside, final_coarse, final, directions, promise
+    count = descend_into(out_path, cost, weights, start, cols, directions)
+    ratio, final_coarse = promised_ratio(
+        out_path[:count], cost, cols, coarse, terrain.discs, final_coarse, directions
+    )
+    if ratio > promise:
+        limit = (cost[start] + CORRIDOR.band_cells * COST_OF_CELL) // TILE
+        more = max(limit - coarse.cost[start_tile], CORRIDOR.band_cells * COST_OF_CELL)
+        final_coarse = go_on(coarse, final_coarse, start_tile, more, directions)
+        better = better_tiles(coarse, back_queue, start_tile, limit, directions)
+        num_inside = open_path(corridor, num_inside, terrain.weights, better, 0)
+        rewind(corridor, num_inside, queue, -1)
+        final = grow(cost, weights, queue, fine_seeds, cols, 0, (start, slack), directions)
+        count = descend_into(out_path, cost, weights, start, cols, directions)
+        ratio, final_coarse = promised_ratio(
+            out_path[:count], cost, cols, coarse, terrain.discs, final_coarse, directions
+        )
+        # What costs more than promised now does so everywhere.
+        promise = max(promise, ratio)
+    return count, num_inside, final_coarse, final, directions, promise

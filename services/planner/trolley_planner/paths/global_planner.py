@@ -13,7 +13,13 @@ from trolley_planner.paths.corridor import Terrain
 from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo
 from trolley_planner.paths.footprint_check import FootprintCheck, Yaws
 from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch
-from trolley_planner.paths.path import PlannedPath, polyline_cost, straighten, through_cells
+from trolley_planner.paths.path import (
+    PlannedPath,
+    polyline_cost,
+    smooth_line,
+    straighten,
+    through_cells,
+)
 
 Point = tuple[float, float]
 
@@ -237,14 +243,16 @@ class GlobalPlanner:
         if found is None:
             return None
         cells, cost = found
-        points = through_cells(cells, self._costmap.shape[1], places)
         metres = cost / COST_OF_CELL * self._costmap.resolution_m
-        if math.isinf(polyline_cost(weights, points, math.inf)):
+        cols = self._costmap.shape[1]
+        points = smooth_line(cells, cols, places, weights, scale)
+        if len(points) == 0:
             weights = weights.copy()
             for x, y, radius in discs:
                 soften_disc(weights, distance_m, (x, y), radius, PLANNING.escape_weight)
-        smooth_points = straighten(points, weights, scale) * self._costmap.resolution_m
-        return _Leg(smooth_points, weights, metres)
+            line = through_cells(cells, cols, places)
+            points = straighten(line, weights, scale) * self._costmap.resolution_m
+        return _Leg(points, weights, metres)
 
     def _has_room(self, point: Point, distance_m: NDArray[np.float32]) -> bool:
         """Say whether the footprint's centre may be at a point."""

@@ -119,6 +119,26 @@ def through_cells(
 
 
 @kernel
+def smooth_line(
+    cells: NDArray[np.int32],
+    cols: int,
+    ends: tuple[float, float, float, float],
+    weights: NDArray[np.uint8],
+    cells_per_m: float,
+) -> NDArray[np.float64]:
+    """Return a smooth path (m, 2) [m] in place of one along cells, see `through_cells`.
+
+    It has no points where that one leads through a lethal cell.
+    """
+    points = through_cells(cells, cols, ends)
+    if math.isinf(polyline_cost(weights, points, math.inf)):
+        return np.empty((0, 2))
+    smoothed = straighten(points, weights, cells_per_m)
+    smoothed /= cells_per_m
+    return smoothed
+
+
+@kernel
 def straighten(
     points: NDArray[np.float64], weights: NDArray[np.uint8], cells_per_m: float
 ) -> NDArray[np.float64]:
@@ -262,7 +282,9 @@ def shortcut_into(
 
 
 @kernel
-def smooth(points: NDArray[np.float64], weights: NDArray[np.uint8], rounds: int) -> None:
+def smooth(  # noqa: C901 - in one piece for its speed
+    points: NDArray[np.float64], weights: NDArray[np.uint8], rounds: int
+) -> None:
     """Pull a path straight where that makes it cheaper: each point between its neighbours.
 
     Args:
@@ -271,9 +293,13 @@ def smooth(points: NDArray[np.float64], weights: NDArray[np.uint8], rounds: int)
         rounds: passes over all points.
     """
     costs = np.full(points.shape[0], -1.0)  # of the line behind each point, once it is known
+    is_settled = np.zeros(points.shape[0], np.bool_)  # where nothing moved since it was tried
     for _ in range(rounds):
         has_moved = False
         for index in range(1, points.shape[0] - 1):
+            if is_settled[index]:
+                continue
+            is_settled[index] = True
             x, y = points[index, 0], points[index, 1]
             ax, ay = points[index - 1, 0], points[index - 1, 1]
             bx, by = points[index + 1, 0], points[index + 1, 1]
@@ -295,6 +321,7 @@ def smooth(points: NDArray[np.float64], weights: NDArray[np.uint8], rounds: int)
             if first + second <= most:
                 points[index, 0], points[index, 1] = new_x, new_y
                 costs[index - 1], costs[index] = first, second
+                is_settled[index - 1 : index + 2] = False
                 has_moved = True
         if not has_moved:
             break

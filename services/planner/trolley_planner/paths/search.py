@@ -103,41 +103,45 @@ def spread(  # noqa: C901, PLR0915 - see its docstring
 
     Diagonal steps need both cells beside them: no corner is cut. The loop over the neighbours is
     unrolled by the compiler; with a call of `push` inside it the search takes three times as long.
+    Indices have no sign, so that none is tested for counting from the end: a quarter of the time.
     """
     heads, cells, nexts = queue.heads, queue.cells, queue.nexts
     free, waiting = queue.state[FREE_ENTRY], queue.state[NUM_WAITING]
     touched = queue.state[NUM_TOUCHED]
-    entry = heads[bucket & (NUM_BUCKETS - 1)]
-    heads[bucket & (NUM_BUCKETS - 1)] = NONE
+    ring = np.uintp(bucket & (NUM_BUCKETS - 1))
+    entry = heads[ring]
+    heads[ring] = NONE
+    wide, one = np.uintp(cols), np.uintp(1)
     while entry != NONE:
-        cell, after = cells[entry], nexts[entry]
-        nexts[entry], free = free, entry
+        at = np.uintp(entry)
+        cell, after = np.uintp(cells[at]), nexts[at]
+        nexts[at], free = free, entry
         entry, waiting = after, waiting - 1
         cost_here = cost[cell]
         if cost_here >> BUCKET_SHIFT != bucket:
             continue
         here = np.int32(weights[cell])
-        north, south = weights[cell - cols], weights[cell + cols]
-        west, east = weights[cell - 1], weights[cell + 1]
+        above, below = cell - wide, cell + wide
+        north, south = weights[above], weights[below]
+        west, east = weights[cell - one], weights[cell + one]
         for direction in range(8):
             if direction == 0:
-                other, there = cell - cols, north
+                other, there = above, north
             elif direction == 1:
-                other, there = cell + cols, south
+                other, there = below, south
             elif direction == 2:
-                other, there = cell - 1, west
+                other, there = cell - one, west
             elif direction == 3:
-                other, there = cell + 1, east
+                other, there = cell + one, east
             else:
-                other = cell + (-cols if direction < 6 else cols)
-                other += -1 if direction % 2 == 0 else 1
-                # Read whether it counts or not: that spares a branch.
+                row = above if direction < 6 else below
+                other = row - one if direction % 2 == 0 else row + one
                 ahead = weights[other]
                 beside = north if direction < 6 else south
-                is_free = beside != 0 and (west if direction % 2 == 0 else east) != 0
+                is_free = (beside != 0) & ((west if direction % 2 == 0 else east) != 0)
                 there = ahead if is_free else np.uint8(0)
             length = np.int32(STEP if direction < 4 else DIAGONAL)
-            through = cost_here + length * (here + np.int32(there))
+            through = np.int32(cost_here + length * (here + np.int32(there)))
             known = cost[other]
             if (through >= known) | (there == 0):
                 continue
@@ -149,9 +153,9 @@ def spread(  # noqa: C901, PLR0915 - see its docstring
                 fresh = touched
                 touched += 1
             else:
-                free = nexts[fresh]
-            slot = (through >> BUCKET_SHIFT) & (NUM_BUCKETS - 1)
-            cells[fresh], nexts[fresh] = other, heads[slot]
+                free = nexts[np.uintp(fresh)]
+            slot = np.uintp((through >> BUCKET_SHIFT) & (NUM_BUCKETS - 1))
+            cells[np.uintp(fresh)], nexts[np.uintp(fresh)] = other, heads[slot]
             heads[slot] = fresh
             waiting += 1
     queue.state[FREE_ENTRY], queue.state[NUM_WAITING] = free, waiting

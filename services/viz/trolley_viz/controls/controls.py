@@ -509,6 +509,10 @@ class Controls:
         """Add a place for large buttons in two columns, to be filled while it is entered."""
         return Container(self, self._look("tiles", visible))
 
+    def add_actions(self) -> Container:
+        """Add a row that stays in view below an edit, to be filled while it is entered."""
+        return Container(self, self._look("actions", True))
+
     def add_bar(self) -> Container:
         """Add a row of small buttons over the map, to be filled while it is entered."""
         return Container(self, self._look("bar", True))

@@ -7,6 +7,7 @@ from msgspec import Struct
 from trolley_viz.sentences import Tone
 
 Kind = Literal[
+    "actions",
     "bar",
     "button",
     "card",
@@ -35,9 +36,10 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         kind: what it is: `choice` is a row of buttons, `list` one to choose from, `tiles` holds
-            large buttons in two columns; over the map, `bar` holds small ones, `card` what there is
-            to a thing that was touched, and `strip` what goes along its lower edge. A `timeline` is
-            a slider over times of a day [s], beginning at midnight.
+            large buttons in two columns, `actions` what ends an edit and why it cannot end yet;
+            over the map, `bar` holds small ones, `card` what there is to a thing that was touched,
+            and `strip` what goes along its lower edge. A `timeline` is a slider over times of a
+            day [s], beginning at midnight.
         parent: the folder or tab that it is in, 0 for the page.
         order: among its brothers, lowest first.
         label: what stands on it or before it.

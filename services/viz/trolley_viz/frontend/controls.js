@@ -154,6 +154,11 @@ function field(id, input) {
   };
 }
 
+function plainBox() {
+  const element = make("div");
+  return { element, box: element, show: () => {} };
+}
+
 const MAKERS = {
   html(controls, id) {
     const element = make("div");
@@ -382,10 +387,8 @@ const MAKERS = {
     };
   },
 
-  tiles() {
-    const element = make("div");
-    return { element, box: element, show: () => {} };
-  },
+  tiles: plainBox,
+  actions: plainBox,
 
   tabs(controls, self) {
     const row = make("div", { role: "tablist" }), box = make("div");

@@ -93,8 +93,10 @@ function changed(state) {
     document.getElementById(id).inert = state !== "open";
   }
   status.changed(state);
-  if (state === "open") joystick.show();
-  else {
+  if (state === "open") {
+    joystick.show();
+    scene.look();
+  } else {
     joystick.lose();
     scene.lose();
   }

@@ -2,7 +2,7 @@
 // what a pointer does there. What is pressed counts as let go only if its own pointer comes up,
 // alone, while the page has the focus.
 
-const LOOK_MS = 300, LOADING_MS = 180000, GIVEN_UP_MS = 8000;
+const LOOK_MS = 100, LOADING_MS = 180000, GIVEN_UP_MS = 8000;
 const TAP_PX = 12, TAP_MS = 700, PASSED_ON = ["fixedDpr"];
 const HIDDEN = `
 [data-dock-region], .mantine-Paper-root, .mantine-Notifications-root { display: none !important }`;

@@ -30,7 +30,7 @@ class GoTab:
             self._cancel = gui.add_button("Cancel", icon="x")
         for button in (self._pause, self._go_on, self._cancel):
             button.on_press(lambda action=button.label: actions.steer(action))
-        gui.add_html(heading("Go to"))
+        self._places_title = gui.add_html(heading("Go to"))
         self._no_places = gui.add_html(note(NO_PLACES))
         self._places = Tiles(gui, "map-pin", "purple", actions.choose_place)
         self._tours_title = gui.add_html(heading("Tours"))
@@ -39,12 +39,12 @@ class GoTab:
         with gui.add_tiles():
             self._point = gui.add_button(POINT_GOAL, icon="map-pin", colour="green")
             self._set = gui.add_button(POINT_POSE, icon="current-location", colour="teal")
-            find = gui.add_button("Find position", icon="search")
+            self._find = gui.add_button("Find position", icon="search")
             self._follow = gui.add_button("Follow somebody", icon="walk")
             self._undo = gui.add_button("Undo", icon="arrow-back-up")
         self._point.on_press(lambda: aiming.toggle(GO_TO))
         self._set.on_press(lambda: aiming.toggle(SET_POSE))
-        find.on_press(actions.find)
+        self._find.on_press(actions.find)
         self._follow.on_press(actions.follow_person)
         self._undo.on_press(lambda: actions.history.undo("drive"))
         with session.folder("Several places in a row"):
@@ -57,7 +57,8 @@ class GoTab:
         tours = streams.latest(topics.TOURS)
         self._show_steering(goal, trip, is_halted=view.is_halted)
         places = current_places(view)
-        self._no_places.visible = not places
+        self._no_places.visible = not places and not view.is_away
+        self._places_title.visible = bool(places) or self._no_places.visible
         can_go = view.can_go
         going_to = _going_to(goal, places)
         is_collecting = self._actions.goal_queue.is_collecting
@@ -68,6 +69,7 @@ class GoTab:
         self._tours_title.visible = bool(stored)
         self._tours.show({one.name: "" for one in stored}, driven, can=view.can_tour)
         self._follow.disabled = not can_go
+        self._find.disabled = self._set.disabled = view.is_away
         self._point.disabled = not (can_go or is_collecting or self._aiming.armed == GO_TO)
         self._point.label = LEAVE if self._aiming.armed == GO_TO else POINT_GOAL
         self._set.label = LEAVE if self._aiming.armed == SET_POSE else POINT_POSE

@@ -69,10 +69,11 @@ class TourEditor:
             self._add_controls(gui)
             self._option_controls(gui)
             self._times = TimesEditor(gui, session.folder, lambda times: self._edit(times=times))
-            self._problems = gui.add_html("")
-            self._whose = gui.add_choice("", (KEEP_MINE, TAKE_THEIRS), visible=False)
-            self._save = gui.add_button("Save", icon="device-floppy", colour="green")
-            self._cancel = gui.add_button("Cancel", icon="x")
+            with gui.add_actions():
+                self._problems = gui.add_html("")
+                self._whose = gui.add_choice("", (KEEP_MINE, TAKE_THEIRS), visible=False)
+                self._save = gui.add_button("Save", icon="device-floppy", colour="green")
+                self._cancel = gui.add_button("Cancel", icon="x")
         self._bind()
 
     def _add_controls(self, gui: Controls) -> None:

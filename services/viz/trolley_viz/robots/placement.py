@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, interpolate_straight
 from trolley.geometry.frames import BASE, MAP, ODOM, FrameTree, MissingLink
 from trolley.messages import Odometry, Scan, Transform
 
@@ -95,8 +95,7 @@ class Placement:
         around = self._odometry_around(scan.stamp_ns)
         still = around[0].pose
         if scan.time_increment == 0.0 or all(one.pose == still for one in around):
-            (pose,) = _poses_at(around, scan.stamp_ns, np.zeros(1))
-            odom_T_base = Pose2D.from_array(pose)
+            odom_T_base = _pose_at(around, scan.stamp_ns)
             return (world_T_odom @ odom_T_base @ base_T_laser).transform_points(points_laser)
         odom_T_base = _poses_at(
             around, scan.stamp_ns, scan.time_increment * np.arange(num, dtype=np.float64)
@@ -126,6 +125,15 @@ def _directions(num: int, angle_min: float, angle_increment: float) -> NDArray[n
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     directions.flags.writeable = False
     return directions
+
+
+def _pose_at(odometry: Sequence[Odometry], stamp_ns: int) -> Pose2D:
+    """The odometry at a time [ns] in its first interval; beyond the ends it stands still."""
+    if len(odometry) == 1 or stamp_ns <= odometry[0].stamp_ns:
+        return odometry[0].pose
+    start, end = odometry[:2]
+    fraction = (stamp_ns - start.stamp_ns) / (end.stamp_ns - start.stamp_ns)
+    return interpolate_straight(start.pose, end.pose, fraction)
 
 
 def _poses_at(

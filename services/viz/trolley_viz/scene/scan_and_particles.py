@@ -23,6 +23,9 @@ PARTICLE_LENGTH_M = 0.12
 TAIL = 0.7
 """How pale the end of a particle is that lies behind; the dark one shows where it looks."""
 FAINT, STRONG = np.array((150, 214, 150)), np.array((0, 110, 20))
+HEADS = np.rint(np.linspace(FAINT, STRONG, 256))
+STROKES = np.stack([np.rint((1.0 - TAIL) * HEADS + TAIL * 255.0), HEADS], axis=1).astype(np.uint8)
+"""Tail and head of a particle by its share of the heaviest's weight, from 0 to 255: (256, 2, 3)."""
 CANDIDATE = (240, 140, 0)
 
 
@@ -106,7 +109,7 @@ class ParticleLayer(Layer):
         step = -(-len(poses) // MAX_PARTICLES)
         placed = world_T_map.transform_poses(poses[::step])
         segments = particle_segments(placed, PARTICLE_LENGTH_M, Z_PARTICLES)
-        colours = stroke_colours(weight_colours(weights[::step]))
+        colours = stroke_colours(weights[::step])
         if self._arrows is None:
             self._arrows = self.scene.add_line_segments(
                 self.path("arrows"), segments, colours, thickness=1.5, thickness_units="screen"
@@ -155,18 +158,11 @@ class CandidateLayer(Layer):
             self._nodes += [arrow, label]
 
 
-def weight_colours(weights: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Colour particles by weight (n,) relative to the heaviest, (n, 3)."""
+def stroke_colours(weights: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Colour strokes by weight (n,) relative to the heaviest: tail and head, (n, 2, 3)."""
     heaviest = float(weights.max(initial=0.0))
     share = weights / heaviest if heaviest > 0.0 else np.ones_like(weights)
-    share = np.nan_to_num(np.clip(share, 0.0, 1.0))[:, None]
-    return np.rint((1.0 - share) * FAINT + share * STRONG).astype(np.uint8)
-
-
-def stroke_colours(heads: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Give strokes (n, 2, 3) pale tails and heads of these colours (n, 3)."""
-    tails = np.rint((1.0 - TAIL) * heads + TAIL * 255.0).astype(np.uint8)
-    return np.stack([tails, heads], axis=1)
+    return STROKES[np.nan_to_num(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)]
 
 
 def _choose(view: View) -> tuple[Scan | None, BeamClasses | None]:

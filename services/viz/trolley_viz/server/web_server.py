@@ -13,6 +13,7 @@ import hashlib
 import html
 import io
 import logging
+import re
 import secrets
 import socket
 import threading
@@ -62,6 +63,8 @@ REFUSAL_POLICY = (
     + base64.b64encode(hashlib.sha256(REFUSAL_STYLE.encode()).digest()).decode()
     + "'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
+COMMAND = re.compile("`([^`]+)`")
+"""What is to be typed in a terminal, as our texts mark it."""
 ASKING = """<form><label>{paste} <input name="token" autocomplete="off"></label>
 <button>{open}</button></form>"""
 
@@ -91,7 +94,15 @@ class PortTaken(RuntimeError):
 
 
 class SceneServer(viser.ViserServer):
-    """A viser server that never opens a tunnel to the outside."""
+    """A viser server that sends at once and never opens a tunnel to the outside."""
+
+    def send_at_once(self) -> None:
+        """Send what is drawn without waiting for more; `atomic` keeps together what belongs so.
+
+        viser would wait until 17 ms are over or it is told to flush, before it sends and after it:
+        its thread would wake three times for each picture.
+        """
+        self._websock_server.get_message_buffer().window_duration_sec = 0.0
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: a public address would let strangers drive the robot."""
@@ -112,6 +123,7 @@ def open_scene() -> SceneServer:
     # viser prints a banner whatever it is told; what people need to know stands in the log.
     with contextlib.redirect_stdout(io.StringIO()):
         scene = SceneServer(host=host, port=port, verbose=False)
+    scene.send_at_once()
     scene.gui.configure_theme(show_logo=False, show_share_button=False)
     # Drawing the shadows would be most of the work for each picture, and nothing here needs one.
     scene.scene.configure_default_lights(cast_shadow=False)
@@ -304,7 +316,7 @@ def _refusal(decided: AccessDecision, tags: str) -> web.Response:
     text = REFUSAL.format(
         language=language,
         style=REFUSAL_STYLE,
-        text=html.escape(say(decided.text)),
+        text=COMMAND.sub(r"<code>\1</code>", html.escape(say(decided.text))),
         form=asking if is_asking else "",
     )
     headers = {"Content-Security-Policy": REFUSAL_POLICY}

@@ -346,7 +346,9 @@ class Session:
         if self.scene is not None and self._viewport is not None:
             hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
             hidden |= HIDDEN if self.past.is_past else set[str]()
-            shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
+            shown = layers
+            if hidden:
+                shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
             self.scene.show_robot(self._robot, robots, shown)
             self.scene.move_root(self._robot, self.map_editor.new_T_old)
             markers = self._hub.scenes.of(self._robot).markers

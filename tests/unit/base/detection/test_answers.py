@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 
 from trolley.config.hardware import LidarModel
 from trolley_base.detection import answers, board_questions, rosserial_answer, streams
+from trolley_base.detection.probe import QUESTIONS
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.lino_messages import TOPICS
 from trolley_base.drivers.boards.rosserial import PUBLISHER, SUBSCRIBER, encode
 from trolley_base.drivers.lidars import MODELS
+from trolley_base.emulators.line import misheard
 
 LD19 = bytes.fromhex(
     "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2"
@@ -36,17 +38,23 @@ def test_a_lidar_is_known_by_sound_frames_only(
     spoilt = bytearray(frame)
     spoilt[flipped] ^= 0x10
     found = hear(before + frame[7:] + (bytes(spoilt) + frame) * 6)
-    assert found is not None
-    assert found.model == model
+    assert found == model
     assert hear(before + bytes(spoilt) * 20) is None
     assert hear(frame * 4) is None
+
+
+def test_lidars_with_the_same_frames_at_the_same_speed_are_twins() -> None:
+    assert streams.twins_of("ld19") == ["ld14p"]
+    assert streams.twins_of("stl27l") == []
+    assert streams.twins_of("ydlidar_x4") == ["ydlidar_x4_pro"]
+    assert streams.twins_of("ydlidar_x2") == []
 
 
 @given(st.binary(max_size=4000))
 def test_rubbish_is_no_device(data: bytes) -> None:
     assert all(streams.recognise_stream(data, baud) is None for baud in streams.STREAM_BAUDS)
     assert rosserial_answer.read_topics(data) == {}
-    assert all(question.recognise(data) is None for question in board_questions.QUESTIONS)
+    assert all(question.recognise(data) is None for question in board_questions.BOARD_QUESTIONS)
     assert board_questions.recognise_talking(data, 115200) is None
 
 
@@ -57,7 +65,7 @@ def info(model: int) -> bytes:
 def describe(model: LidarModel, told: answers.Info, health: tuple[int, int] | None) -> FoundDevice:
     identity = MODELS[model].identity
     assert identity is not None
-    return answers.describe_lidar(model, identity, told, health)
+    return answers.describe_lidar(identity, MODELS[model].facts.baud, told, health)
 
 
 def test_an_rplidar_says_who_it_is() -> None:
@@ -75,11 +83,44 @@ def test_an_answer_that_is_not_all_there_is_none() -> None:
         assert answers.read_info(info(0x18)[:length]) is None
 
 
-def test_another_rplidar_is_named_but_not_taken_for_an_a1() -> None:
-    told = answers.read_info(info(0x28))
+@pytest.mark.parametrize(
+    ("number", "model", "title"),
+    [
+        (0x28, "rplidar_a2", "RPLIDAR A2"),
+        (0x31, "rplidar_a3", "RPLIDAR A3"),
+        (0x41, "rplidar_c1", "RPLIDAR C1"),
+        (0x61, "rplidar_s1", "RPLIDAR S1"),
+        (0x71, "rplidar_s2", "RPLIDAR S2"),
+        (0x82, "rplidar_s3", "RPLIDAR S3"),
+        (0x91, None, "RPLIDAR (model 0x91)"),
+    ],
+)
+def test_an_rplidar_is_known_by_its_number(number: int, model: str | None, title: str) -> None:
+    told = answers.read_info(info(number))
     assert told is not None
     found = describe("rplidar_a1", told, (0, 0))
-    assert (found.model, found.title) == (None, "RPLIDAR A2")
+    assert (found.model, found.title) == (model, title)
+
+
+def test_no_question_at_one_speed_is_heard_as_one_at_another() -> None:
+    bauds = {baud for _, baud in QUESTIONS} | set(streams.STREAM_BAUDS)
+    said = {
+        (baud, text)
+        for identity, baud in QUESTIONS
+        for text in (*identity.stop, identity.get_info, identity.get_health)
+    }
+    said |= {
+        (driver.facts.baud, text)
+        for driver in MODELS.values()
+        for text in (driver.start, driver.stop)
+        if text
+    }
+    commands = {text for _, text in said}
+    for baud, text in said:
+        for heard_baud in bauds - {baud}:
+            heard = misheard(text, baud, heard_baud)
+            assert not any(command in heard for command in commands), (text, baud, heard_baud)
+            assert b"\xa5" not in heard
 
 
 def test_a_faulty_lidar_is_said() -> None:
@@ -161,7 +202,7 @@ def test_a_waveshare_board_is_known_by_a_report() -> None:
 
 
 def test_no_question_to_a_board_begins_a_lidars_command() -> None:
-    for question in board_questions.QUESTIONS:
+    for question in board_questions.BOARD_QUESTIONS:
         assert b"\xa5" not in b"".join((*question.ask, question.leave))
 
 

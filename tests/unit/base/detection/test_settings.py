@@ -61,6 +61,14 @@ def test_sets_what_was_found_and_keeps_the_rest(tmp_path: Path) -> None:
     assert config.base.lidar.port == "/dev/serial/by-path/pci-1"
 
 
+def test_writes_the_speed_that_is_not_the_models_own(tmp_path: Path) -> None:
+    port = Port("/dev/ttyUSB0", "/dev/serial/by-path/pci-1")
+    for baud, written in ((115200, 115200), (256000, None)):
+        found = FoundDevice("lidar", "rplidar_a2", "RPLIDAR A2", baud)
+        text = changed(ROBOT, PortResult(port, found))
+        assert base_of(text)["lidar"].get("baud") == written
+
+
 def test_overwrites_neither_pose_nor_scales() -> None:
     text = changed(
         ROBOT

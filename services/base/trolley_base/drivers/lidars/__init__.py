@@ -5,15 +5,13 @@ from collections.abc import Mapping
 from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.interface import DriverError
-from trolley_base.drivers.lidars import ld19, lds01, rplidar_a1, xv11, ydlidar_x4
+from trolley_base.drivers.lidars import ld19, lds01, rplidar, xv11, ydlidar
 from trolley_base.drivers.lidars.models import LidarDriver
 
+FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01)
+"""The drivers' modules; each knows one protocol, and its models by name in `DRIVERS`."""
 MODELS: Mapping[LidarModel, LidarDriver] = {
-    "rplidar_a1": rplidar_a1.DRIVER,
-    "ydlidar_x4": ydlidar_x4.DRIVER,
-    "ld19": ld19.DRIVER,
-    "xv11": xv11.DRIVER,
-    "lds01": lds01.DRIVER,
+    name: driver for family in FAMILIES for name, driver in family.DRIVERS.items()
 }
 """By the name in `[base.lidar] model`; `trolley detect` tries them in this order."""
 

@@ -60,23 +60,30 @@ class FrameDecoder:
         raise NotImplementedError
 
     def _evenly(
-        self, frames: Frames, angle_deg: Floats, rate_dps: Floats, values: tuple[Floats, Floats]
+        self,
+        frames: Frames,
+        angle_deg: Floats,
+        rate_dps: Floats,
+        values: tuple[Floats, Floats],
+        shift_deg: Floats | None = None,
     ) -> Decoded:
         """Put frames of equal size together.
 
         Args:
             frames: n of them.
-            angle_deg: (n, m) of each sample, any turn.
+            angle_deg: (n, m) where the head pointed at each sample, any turn.
             rate_dps: (n,) how fast the head turned.
             values: (n, m) ranges [m], and (n, m) intensities.
+            shift_deg: (n, m) to add for where the beams looked; None: nothing.
         """
         per_frame = angle_deg.shape[1]
         angle_deg = angle_deg.ravel() % 360.0
         angle_deg, elapsed_s, begins = self._rotation.follow(
             angle_deg, np.repeat(rate_dps, per_frame)
         )
+        shift_deg = np.zeros(len(angle_deg)) if shift_deg is None else shift_deg.ravel()
         samples = Samples(
-            angle_deg, np.zeros(len(angle_deg)), elapsed_s, begins, *(v.ravel() for v in values)
+            angle_deg, shift_deg, elapsed_s, begins, *(value.ravel() for value in values)
         )
         closing = np.arange(1, len(frames) + 1) * per_frame - 1
         hz = float(rate_dps[-1]) / 360.0

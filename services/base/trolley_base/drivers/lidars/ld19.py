@@ -1,24 +1,38 @@
-"""LD06 and LD19 (LDROBOT): streams from power-up, 12 samples a frame, each with its intensity.
+"""LDROBOT's lidars: 12 samples a frame, each with its intensity.
+
+LD06, LD19, STL-06P, STL-19P, STL-26 and, faster, STL-27L stream from power-up. The LD14P has the
+same frames; it looks from beside its axis, so where it looked depends on the distance
+(`triangulation_deg`), and it can be started and stopped.
 
 Frame of 47 bytes: 54 2C, speed [deg/s], angle of the first sample [0.01 deg], 12 × (distance [mm],
-intensity), angle of the last sample, time [ms], CRC-8.
+intensity), angle of the last sample, time [ms], CRC-8. Command of 8 bytes: 54, which, 04, a word
+of 32 bits, the same CRC-8.
 
 Source:
-    LDROBOT, LD19 development manual.
+    LDROBOT, LD19 development manual; ldlidar_stl_ros2, launch/stl27l.launch.py for the speed of
+    the STL-27L; for the LD14P kaiaai/LDS, which took it from ldlidar_sl_sdk.
 """
 
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig
+from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
-from trolley_base.drivers.lidars.streaming import StreamingLidar
+from trolley_base.drivers.lidars.scan_grid import Floats
+from trolley_base.drivers.lidars.streaming import StartedLidar, StreamingLidar
 
 FRAME_BYTES, SAMPLES = 47, 12
 POLYNOMIAL = 0x4D
+START, STOP = bytes.fromhex("54A0 04 00000000 5E"), bytes.fromhex("54A1 04 00000000 4A")
+"""Of an LD14P."""
+BESIDE_MM, SLOPE, AHEAD_MM = -18.975571, 0.11923, 5.9
+"""Of an LD14P's triangulation: where it sits beside and ahead of its axis [mm], and how far it
+looks to the side [1]."""
 
 FACTS = LidarFacts(
     title="LD19",
@@ -28,6 +42,23 @@ FACTS = LidarFacts(
     turns_hz=(5.0, 13.0),
     usual_hz=10.0,
     speed_hint="Its PWM wire must be tied to ground for it to keep its speed by itself.",
+)
+FACTS_27L = LidarFacts(
+    title="STL-27L",
+    baud=921600,
+    range_min_m=0.03,
+    range_max_m=25.0,
+    turns_hz=(5.0, 13.0),
+    usual_hz=10.0,
+    speed_hint=FACTS.speed_hint,
+)
+FACTS_14P = LidarFacts(
+    title="LD14P",
+    baud=230400,
+    range_min_m=0.1,
+    range_max_m=8.0,
+    turns_hz=(2.0, 8.0),
+    usual_hz=6.0,
 )
 
 
@@ -57,11 +88,37 @@ def _check(frames: Bytes) -> Flags:
 FORMAT = FrameFormat(2, FRAME_BYTES, _lengths, _check)
 
 
-class Ld19Decoder(FrameDecoder):
-    """Reads its frames."""
+def triangulation_deg(range_m: Floats) -> Floats:
+    """Return what to add to the head's angle of an LD14P for where it looked.
 
-    def __init__(self, counts: Counter[str]) -> None:
-        super().__init__(FORMAT, FACTS.usual_hz, counts)
+    Args:
+        range_m: (n, m) what it found, 0 for nothing: taken as far away, as most of it is.
+
+    Source:
+        sl_transform.cpp of ldlidar_sl_sdk, as kaiaai/LDS gives it.
+    """
+    millimetres = np.where(range_m > 0.0, range_m * 1000.0, 1e6)
+    beside = SLOPE * millimetres + BESIDE_MM
+    return -np.degrees(np.arctan2(beside, millimetres + AHEAD_MM))
+
+
+class LdDecoder(FrameDecoder):
+    """Reads its frames.
+
+    Args:
+        facts: of the model.
+        counts: what goes wrong is added here.
+        shift_deg: where a beam looks beside the head, of the ranges found [m]; None: nowhere.
+    """
+
+    def __init__(
+        self,
+        facts: LidarFacts,
+        counts: Counter[str],
+        shift_deg: Callable[[Floats], Floats] | None = None,
+    ) -> None:
+        super().__init__(FORMAT, facts.usual_hz, counts)
+        self._shift_deg = shift_deg
 
     def _samples(self, frames: Frames) -> Decoded:
         head = words(frames.data[:, 2:6]).astype(np.float64)
@@ -71,24 +128,27 @@ class Ld19Decoder(FrameDecoder):
         angle = first[:, None] + width[:, None] * (np.arange(SAMPLES) / (SAMPLES - 1))
         points = frames.data[:, 6:42].reshape(len(frames), SAMPLES, 3).astype(np.float64)
         range_m = (points[:, :, 0] + 256.0 * points[:, :, 1]) / 1000.0
-        return self._evenly(frames, angle, head[:, 0], (range_m, points[:, :, 2]))
+        shift_deg = None if self._shift_deg is None else self._shift_deg(range_m)
+        return self._evenly(frames, angle, head[:, 0], (range_m, points[:, :, 2]), shift_deg)
 
 
-class Ld19(StreamingLidar):
-    """The sensor, which only speaks; see the module.
-
-    Raises:
-        DriverError: the configuration asks for what it cannot do.
-    """
-
-    def __init__(self, config: LidarConfig) -> None:
-        super().__init__(FACTS, config, Ld19Decoder)
+def _streaming(facts: LidarFacts, config: LidarConfig) -> StreamingLidar:
+    return StreamingLidar(facts, config, partial(LdDecoder, facts))
 
 
-DRIVER = LidarDriver(
-    FACTS,
-    Ld19,
-    frames=FORMAT,
-    linorobot_names=("ld06", "ld19"),
-    ros_packages=("ldlidar_stl_ros",),
-)
+def _ld14p(config: LidarConfig) -> StartedLidar:
+    decoder = partial(LdDecoder, FACTS_14P, shift_deg=triangulation_deg)
+    return StartedLidar(FACTS_14P, config, decoder, START, STOP)
+
+
+DRIVERS: dict[LidarModel, LidarDriver] = {
+    "ld19": LidarDriver(
+        FACTS,
+        partial(_streaming, FACTS),
+        frames=FORMAT,
+        linorobot_names=("ld06", "ld19"),
+        ros_packages=("ldlidar_stl_ros",),
+    ),
+    "stl27l": LidarDriver(FACTS_27L, partial(_streaming, FACTS_27L), frames=FORMAT),
+    "ld14p": LidarDriver(FACTS_14P, _ld14p, frames=FORMAT, start=START, stop=STOP),
+}

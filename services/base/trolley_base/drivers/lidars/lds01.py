@@ -11,17 +11,15 @@ from collections import Counter
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig
+from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
-from trolley_base.drivers.lidars.streaming import StreamingLidar
+from trolley_base.drivers.lidars.streaming import StartedLidar
 
 FRAME_BYTES, SAMPLES = 42, 6
 DPS_PER_COUNT = 360.0 / 60.0 / 10.0
 START, STOP = b"b", b"e"
-ASK_AGAIN_NS = 1_000_000_000
-"""A silent sensor is asked to start at most this often [ns]."""
 
 FACTS = LidarFacts(
     title="LDS-01",
@@ -60,41 +58,18 @@ class Lds01Decoder(FrameDecoder):
         return self._evenly(frames, angle, numbers[:, 0] * DPS_PER_COUNT, values)
 
 
-class Lds01(StreamingLidar):
-    """The sensor; see the module.
-
-    Raises:
-        DriverError: the configuration asks for what it cannot do.
-    """
-
-    def __init__(self, config: LidarConfig) -> None:
-        super().__init__(FACTS, config, Lds01Decoder)
-        self._asked_ns: int | None = None
-
-    def begin(self, now_ns: int) -> None:
-        """The port has been opened: start the sensor."""
-        super().begin(now_ns)
-        self._asked_ns = None
-
-    def outgoing(self, now_ns: int) -> bytes:
-        """Ask it to start, over and over while it is silent."""
-        is_patient = self._asked_ns is not None and now_ns - self._asked_ns < ASK_AGAIN_NS
-        if is_patient or not self.is_silent(now_ns, ASK_AGAIN_NS if self._asked_ns else 0):
-            return b""
-        self._asked_ns = now_ns
-        return START
-
-    def goodbye(self) -> tuple[bytes, ...]:
-        """Stop the sensor."""
-        return (STOP,)
+def _make(config: LidarConfig) -> StartedLidar:
+    return StartedLidar(FACTS, config, Lds01Decoder, START, STOP)
 
 
-DRIVER = LidarDriver(
-    FACTS,
-    Lds01,
-    frames=FORMAT,
-    start=START,
-    stop=STOP,
-    linorobot_names=("lds01",),
-    ros_packages=("hls_lfcd_lds_driver",),
-)
+DRIVERS: dict[LidarModel, LidarDriver] = {
+    "lds01": LidarDriver(
+        FACTS,
+        _make,
+        frames=FORMAT,
+        start=START,
+        stop=STOP,
+        linorobot_names=("lds01",),
+        ros_packages=("hls_lfcd_lds_driver",),
+    )
+}

@@ -15,6 +15,7 @@ class LidarFacts:
     Attributes:
         title: its name for people.
         baud: of its line, 8N1.
+        other_bauds: of other versions that `trolley detect` looks for.
         range_min_m: nearest distance that it measures.
         range_max_m: farthest.
         turns_hz: slowest and fastest turning at which it measures.
@@ -33,27 +34,32 @@ class LidarFacts:
     clockwise: bool = True
     speed_hint: str = "Is its head free to turn, and its 5 V supply strong enough?"
     modes: tuple[str, ...] = ("auto",)
+    other_bauds: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """How `trolley detect` asks a lidar of the Slamtec kind who it is.
+    """How `trolley detect` asks lidars of the Slamtec kind who they are.
 
     Attributes:
         stop: commands that end a stream which a dead program has left on.
         get_info: asks for model, firmware and serial number.
         get_health: asks how it is.
-        is_model: whether a model number is that of this driver.
-        other_model: for any other number, what people call it, and a sentence of advice.
+        other_model: what people call one that no driver knows by its number, and a sentence of
+            advice.
         serial: the serial number as the vendor prints it, of its bytes.
     """
 
     stop: tuple[bytes, ...]
     get_info: bytes
     get_health: bytes
-    is_model: Callable[[int], bool]
     other_model: Callable[[int], tuple[str, str]]
     serial: Callable[[bytes], str]
+
+
+def _none(number: int) -> bool:
+    del number
+    return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +72,8 @@ class LidarDriver:
         frames: of its stream, where `trolley detect` can tell it by them.
         start: makes it stream, for one that is silent until then and is not asked who it is.
         stop: ends that stream again.
-        identity: how it is asked who it is.
+        identity: how it and its kind are asked who they are.
+        is_model: whether a model number is its own.
         linorobot_names: what linorobot calls it in `LINOLIDAR`.
         ros_packages: the ROS packages that drive it.
     """
@@ -77,5 +84,6 @@ class LidarDriver:
     start: bytes = b""
     stop: bytes = b""
     identity: Identity | None = None
+    is_model: Callable[[int], bool] = _none
     linorobot_names: tuple[str, ...] = ()
     ros_packages: tuple[str, ...] = ()

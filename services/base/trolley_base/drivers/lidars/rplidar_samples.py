@@ -1,4 +1,4 @@
-"""The standard scan of an RPLIDAR A1: samples of 5 bytes without a checksum, 2000 a second.
+"""The standard scan of an RPLIDAR: samples of 5 bytes without a checksum, 2000 a second and more.
 
 Sample: quality (6 bits), not S, S (first of a revolution); angle [1/64 deg] (15 bits) above a check
 bit; distance [mm / 4], 0 for none. A sample is *good* if S and not S differ, the check bit is 1 and
@@ -8,9 +8,9 @@ Since there is no checksum, where samples begin is found by being in step:
 
 - Behind the answer to the command the first sample begins: in step.
 - In step, the next sample is accepted if it is good, unless it has S and is less than 50 samples
-  behind another with S (no A1 turns 40 times a second), or is the 4000th behind the last with S or,
-  while there was none, behind the first in step (one turn in 2 s). The first that is not accepted
-  ends being in step, and the search begins at the byte behind its first.
+  behind another with S (none turns 40 times a second at that rate), or is the 4000th behind the
+  last with S or, while there was none, behind the first in step (one turn in 2 s). The first that
+  is not accepted ends being in step, and the search begins at the byte behind its first.
 - Out of step, a sample begins at the first byte at which eight good ones in a row begin, of which
   at most one has S, with angles that each differ from the one before by less than 20 deg either way
   and have gone forward by more than 0 and less than 60 deg in all.
@@ -33,21 +33,11 @@ from numpy.typing import NDArray
 
 from trolley_base.drivers.lidars.decoding import Decoded, words
 from trolley_base.drivers.lidars.frames import BAD_CHECKSUM, SKIPPED_BYTES, Bytes, Flags
-from trolley_base.drivers.lidars.models import LidarFacts
 from trolley_base.drivers.lidars.revolutions import Rotation, Samples
 from trolley_base.drivers.lidars.scan_grid import Floats
 
 SAMPLE_BYTES = 5
-FACTS = LidarFacts(
-    title="RPLIDAR A1",
-    baud=115200,
-    range_min_m=0.15,
-    range_max_m=12.0,
-    turns_hz=(2.0, 10.0),
-    usual_hz=5.5,
-    modes=("auto", "standard", "express"),
-)
-"""Facts of the A1 for both of its scans."""
+USUAL_HZ = 5.5
 SAMPLE_S = 508e-6
 IN_STEP = 8
 FEWEST_A_TURN, MOST_A_TURN = 50, 4000
@@ -197,7 +187,7 @@ class StandardDecoder:
         self, counts: Counter[str], sample_s: float = SAMPLE_S, *, in_step: bool = True
     ) -> None:
         self._finder = SampleFinder(counts, in_step=in_step)
-        self._rotation = Rotation(FACTS.usual_hz)
+        self._rotation = Rotation(USUAL_HZ)
         self._sample_s = sample_s
         self._last_deg: float | None = None
         self._step_deg = 1.0

@@ -29,6 +29,8 @@ NO_TURN_NS = 2 * NS_PER_S
 PATIENCE_NS = NS_PER_S
 """No complaint is made for this long after opening."""
 REOPEN_NS = 5 * NS_PER_S
+ASK_AGAIN_NS = NS_PER_S
+"""A silent sensor that has to be started is told so at most this often."""
 SPEED_TOLERANCE = 0.02
 
 
@@ -190,6 +192,49 @@ class StreamingLidar:
             f"The {self.facts.title} turns at {60.0 * hz:.0f} rpm instead of {60.0 * low:.0f} to "
             f"{60.0 * high:.0f}. {self.facts.speed_hint}"
         )
+
+
+class StartedLidar(StreamingLidar):
+    """A lidar that streams once it is told to, and does not answer that.
+
+    Args:
+        config: how it is mounted and what of it counts.
+        decoder: makes what decodes it.
+        start: makes it stream.
+        stop: ends that.
+
+    Raises:
+        DriverError: the configuration asks for what it cannot do.
+    """
+
+    def __init__(
+        self,
+        facts: LidarFacts,
+        config: LidarConfig,
+        decoder: Callable[[Counter[str]], Decoder],
+        start: bytes,
+        stop: bytes,
+    ) -> None:
+        super().__init__(facts, config, decoder)
+        self._start, self._stop = start, stop
+        self._asked_ns: int | None = None
+
+    def begin(self, now_ns: int) -> None:
+        """The port has been opened: start the sensor."""
+        super().begin(now_ns)
+        self._asked_ns = None
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Ask it to start, over and over while it is silent."""
+        is_patient = self._asked_ns is not None and now_ns - self._asked_ns < ASK_AGAIN_NS
+        if is_patient or not self.is_silent(now_ns, ASK_AGAIN_NS if self._asked_ns else 0):
+            return b""
+        self._asked_ns = now_ns
+        return self._start
+
+    def goodbye(self) -> tuple[bytes, ...]:
+        """Stop the sensor."""
+        return (self._stop,)
 
 
 def _check(facts: LidarFacts, config: LidarConfig) -> None:

@@ -12,7 +12,7 @@ from collections import Counter
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig
+from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
@@ -77,10 +77,12 @@ class Xv11(StreamingLidar):
         super().__init__(FACTS, config, Xv11Decoder)
 
 
-DRIVER = LidarDriver(
-    FACTS,
-    Xv11,
-    frames=FORMAT,
-    linorobot_names=("xv11",),
-    ros_packages=("xv_11_laser_driver",),
-)
+DRIVERS: dict[LidarModel, LidarDriver] = {
+    "xv11": LidarDriver(
+        FACTS,
+        Xv11,
+        frames=FORMAT,
+        linorobot_names=("xv11",),
+        ros_packages=("xv_11_laser_driver",),
+    )
+}

@@ -85,8 +85,8 @@ def _take_lidar(findings: Findings, lidar: str) -> LidarModel | None:
         place = findings.place(baud)
         if model == "rplidar_a1":
             findings.note(
-                f"{place}: an RPLIDAR that talks at {baud.value} baud is not an A1, and Trolley "
-                "has no driver for it."
+                f"{place}: an RPLIDAR that talks at {baud.value} baud is not an A1: "
+                "`trolley detect --write` finds out which it is."
             )
             return None
         if model == "ydlidar_x4":

@@ -27,8 +27,12 @@ NEAR_M = 0.06
 HOST_NS = 2_000_000
 """How often the host reads its port."""
 SECONDS = 2.5
-STANDARD = "rplidar_a1, standard"
-MODELS = ["rplidar_a1", STANDARD, "ydlidar_x4", "ld19", "xv11", "lds01"]
+MODELS = [*LIDARS, "rplidar_a1, standard"]
+TWINS = {
+    *("stl27l", "rplidar_a2", "rplidar_a3", "rplidar_s1", "rplidar_s2", "rplidar_s3"),
+    *("ydlidar_x4_pro", "ydlidar_x2", "ydlidar_g2", "ydlidar_g4"),
+}
+"""Their decoders are tried with another model; they are tried in the slow run."""
 
 
 class Drive:
@@ -74,7 +78,9 @@ class Drive:
 
 
 @pytest.mark.parametrize("wz", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    "model", [pytest.param(one, marks=[pytest.mark.slow] * (one in TWINS)) for one in MODELS]
+)
 def test_echoes_lie_on_the_walls(
     simulate: Callable[..., Simulation], model: str, wz: float
 ) -> None:

@@ -1,7 +1,7 @@
 """How lidars are started, taken over and stopped."""
 
 import pytest
-from support.lidars import Session, rplidar, started, stream, ydlidar
+from support.lidars import Session, rplidar, slamtec, started, stream, ydlidar
 
 from trolley.config.hardware import LidarConfig
 
@@ -105,6 +105,46 @@ def test_a_ydlidar_is_stopped_asked_and_started() -> None:
     assert device.heard == [b"\xa5\x00", b"\xa5\x65", b"\xa5\x90", b"\xa5\x92", b"\xa5\x60"]
 
 
+@pytest.mark.parametrize(
+    ("title", "motor"), [("RPLIDAR C1", "A5A802580255"), ("RPLIDAR A3", "A5F0029402C1")]
+)
+def test_another_rplidar_is_asked_for_its_typical_mode(title: str, motor: str) -> None:
+    session = started(title)
+    heard = session.device.heard
+    assert heard[:3] == [STOP, b"\xa5\x50", b"\xa5\x52"]
+    assert heard[3] == bytes.fromhex("A584047C00000059")
+    assert heard[-2:] == [bytes.fromhex(motor), bytes.fromhex("A582050100000000 23")]
+    session.hear(stream(title, 0.5))
+    assert session.status.state == "up"
+    assert session.lidar.goodbye()[0] == STOP
+    assert session.lidar.goodbye()[1][:2] == bytes.fromhex(motor)[:2]
+
+
+def test_a_scan_that_nobody_can_read_is_told_and_the_standard_one_is_used() -> None:
+    device = slamtec("RPLIDAR C1")
+    device.start[bytes.fromhex("A582050100000000 23")] = bytes.fromhex("A55A0D030040 83")
+    session = Session(LidarConfig(model="rplidar_c1"), device)
+    session.wait_for_stream()
+    session.wait(1.0)
+    assert device.heard[-1] == STANDARD
+    assert "0x83" in session.notes["lidar_mode"]
+
+
+def test_an_rplidar_whose_typical_mode_is_the_standard_one_is_started_in_it() -> None:
+    device = slamtec("RPLIDAR S2")
+    device.answers[bytes.fromhex("A584047C00000059")] = bytes.fromhex(
+        "A55A06000000 20 7C000000 0000"
+    )
+    session = Session(LidarConfig(model="rplidar_s2"), device)
+    session.wait_for_stream()
+    assert device.heard[-1] == STANDARD
+
+
+def test_a_g4_is_asked_how_fast_it_samples() -> None:
+    session = started("YDLIDAR G4")
+    assert session.device.heard[-2:] == [b"\xa5\xd1", b"\xa5\x60"]
+
+
 def test_an_lds01_is_asked_to_start_until_it_does() -> None:
     session = Session(LidarConfig(model="lds01"))
     start_ns = session.now_ns
@@ -119,7 +159,11 @@ def test_an_lds01_is_asked_to_start_until_it_does() -> None:
     [
         ("rplidar_a1", (False, True), (STOP,)),
         ("ydlidar_x4", (True, False), (b"\xa5\x00", b"\xa5\x65")),
+        ("rplidar_c1", (None, None), (STOP, bytes.fromhex("A5A80200000F"))),
+        ("rplidar_a2", (False, True), (STOP, bytes.fromhex("A5F002000057"))),
         ("ld19", (None, None), ()),
+        ("ydlidar_x2", (True, False), ()),
+        ("ydlidar_tmini", (True, False), (b"\xa5\x00", b"\xa5\x65")),
         ("xv11", (None, None), ()),
         ("lds01", (None, None), (b"e",)),
     ],

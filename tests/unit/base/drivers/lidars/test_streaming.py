@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bench.base.lidar_streams import (
     STREAMS,
+    TURNS_HZ,
     chunks,
     distance_m,
     ld19_frame,
@@ -21,9 +22,16 @@ from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.interface import DriverError, LidarScan
 from trolley_base.drivers.lidars import MODELS, make_lidar
 
-TURNS_HZ = dict(zip(STREAMS, (5.5, 5.5, 7.0, 10.0, 5.0, 5.0), strict=True))
+# Decoders that are tried with another title, at rates that take their time.
+SLOW = {"STL-27L", "RPLIDAR S2", "RPLIDAR S3", "YDLIDAR G2", "YDLIDAR X2"}
+TITLES = [pytest.param(one, marks=[pytest.mark.slow] * (one in SLOW)) for one in STREAMS]
 # What the sensor looks beside its head, so that beams are fired while the head points there.
-BESIDE_DEG = {"RPLIDAR A1 express": 7.0, "YDLIDAR X4": 7.5}
+BESIDE_DEG = {
+    "RPLIDAR A1 express": 7.0,
+    "RPLIDAR A3": 7.7,
+    **dict.fromkeys(("YDLIDAR X4", "YDLIDAR X2", "YDLIDAR G2", "YDLIDAR G4"), 7.5),
+    "LD14P": 6.4,
+}
 
 
 def angles_of(scan: LidarScan) -> NDArray[Any]:
@@ -31,7 +39,7 @@ def angles_of(scan: LidarScan) -> NDArray[Any]:
 
 
 @pytest.mark.parametrize("chunk_s", [0.01, 0.02, 0.05])
-@pytest.mark.parametrize("title", STREAMS)
+@pytest.mark.parametrize("title", TITLES)
 def test_scans_show_the_room(title: str, chunk_s: float) -> None:
     session = started(title)
     session.hear(stream(title, 2.0, chunk_s))
@@ -44,14 +52,16 @@ def test_scans_show_the_room(title: str, chunk_s: float) -> None:
         truth = np.array([distance_m(math.degrees(sense * angle)) for angle in angles_of(scan)])
         truth = np.where(truth > scan.range_max, np.inf, truth)
         near = truth < scan.range_max - 0.05
-        assert scan.ranges[near] == pytest.approx(truth[near], abs=0.02)
+        # An A3's angles are as coarse as its maker computes them, and its room is at a slant.
+        within_m = 0.03 if title == "RPLIDAR A3" else 0.02
+        assert scan.ranges[near] == pytest.approx(truth[near], abs=within_m)
         assert np.isinf(scan.ranges[truth > scan.range_max + 0.05]).all()
         assert 2.0 * math.pi * scan.angle_increment > 0.0
         covered = len(scan.ranges) * scan.angle_increment
         assert abs(covered - 2.0 * math.pi) <= scan.angle_increment
 
 
-@pytest.mark.parametrize("title", STREAMS)
+@pytest.mark.parametrize("title", TITLES)
 def test_beams_are_stamped_when_they_were_fired(title: str) -> None:
     session = started(title)
     session.hear(stream(title, 2.0))

@@ -1,0 +1,138 @@
+"""Each decoder's samples: where and how far, as a plain decoder reads them from the same frames."""
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from bench.base.lidar_streams import capsule, ld19_frame
+from bench.base.plain_lidars import PLAIN, SAMPLES
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trolley.config.hardware import LidarModel
+from trolley_base.drivers.lidars import ld19, rplidar_capsules, ydlidar
+from trolley_base.drivers.lidars.decoding import Decoder
+from trolley_base.emulators import rplidar
+from trolley_base.emulators import ydlidar as ydlidar_emulator
+
+Make = Callable[[np.random.Generator], list[bytes]]
+"""Frames that follow each other, with random distances."""
+
+
+def distances(rng: np.random.Generator, most: int, count: int) -> list[int]:
+    """Whole numbers of which every fifth or so is 0: nothing came back."""
+    found = rng.integers(1, most, count)
+    return np.where(rng.random(count) < 0.2, 0, found).tolist()
+
+
+def ld_frames(rng: np.random.Generator) -> list[bytes]:
+    first_deg, step = rng.uniform(0.0, 360.0), rng.uniform(0.1, 1.0)
+    return [
+        ld19_frame((first_deg + 12 * i * step) % 360.0, step, 3600.0, distances(rng, 65535, 12))
+        for i in range(3)
+    ]
+
+
+def capsules(make: Callable[[bool, int, list[int]], bytes], most: int, count: int) -> Make:
+    def frames(rng: np.random.Generator) -> list[bytes]:
+        head_64, width_64 = int(rng.integers(23040)), int(rng.integers(64, 1280))
+        # Of the ultra scan a neighbour's distance tells the next one's.
+        near = rng.integers(1, most, 5 * (count + 1) // 4 + 4)
+        around = np.repeat(near, 4)[: 4 * (count + 1)] + rng.integers(-300, 300, 4 * (count + 1))
+        ranges = np.clip(around, 0, most - 1).tolist()
+        return [
+            make(False, (head_64 + i * width_64) % 23040, ranges[i * count : (i + 1) * count + 1])
+            for i in range(3)
+        ]
+
+    return frames
+
+
+def express_frames(rng: np.random.Generator) -> list[bytes]:
+    first_deg = rng.uniform(0.0, 300.0)
+    return [
+        capsule(
+            False,
+            first_deg + 15 * i,
+            list(zip(distances(rng, 16384, 32), rng.integers(0, 64, 32).tolist(), strict=True)),
+        )
+        for i in range(3)
+    ]
+
+
+def of_kind(kind: rplidar_capsules.Capsule) -> Callable[[Counter[str]], Decoder]:
+    return lambda counts: rplidar_capsules.CapsuleDecoder(counts, 62.5e-6, kind)
+
+
+def yd_frames(make: Callable[[int, tuple[int, int], list[int]], bytes], most: int) -> Make:
+    def frames(rng: np.random.Generator) -> list[bytes]:
+        at_64, data = int(rng.integers(23040)), []
+        for _ in range(3):
+            count, width = int(rng.integers(1, most + 1)), int(rng.integers(1, 1000))
+            width *= count > 1
+            heads = at_64 % 23040, (at_64 + width) % 23040
+            data.append(make(int(rng.integers(2)), heads, distances(rng, 65535, count)))
+            at_64 += width + int(rng.integers(0, 20))
+        return data
+
+    return frames
+
+
+def plain_yd(begins: int, heads: tuple[int, int], quarters: list[int]) -> bytes:
+    return ydlidar_emulator.encode(7.0 if begins else None, heads, quarters)
+
+
+def intense_yd(begins: int, heads: tuple[int, int], quarters: list[int]) -> bytes:
+    rows = [(one % 251, one) for one in quarters]
+    return ydlidar_emulator.encode_with_intensity(7.0 if begins else None, heads, rows)
+
+
+def of_ydlidar(model: LidarModel) -> Callable[[Counter[str]], Decoder]:
+    return lambda counts: ydlidar.YdDecoder(ydlidar.KINDS[model], counts)
+
+
+CASES: dict[str, tuple[Make, Callable[[Counter[str]], Decoder]]] = {
+    "RPLIDAR A1 express": (express_frames, of_kind(rplidar_capsules.EXPRESS)),
+    "RPLIDAR A3": (
+        capsules(rplidar.encode_ultra, 25000, 96),
+        of_kind(rplidar_capsules.ULTRA),
+    ),
+    "RPLIDAR C1": (
+        capsules(lambda first, head, mm: rplidar.encode_dense(first, head, mm[:40]), 65535, 40),
+        of_kind(rplidar_capsules.DENSE),
+    ),
+    "RPLIDAR S3": (
+        capsules(
+            lambda first, head, mm: rplidar.encode_ultra_dense(first, head, mm[:64], 7), 60000, 64
+        ),
+        of_kind(rplidar_capsules.ULTRA_DENSE),
+    ),
+    "YDLIDAR X4": (yd_frames(plain_yd, 40), of_ydlidar("ydlidar_x4")),
+    "YDLIDAR G4": (yd_frames(plain_yd, 80), of_ydlidar("ydlidar_g4")),
+    "YDLIDAR G2": (yd_frames(intense_yd, 40), of_ydlidar("ydlidar_g2")),
+    "YDLIDAR T-mini": (yd_frames(intense_yd, 40), of_ydlidar("ydlidar_tmini")),
+    "LD19": (ld_frames, lambda counts: ld19.LdDecoder(ld19.FACTS, counts)),
+    "LD14P": (
+        ld_frames,
+        lambda counts: ld19.LdDecoder(ld19.FACTS_14P, counts, ld19.triangulation_deg),
+    ),
+}
+
+
+@pytest.mark.parametrize("title", CASES)
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_samples_are_those_of_the_plain_decoder(title: str, seed: int) -> None:
+    make, decoder = CASES[title]
+    data = b"".join(make(np.random.default_rng(seed)))
+    decoded = decoder(Counter()).decode(data)
+    assert decoded is not None
+    read = SAMPLES[title]()
+    plain = [sample for frame in PLAIN[title]().feed(data) for sample in read(frame)]
+    angles, found_mm = np.array(plain).T
+    np.testing.assert_allclose(decoded.samples.range_m * 1000.0, found_mm, atol=1e-6)
+    beam_deg = decoded.samples.angle_deg + decoded.samples.shift_deg
+    # Where nothing was found it does not matter where the beam looked.
+    beside = ((beam_deg - angles + 180.0) % 360.0 - 180.0)[found_mm > 0]
+    np.testing.assert_allclose(beside, 0.0, atol=1e-6)
