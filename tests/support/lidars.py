@@ -27,9 +27,14 @@ class Silent:
 
     streams = True
 
+    def __init__(self) -> None:
+        self.heard: list[bytes] = []
+
     def hear(self, data: bytes, now_ns: int) -> bytes:
         """Take what the dialogue wrote; return the answer."""
-        del data, now_ns
+        del now_ns
+        if data:
+            self.heard.append(data)
         return b""
 
 
