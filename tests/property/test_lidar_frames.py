@@ -84,7 +84,7 @@ def found_in(form: FrameFormat, pieces: list[bytes]) -> tuple[list[bytes], Count
 
 
 @pytest.mark.parametrize("title", FORMATS)
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=100)
 @given(data=st.data())
 def test_frames_are_those_of_the_plain_decoder(title: str, data: st.DataObject) -> None:
     stream = data.draw(damaged_streams(title))
@@ -101,7 +101,7 @@ def test_frames_are_those_of_the_plain_decoder(title: str, data: st.DataObject) 
 
 
 @pytest.mark.parametrize("title", FORMATS)
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=10)
 @given(data=st.data())
 def test_single_bytes_give_what_one_piece_gives(title: str, data: st.DataObject) -> None:
     stream = data.draw(damaged_streams(title))[:600]

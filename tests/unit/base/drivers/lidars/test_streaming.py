@@ -38,7 +38,9 @@ def angles_of(scan: LidarScan) -> NDArray[Any]:
     return scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
 
 
-@pytest.mark.parametrize("chunk_s", [0.01, 0.02, 0.05])
+@pytest.mark.parametrize(
+    "chunk_s", [0.02, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.01, 0.05))]
+)
 @pytest.mark.parametrize("title", TITLES)
 def test_scans_show_the_room(title: str, chunk_s: float) -> None:
     session = started(title)
