@@ -19,6 +19,11 @@ BITS_PER_BYTE = 10
 """On the line, 8N1: start bit, eight data bits, stop bit."""
 
 
+def travel_ns(num_bytes: int, baud: int) -> int:
+    """Return how long so many bytes take on a line of this baud rate [ns]."""
+    return num_bytes * BITS_PER_BYTE * 1_000_000_000 // baud
+
+
 @dataclass(frozen=True, slots=True)
 class Line:
     """How the port is opened.

@@ -23,10 +23,11 @@ from trolley.config.hardware import CREATE2_TRACK_M, ChassisConfig, WheelsConfig
 from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of
 from trolley_base.drivers.boards.battery import BatteryGauge
+from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.wheel_ticks import StreamedOdometry
-from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line, Status
+from trolley_base.drivers.dialogue import Line, Status, travel_ns
 from trolley_base.drivers.interface import ChassisReading
 
 START, SAFE, DRIVE_DIRECT, STREAM = 128, 131, 145, 148
@@ -68,7 +69,6 @@ which in 15 ms is 3 cm/s."""
 MODE_NS = 60_000_000
 """Nothing is sent for this long after a change of mode."""
 START_EVERY_NS, SAFE_EVERY_NS = 1_000_000_000, 500_000_000
-CREATE_PACE_NS = 35_000_000
 FASTEST_MMPS = 500
 SETTLES_NS = 300_000_000
 """After a silence frames that were held up come together, and would look like haste: for this long
@@ -154,6 +154,7 @@ class Create2Dialogue:
         self._reader = FrameReader(FRAME, self._report.count)
         self._wheels = StreamedOdometry(WHEELS, COUNTED_FRAMES * STREAM_NS, self._report.count)
         self._gauge = BatteryGauge(config.inputs)
+        self._pace = CommandPace()
         self.begin(0)
 
     @property
@@ -173,8 +174,7 @@ class Create2Dialogue:
         self._byte_ns = now_ns
         self._frame_ns: int | None = None
         self._has_bytes = False
-        self._is_standing = True
-        self._sent_ns: int | None = None
+        self._pace.reset()
         self._started_ns: int | None = None
         self._mode_ns: int | None = None
         self._steps: list[bytes] = []
@@ -189,7 +189,7 @@ class Create2Dialogue:
         if has_skipped:
             self._wheels.miss()
         for frame in frames:
-            late_ns = frame.following * BITS_PER_BYTE * 1_000_000_000 // self._baud
+            late_ns = travel_ns(frame.following, self._baud)
             self._take(parse_frame(frame.data), arrived_ns - late_ns, arrived_ns)
 
     def _take(self, senses: Senses, left_ns: int, arrived_ns: int) -> None:
@@ -242,12 +242,11 @@ class Create2Dialogue:
         if self._frame_ns is None:
             return b""
         wanted = self._wanted if self._is_usable(now_ns) else Twist2D.zero()
-        is_due = self._sent_ns is None or now_ns - self._sent_ns >= CREATE_PACE_NS
-        if wanted.is_zero == self._is_standing and not is_due:
+        if not self._pace.is_due(now_ns, stands=wanted.is_zero):
             return b""
-        if self._must_change_mode(now_ns) and self._is_standing and wanted.is_zero:
+        if self._must_change_mode(now_ns) and self._pace.is_standing and wanted.is_zero:
             return b""  # what it would not obey
-        self._is_standing, self._sent_ns = wanted.is_zero, now_ns
+        self._pace.note(now_ns, stands=wanted.is_zero)
         left, right = (1000.0 * side for side in sides_of(wanted, 0.5 * CREATE2_TRACK_M))
         # Beyond what the robot can take: slower on the same arc.
         scale = min(1.0, FASTEST_MMPS / max(abs(left), abs(right), 1.0))

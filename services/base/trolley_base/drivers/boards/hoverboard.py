@@ -21,11 +21,12 @@ from trolley.config.hardware import ChassisConfig, HoverboardConfig
 from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of, twist_of
 from trolley_base.drivers.boards.battery import BatteryGauge
+from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.velocities import VelocityIntegrator
 from trolley_base.drivers.boards.wheel_ticks import MOST_SPEED
-from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line, Status
+from trolley_base.drivers.dialogue import Line, Status, travel_ns
 from trolley_base.drivers.interface import ChassisReading
 
 HEAD_WORD = 0xABCD
@@ -33,8 +34,6 @@ HEAD = struct.pack("<H", HEAD_WORD)
 FEEDBACK, COMMAND = struct.Struct("<H6hHH"), struct.Struct("<HhhH")
 MOST_TARGET_RPM = 1000
 FEEDBACK_NS = 10_000_000
-SEND_EVERY_NS = 35_000_000
-"""Every other call of `outgoing` at 50 Hz; the firmware wants one each 0.1 s."""
 NO_RPM = (
     "The hoverboard reports speeds that no robot can have; they are not used. Look at the cables "
     "of its motors' Hall sensors."
@@ -95,6 +94,7 @@ class HoverboardDialogue:
         self._reader = FrameReader(FRAME, self._report.count)
         self._wheels = VelocityIntegrator(FEEDBACK_NS, self._report.count)
         self._gauge = BatteryGauge(config.inputs)
+        self._pace = CommandPace()
         self.begin(0)
 
     @property
@@ -111,9 +111,8 @@ class HoverboardDialogue:
         self._byte_ns = now_ns
         self._frame_ns: int | None = None
         self._no_rpm_ns: int | None = None
-        self._sent_ns: int | None = None
+        self._pace.reset()
         self._has_bytes = False
-        self._is_standing = True
         self._rest = (0.0, 0.0)
 
     # What arrives.
@@ -124,7 +123,7 @@ class HoverboardDialogue:
         self._byte_ns, self._has_bytes = arrived_ns, True
         frames, _ = self._reader.feed(data)
         for frame in frames:
-            late_ns = frame.following * BITS_PER_BYTE * 1_000_000_000 // self._baud
+            late_ns = travel_ns(frame.following, self._baud)
             self._take(parse_feedback(frame.data), arrived_ns - late_ns, arrived_ns)
 
     def _take(self, told: Feedback, left_ns: int, arrived_ns: int) -> None:
@@ -151,10 +150,9 @@ class HoverboardDialogue:
         if self._frame_ns is None:
             return b""
         wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
-        is_due = self._sent_ns is None or now_ns - self._sent_ns >= SEND_EVERY_NS
-        if wanted.is_zero == self._is_standing and not is_due:
+        if not self._pace.is_due(now_ns, stands=wanted.is_zero):
             return b""
-        self._is_standing, self._sent_ns = wanted.is_zero, now_ns
+        self._pace.note(now_ns, stands=wanted.is_zero)
         return self._command(wanted)
 
     def _command(self, wanted: Twist2D) -> bytes:

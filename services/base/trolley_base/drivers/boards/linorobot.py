@@ -15,6 +15,7 @@ Source:
 
 from trolley.config.hardware import ChassisConfig
 from trolley.geometry import Twist2D
+from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.lino_messages import (
     CMD_VEL,
     PID,
@@ -49,8 +50,6 @@ PERIOD_NS = 50_000_000
 """The pace of `raw_vel`."""
 NO_TIME_REQUEST_NS = 15_000_000_000
 """rosserial's own rule: a board asks for the time every 2.5 s, or it has forgotten its host."""
-COMMAND_EVERY_NS = 35_000_000
-"""Every other call of `outgoing` at 50 Hz, with room for its unevenness: 25 commands a second."""
 MOST_TIME_REQUESTS = 8
 """Each answer waits for one call of `outgoing`; a board that asks this often is broken."""
 WARNING, ERROR = 2, 3
@@ -76,6 +75,7 @@ class LinorobotDialogue:
         self._decoder = FrameDecoder(self._report.count)
         self._topics = Negotiation(self._report.count)
         self._wheels = VelocityIntegrator(PERIOD_NS, self._report.count)
+        self._pace = CommandPace()
         self.begin(0)
 
     @property
@@ -88,8 +88,8 @@ class LinorobotDialogue:
         self._decoder.reset()
         self._topics.begin()
         self._wheels.reset()
-        self._wanted = self._sent = Twist2D.zero()
-        self._sent_ns: int | None = None
+        self._wanted = Twist2D.zero()
+        self._pace.reset()
         self._byte_ns = self._time_request_ns = now_ns
         self._velocity_ns: int | None = None
         self._no_speed_ns: int | None = None
@@ -187,11 +187,10 @@ class LinorobotDialogue:
     def _command(self, command_id: int, now_ns: int) -> bytes:
         """Return a command: stops and starts at once, zeros too, so that its watchdog rests."""
         wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
-        is_due = self._sent_ns is None or now_ns - self._sent_ns >= COMMAND_EVERY_NS
         # Some commands hold for one control period only, and then a zero.
-        if wanted.is_zero == self._sent.is_zero and not is_due:
+        if not self._pace.is_due(now_ns, stands=wanted.is_zero):
             return b""
-        self._sent, self._sent_ns = wanted, now_ns
+        self._pace.note(now_ns, stands=wanted.is_zero)
         vy = wanted.vy if self._can_drive_sideways else 0.0
         return encode(command_id, encode_twist(Twist2D(wanted.vx, vy, wanted.wz)))
 

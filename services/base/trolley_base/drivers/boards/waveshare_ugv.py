@@ -33,10 +33,11 @@ from trolley.config.hardware import (
 from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of, twist_of
 from trolley_base.drivers.boards.battery import BatteryGauge
+from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.velocities import VelocityIntegrator
 from trolley_base.drivers.boards.wheel_ticks import MOST_SPEED, StreamedOdometry
-from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line, Status
+from trolley_base.drivers.dialogue import Line, Status, travel_ns
 from trolley_base.drivers.interface import ChassisReading
 
 MAIN_TYPES: dict[UgvType, int] = {"ugv_rover": 2, "ugv_beast": 3}
@@ -48,8 +49,6 @@ REPORT_NS = REPORT_MS * 1_000_000
 CONFIRMS_WITHIN_NS = 3_000_000_000
 SET_UP_EVERY_NS = 1_000_000_000
 """A board that has not confirmed is told again; one that has is told its watchdog again."""
-PACE_NS = 35_000_000
-"""Every other call of `outgoing` at 50 Hz: 25 commands a second."""
 FASTEST_SIDE = 2.0
 """The board ignores a command beyond this, to either side [m/s]."""
 LONGEST_LINE = 2048
@@ -101,6 +100,7 @@ class WaveshareUgvDialogue:
         self._ways = StreamedOdometry(metre, REPORT_NS, self._report.count)
         self._speeds = VelocityIntegrator(REPORT_NS, self._report.count)
         self._gauge = BatteryGauge(config.inputs)
+        self._pace = CommandPace()
         self.begin(0)
 
     @property
@@ -116,8 +116,7 @@ class WaveshareUgvDialogue:
         self._byte_ns = now_ns
         self._reported_ns: int | None = None
         self._set_up_ns: int | None = None
-        self._sent_ns: int | None = None
-        self._is_standing = True
+        self._pace.reset()
         self._has_bytes = self._is_ugv = self._lacks_encoders = False
         self._ways.reset()
         self._lose()
@@ -139,7 +138,7 @@ class WaveshareUgvDialogue:
         following = sum(len(line) + 1 for line in lines) + len(self._partial)
         for line in lines:
             # When the board began to send it.
-            late_ns = following * BITS_PER_BYTE * 1_000_000_000 // self._baud
+            late_ns = travel_ns(following, self._baud)
             following -= len(line) + 1
             self._take_line(line.strip(), arrived_ns - late_ns, arrived_ns)
         if len(self._partial) > LONGEST_LINE:
@@ -211,10 +210,9 @@ class WaveshareUgvDialogue:
         if not self._is_ugv:
             return b""
         wanted = self._wanted if self._is_usable(now_ns) else Twist2D.zero()
-        is_due = self._sent_ns is None or now_ns - self._sent_ns >= PACE_NS
-        if wanted.is_zero == self._is_standing and not is_due:
+        if not self._pace.is_due(now_ns, stands=wanted.is_zero):
             return b""
-        self._is_standing, self._sent_ns = wanted.is_zero, now_ns
+        self._pace.note(now_ns, stands=wanted.is_zero)
         if wanted.is_zero:
             return STOP
         left, right = sides_of(wanted, self._half_track_m)
