@@ -133,6 +133,26 @@ class HandshakeLidar(StreamingLidar):
             return f"The {self.facts.title} answers and is being started."
         return super()._trouble(now_ns)
 
+    def _ask_who(
+        self, get_info: bytes, get_health: bytes, is_model: Callable[[int], bool]
+    ) -> Generator[Step, bytes | None, tuple[bytes, bool] | None]:
+        """Ask who it is and how it is; its information, and whether it is well.
+
+        Args:
+            get_info: the one question.
+            get_health: the other.
+            is_model: whether a model number is the expected one.
+
+        Returns:
+            None where one of the two is not answered.
+        """
+        info = yield Step(get_info, ANSWER_S, INFO, INFO_BYTES)
+        if info is None:
+            return None
+        self._check_model(is_model(info[0]), info[0])
+        health = yield Step(get_health, ANSWER_S, HEALTH, HEALTH_BYTES)
+        return None if health is None else (info, self._check_health(health))
+
     def _check_health(self, health: bytes) -> bool:
         """Take an answer to "how are you"; False where the lidar says that it is faulty."""
         status, code = health[0], int.from_bytes(health[1:3], "little")

@@ -24,8 +24,6 @@ from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
     HEALTH,
     HEALTH_BYTES,
-    INFO,
-    INFO_BYTES,
     Handshake,
     HandshakeLidar,
     Step,
@@ -131,14 +129,11 @@ class Rplidar(HandshakeLidar):
         while True:
             # Whoever used it before may have left it streaming.
             yield Step(STOP, DRAIN_S)
-            info = yield Step(GET_INFO, ANSWER_S, INFO, INFO_BYTES)
-            if info is None:
+            answers = yield from self._ask_who(GET_INFO, GET_HEALTH, self._series.has)
+            if answers is None:
                 continue
-            self._check_model(self._series.has(info[0]), info[0])
-            health = yield Step(GET_HEALTH, ANSWER_S, HEALTH, HEALTH_BYTES)
-            if health is None:
-                continue
-            if not self._check_health(health):
+            info, is_well = answers
+            if not is_well:
                 yield Step(RESET, REBOOT_S)
                 health = yield Step(GET_HEALTH, ANSWER_S, HEALTH, HEALTH_BYTES)
                 if health is None or not self._check_health(health):

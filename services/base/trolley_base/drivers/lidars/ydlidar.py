@@ -32,10 +32,6 @@ from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
-    HEALTH,
-    HEALTH_BYTES,
-    INFO,
-    INFO_BYTES,
     Handshake,
     HandshakeLidar,
     Step,
@@ -201,14 +197,11 @@ class AskedYdlidar(HandshakeLidar):
         while True:
             yield Step(FORCE_STOP, 0.005)
             yield Step(STOP, DRAIN_S)
-            info = yield Step(GET_INFO, ANSWER_S, INFO, INFO_BYTES)
-            if info is None:
+            answers = yield from self._ask_who(GET_INFO, GET_HEALTH, self._kind.has)
+            if answers is None:
                 continue
-            self._check_model(self._kind.has(info[0]), info[0])
-            health = yield Step(GET_HEALTH, ANSWER_S, HEALTH, HEALTH_BYTES)
-            if health is None:
-                continue
-            if not self._check_health(health):
+            _, is_well = answers
+            if not is_well:
                 yield Step(b"", FAULT_PAUSE_S)
                 continue
             per_s = (yield from self._ask_rate()) if self._kind.tells_rate else None
