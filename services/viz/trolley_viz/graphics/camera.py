@@ -7,8 +7,6 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from trolley_viz.graphics.shapes import is_near
-
 FIELD_OF_VIEW = math.radians(42.0)
 ELEVATION = math.radians(66.0)
 FROM_ABOVE = math.radians(89.7)
@@ -95,6 +93,11 @@ UNKNOWN_MAP: Bounds = (-4.0, -3.0, 4.0, 3.0)
 """What is looked at before there is a map."""
 
 
+def starts(bounds: Bounds) -> list[NDArray[np.float64]]:
+    """Where the camera of a page begins, (3,) [m] each: before it knows of a map, and after."""
+    return [stand(one, INITIAL_ASPECT)[0] for one in (UNKNOWN_MAP, bounds)]
+
+
 def set_initial(server: viser.ViserServer, bounds: Bounds) -> None:
     """Start new browsers with this view; "Reset View" returns to it."""
     position, look_at = stand(bounds, INITIAL_ASPECT)
@@ -124,12 +127,3 @@ def stands(client: viser.ClientHandle, bounds: Bounds, aspect: float) -> bool:
     """Whether the camera stands where `fit` put it: nobody has moved it since."""
     position, _ = stand(bounds, aspect)
     return np.allclose(client.camera.position, position, atol=1e-2)
-
-
-def was_reset(client: viser.ClientHandle, bounds: Bounds) -> bool:
-    """Whether the camera stands where every page begins.
-
-    A page that is slow to start goes there after it has been told where to look.
-    """
-    starts = (stand(one, INITIAL_ASPECT)[0] for one in (bounds, UNKNOWN_MAP))
-    return any(is_near(client.camera.position, start) for start in starts)

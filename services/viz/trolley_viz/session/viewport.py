@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, wrap_angle
 from trolley_viz.graphics import camera
+from trolley_viz.graphics.shapes import is_near
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import map_bounds
 from trolley_viz.scene.place_labels import Eye
@@ -29,8 +31,8 @@ class Viewport:
         self._fitted = ""
         """The map that the camera was last moved for, and the shape of the picture then."""
         self._aspect = 1.0
-        self._is_at_start = False
-        """Whether it was moved to where every page begins anyway."""
+        self._begins: list[NDArray[np.float64]] = []
+        """Where pages begin (3,) [m], unless it was moved there anyway."""
         self._settled_ns: int | None = None
         """When to see whether the page is laid out as it was thought to be [ns]."""
         self._look = look
@@ -83,15 +85,14 @@ class Viewport:
         if view.map is None:
             return
         fitted = f"{robot}/{view.map.name}"
-        is_new = self._fitted != fitted
-        if not is_new and self._settled_ns is None:
+        is_to_fit = self._fitted != fitted or self._is_reset()
+        if not is_to_fit and self._settled_ns is None:
             return  # as nearly always: the bounds of a large map take a while
         bounds = map_bounds(view)
-        if bounds is None or not (is_new or self._is_to_fit_again(view.now_ns, bounds)):
+        if bounds is None or not (is_to_fit or self._is_laid_out_anew(view.now_ns, bounds)):
             return
         self._settled_ns = view.now_ns + SETTLE_NS
         self._fit(bounds)
-        self._is_at_start = camera.was_reset(self._client, bounds)
         self._fitted = fitted
 
     def _follow(self, view: View) -> None:
@@ -118,10 +119,18 @@ class Viewport:
         offset = camera.NEAR_M * camera.away(self._look.elevation, up)
         camera.move(self._client, middle + offset, middle)
 
-    def _is_to_fit_again(self, now_ns: int, bounds: camera.Bounds) -> bool:
-        """Whether the page took the camera back, or turned out to be laid out otherwise."""
-        if not self._is_at_start and camera.was_reset(self._client, bounds):
-            return True
+    def _is_reset(self) -> bool:
+        """Whether the page took the camera back: a slow one begins after it was told where to look.
+
+        How slow it may be nobody knows, so this is asked with each picture.
+        """
+        return any(self._is_at(start) for start in self._begins)
+
+    def _is_at(self, position: NDArray[np.float64]) -> bool:
+        return is_near(self._client.camera.position, position)
+
+    def _is_laid_out_anew(self, now_ns: int, bounds: camera.Bounds) -> bool:
+        """Whether the page turned out to be of another shape, and nobody moved the camera."""
         if self._settled_ns is None or now_ns < self._settled_ns:
             return False
         self._settled_ns = None
@@ -131,6 +140,7 @@ class Viewport:
     def _fit(self, bounds: camera.Bounds) -> None:
         self._aspect = self._seen_aspect()
         camera.fit(self._client, bounds, self._aspect, self._look.elevation)
+        self._begins = [start for start in camera.starts(bounds) if not self._is_at(start)]
 
     def _seen_aspect(self) -> float:
         at = self._client.camera
