@@ -136,7 +136,7 @@ def _epilog() -> str:
     epilog=_epilog(),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-@click.version_option(package_name="trolley", prog_name="trolley")
+@click.version_option(package_name="trolley-robot", prog_name="trolley")
 @where_options
 @click.pass_context
 def cli(ctx: click.Context) -> None:

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 import click
@@ -162,3 +163,8 @@ def test_every_setting_has_a_name_and_bounds_in_words() -> None:
     assert found["robot.name"].is_required
     assert found["zenoh.connect"].default == '["tcp/127.0.0.1:7447"]'
     assert found["planner.frame"].allowed == '`"map"` or `"odom"`'
+
+
+def test_it_says_which_release_it_is(runner: CliRunner) -> None:
+    said = runner.invoke(cli, ["--version"])
+    assert (said.exit_code, said.output) == (0, f"trolley, version {version('trolley-robot')}\n")
