@@ -33,8 +33,8 @@ PARTS: dict[str, Sequence[str]] = {
     "process": ("--numprocesses", "3", "--dist", "worksteal", "tests/process"),
     "browser": ("tests/browser",),
 }
-BESIDE = ("lint", "process", "browser")
-"""Run one after another, beside the tests that compute."""
+BESIDE = (("browser",), ("lint", "process"))
+"""What is run beside the tests that compute; the parts of a row one after another."""
 NO_TESTS = 5
 """What pytest returns where all were deselected."""
 
@@ -122,12 +122,14 @@ def main() -> int:
     REPORTS.mkdir(parents=True, exist_ok=True)
     check = Check(marks)
     began_s = time.monotonic()
-    beside = [part for part in BESIDE if part != "lint" or marks != "slow"]
-    with ThreadPoolExecutor(1) as pool:
-        done = pool.submit(check.run_beside, beside)
+    left_out = {"lint"} if marks == "slow" else set()
+    with ThreadPoolExecutor(len(BESIDE)) as pool:
+        rows = [[part for part in row if part not in left_out] for row in BESIDE]
+        done = [pool.submit(check.run_beside, row) for row in rows]
         print("\n== compute", flush=True)
         check.run("compute")
-        done.result()
+        for one in done:
+            one.result()
     took_s = time.monotonic() - began_s
     print(f"\n== all parts\n{check.summary()}\nall      {took_s:4.0f} s, {CORES} cores")
     return any(check.failed.values())
