@@ -33,7 +33,7 @@ class Watched:
     def __init__(self, stage: "Stage", monkeypatch: pytest.MonkeyPatch) -> None:
         self.stage = stage
         self.owner, self.guest = stage.browse(0, OWNER), stage.browse(1, GUEST)
-        stage.page(0).session.switch_layer("costmap", is_on=True)
+        stage.page(0).session.preferences.switch_layer("costmap", is_on=True)
         self.deeds: list[tuple[str, str]] = []
         self.saved: list[tuple[str, Any]] = []
         for what in ("request", "publish", "put_wish", "save"):
@@ -129,7 +129,7 @@ VALUES: list[Value] = [None, True, False, "", "x", 0, 1.0, -1e300]
 def test_nothing_that_is_offered_does_more_than_show_and_stop(watched: Watched) -> None:
     stage = watched.stage
     controls = stage.page(1).controls
-    before = stage.page(0).session.choices
+    before = stage.page(0).session.preferences.choices
     for _ in range(2):  # a press may bring more to press
         for id_, control in list(controls.all.items()):
             for value in [*VALUES, *control.look.options]:

@@ -174,7 +174,7 @@ def test_icons_stand_at_frames_and_places_and_face_the_camera(stage: "Stage") ->
     turned = next(iter(shown.values())).batched_wxyzs[0].tolist()
     assert rotated(turned, (0.0, 0.0, 1.0)) == pytest.approx((0.0, -1.0, 0.0), abs=1e-6)
     assert rotated(turned, (0.0, 1.0, 0.0)) == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
-    stage.session.switch_layer("markers", is_on=False)
+    stage.session.preferences.switch_layer("markers", is_on=False)
     stage.runtime.run(0.2)
     assert shown == {}
 

@@ -121,7 +121,7 @@ def later(stage: "Stage") -> PageOf:
 
 def test_layers_tell_how_old_they_are(stage: "Stage") -> None:
     stage.browse()
-    stage.session.switch_layer("costmap", is_on=True)
+    stage.session.preferences.switch_layer("costmap", is_on=True)
     page = later(stage)
     assert page.is_shown("Laser scan · now")
     assert page.is_shown("Costmap near the robot · no data")
@@ -139,8 +139,8 @@ def test_layers_are_switched_and_the_look_too(stage: "Stage") -> None:
     page.choose("Look", "dark")
     stage.runtime.run(2.0)
     assert not page.value("Laser scan")
-    assert not stage.session.layers()["scan"]
-    assert stage.session.choices.dark
+    assert not stage.session.preferences.layers["scan"]
+    assert stage.session.preferences.choices.dark
 
 
 def test_frames_are_switched_one_by_one(stage: "Stage") -> None:
@@ -156,7 +156,7 @@ def test_frames_are_switched_one_by_one(stage: "Stage") -> None:
     page.tick("laser", is_on=False)
     stage.runtime.run(0.2)
     assert axes == {}
-    assert stage.session.choices.layers == {}
+    assert stage.session.preferences.choices.layers == {}
 
 
 def test_the_missing_link_is_named(stage: "Stage") -> None:
@@ -193,7 +193,7 @@ def test_match_particles_and_error_are_numbers(stage: "Stage") -> None:
 def test_ellipse_and_truth_are_drawn(stage: "Stage") -> None:
     stage.browse()
     for key in ("covariance", "truth"):
-        stage.session.switch_layer(key, is_on=True)
+        stage.session.preferences.switch_layer(key, is_on=True)
     stage.runtime.run(0.2)
     now_ns = stage.robot.monotonic_ns
     for i in range(3):
@@ -210,7 +210,7 @@ def test_ellipse_and_truth_are_drawn(stage: "Stage") -> None:
 
 def test_the_costmap_of_the_map_is_a_layer_of_its_own(stage: "Stage") -> None:
     stage.browse()
-    stage.session.switch_layer("costmap_global", is_on=True)
+    stage.session.preferences.switch_layer("costmap_global", is_on=True)
     stage.runtime.run(0.2)
     assert "costmap/global" in stage.streams()
     assert "costmap" not in stage.streams()

@@ -91,11 +91,11 @@ def test_a_stream_is_followed_only_while_an_overlay_needs_it(stage: "Stage", pag
 def test_overlays_that_are_switched_off_follow_nothing(stage: "Stage", page: Page) -> None:
     stage.runtime.add(TourService(stage.config))
     put(stage, Overlay(kind="gauge", source="imu:angular_velocity[2]"))
-    stage.session.switch_layer("overlays", is_on=False)
+    stage.session.preferences.switch_layer("overlays", is_on=False)
     stage.runtime.run(0.5)
     assert watched(stage) == set()
     assert page.cards == {}
-    stage.session.switch_layer("overlays", is_on=True)
+    stage.session.preferences.switch_layer("overlays", is_on=True)
     stage.runtime.run(0.5)
     assert list(page.cards) == ["one"]
 

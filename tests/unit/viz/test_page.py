@@ -323,7 +323,7 @@ def test_page_and_viewer_know_of_each_other_within_a_second_and_a_half() -> None
 def test_whoever_comes_back_is_told_everything_and_goes_on(stage: "Stage") -> None:
     browser = stage.browse()
     session, controls = stage.session, stage.page().controls
-    session.switch_layer("costmap", is_on=True)
+    session.preferences.switch_layer("costmap", is_on=True)
     session.aiming._go_to(Pointed(2.0, 1.0))
     stage.runtime.run(0.5)
     assert page_of(stage).is_shown("Undo: Go to a place on the map")
@@ -343,7 +343,7 @@ def test_whoever_comes_back_is_told_everything_and_goes_on(stage: "Stage") -> No
     assert second.controls.commands == controls.commands
     assert second.pad is not None
     assert stage.session is session
-    assert session.layers()["costmap"]
+    assert session.preferences.layers["costmap"]
     browser.line = line
     assert press(stage, browser, "Undo: Go to a place on the map").is_done
     stage.runtime.run(0.5)
@@ -472,7 +472,7 @@ def test_a_scene_that_went_before_it_was_claimed_cannot_be(stage: "Stage") -> No
 
 def test_a_page_whose_scene_is_lost_goes_on_without_and_finds_another(stage: "Stage") -> None:
     browser = stage.browse()
-    stage.session.switch_layer("costmap", is_on=True)
+    stage.session.preferences.switch_layer("costmap", is_on=True)
     assert press(stage, browser, "Go to …").is_done
     stage.runtime.run(0.5)
     controls = set(stage.page().controls.all)

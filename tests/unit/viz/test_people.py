@@ -266,7 +266,7 @@ def test_two_pages_of_a_browser_do_not_take_its_name_away(stage: "Stage") -> Non
     stage.browse(0, ANN)
     stage.browse(1, ANN)
     call(stage, 0, PHONE)
-    stage.page(1).session.switch_layer("costmap", is_on=True)
+    stage.page(1).session.preferences.switch_layer("costmap", is_on=True)
     assert stage.hub.people.names.of(ANN) == PHONE
     stored = tomllib.loads((stage.viz.state.path / "viewer.toml").read_text())
     assert stored["names"] == {ANN.browser: PHONE}

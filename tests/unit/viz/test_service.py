@@ -46,8 +46,8 @@ def test_without_a_browser_only_robots_and_clocks_are_followed(stage: "Stage") -
 def test_a_layer_that_is_off_is_not_subscribed_to(stage: "Stage") -> None:
     stage.browse()
     assert "costmap" not in stage.streams()
-    stage.session.switch_layer("costmap", is_on=True)
-    stage.session.switch_layer("particles", is_on=False)
+    stage.session.preferences.switch_layer("costmap", is_on=True)
+    stage.session.preferences.switch_layer("particles", is_on=False)
     stage.runtime.run(0.2)
     assert "costmap" in stage.streams()
     assert "particles" not in stage.streams()
@@ -252,7 +252,7 @@ ANN, BEN = Visitor("ann"), Visitor("ben")
 
 def test_what_each_browser_chose_is_remembered(stage: "Stage") -> None:
     stage.browse(0, ANN)
-    stage.session.switch_layer("costmap", is_on=True)
+    stage.session.preferences.switch_layer("costmap", is_on=True)
     stage.session.choose_look(dark=True, light=False)
     stage.runtime.run(0.1)
     stored = tomllib.loads((stage.viz.state.path / "viewer.toml").read_text())
@@ -262,16 +262,16 @@ def test_what_each_browser_chose_is_remembered(stage: "Stage") -> None:
     stage.viz.stop()
     stage.viz = stage.runtime.add(VizService(stage.config))
     stage.browse(0, BEN)
-    assert not stage.session.layers()["costmap"]
+    assert not stage.session.preferences.layers["costmap"]
     ann = stage.browse(1, ANN)
     session = stage.page(1).session
-    assert session.layers()["costmap"]
+    assert session.preferences.layers["costmap"]
     assert ann.state.dark
 
 
 def test_nobody_in_particular_is_not_remembered(stage: "Stage") -> None:
     stage.browse()
-    stage.session.switch_layer("costmap", is_on=True)
+    stage.session.preferences.switch_layer("costmap", is_on=True)
     stage.runtime.run(0.1)
     assert not (stage.viz.state.path / "viewer.toml").exists()
 
@@ -290,7 +290,7 @@ def test_each_browser_shows_and_follows_what_it_wants(stage: "Stage") -> None:
     stage.browse(0, ANN)
     stage.browse(1, BEN)
     ann, ben = stage.page(0).session, stage.page(1).session
-    ann.switch_layer("scan", is_on=False)
+    ann.preferences.switch_layer("scan", is_on=False)
     ben.follow("kart")
     stage.runtime.run(0.2)
     assert stage.drawn(0).is_visible("trolley")
@@ -333,7 +333,7 @@ def test_broken_settings_are_kept_aside_and_the_viewer_starts(stage: "Stage") ->
     path.write_text("browsers = 3")
     stage.viz = stage.runtime.add(VizService(stage.config))
     stage.browse(0, ANN)
-    assert stage.session.layers()["map"]
+    assert stage.session.preferences.layers["map"]
     assert list(path.parent.glob("viewer.toml.broken-*"))
 
 

@@ -34,8 +34,8 @@ from trolley_viz.panels.point_editor import (
     failure_changed,
     failure_of,
 )
-from trolley_viz.panels.tour_editor import MAX_POINT_ROWS, first_shown, point_text
 from trolley_viz.panels.tour_list import summary
+from trolley_viz.panels.tour_points import MAX_POINT_ROWS, first_shown, point_text
 from trolley_viz.panels.trip import progress, visits_to_come
 from trolley_viz.robots.past_trips import PastTrips, trouble_spots
 from trolley_viz.scene.tours import COMING, CURRENT, FAILED, REACHED, path_of, pins_of, trip_colours
@@ -544,7 +544,7 @@ def test_past_trips_are_not_polled(stage: "Stage", tour: PretendTour, page: Page
 def test_where_trips_failed_is_drawn_when_it_is_wanted(stage: "Stage", tour: PretendTour) -> None:
     settle(stage, 2.0)
     assert stage.layer("trouble")._nodes == []
-    stage.session.switch_layer("trouble", is_on=True)
+    stage.session.preferences.switch_layer("trouble", is_on=True)
     settle(stage, 3.0)
     assert len(stage.layer("trouble")._nodes) == 2
     assert tour.asked_history == 1

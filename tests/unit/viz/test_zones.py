@@ -342,7 +342,8 @@ def test_a_suspect_that_is_none_is_not_offered_again(stage: "Stage", keeper: Zon
     stage.runtime.run(0.5)
     assert stage.session.suspected_mirrors.offered == []
     assert not page_of(stage).is_shown("No")
-    assert stage.session.choices.dismissed == [Dismissed(map="room", points=SUSPECT.points)]
+    dismissed = stage.session.preferences.choices.dismissed
+    assert dismissed == [Dismissed(map="room", points=SUSPECT.points)]
     stage.browse(1, Visitor("ben"))
     assert page_of(stage, 1).is_shown("No")
 

@@ -96,7 +96,7 @@ class Page:
         self._goes_on_until_ns = 0
         """Until when what was stopped continues as soon as the robot may drive."""
         self._since_ns = hub.service.monotonic_ns
-        self._language = self.session.language
+        self._language = self.session.preferences.language
 
     # What it is.
     @property
@@ -113,7 +113,7 @@ class Page:
         """The keys of the layers that it shows."""
         if self.session.picture.client is None:
             return set()
-        return {key for key, is_on in self.session.layers().items() if is_on}
+        return {key for key, is_on in self.session.preferences.layers.items() if is_on}
 
     @property
     def is_connected(self) -> bool:
@@ -213,8 +213,8 @@ class Page:
         line = self._line
         if line is None or not line.is_clear:
             return
-        if self._language != self.session.language:
-            self._language = self.session.language
+        if self._language != self.session.preferences.language:
+            self._language = self.session.preferences.language
             self._forget_told()
         shown = self._shown_overlays()
         stop = self._hub.stops.line(view.robot_name, view.now_ns)
@@ -230,10 +230,10 @@ class Page:
             stop=stop,
             is_stopped=view.is_halted,
             hint=self.session.hint,
-            dark=self.session.is_dark,
+            dark=self.session.preferences.is_dark,
             language=self._language,
             has_scene=self.session.picture.client is not None,
-            has_letters=self.session.has_letters,
+            has_letters=self.session.preferences.has_letters,
             is_pointing=self.session.pointing.tool is not None,
             has_cursor=self.session.pointing.cursor is not None,
             stopped_by=f"Stopped by {stopper}" if stopper else "",
@@ -261,7 +261,7 @@ class Page:
         if said.prefers_dark is not None:
             self.session.prefer_dark(is_dark=said.prefers_dark)
         if said.language is not None:
-            self.session.prefer_language(said.language)
+            self.session.preferences.note_device_language(said.language)
 
     def _is_timely(self, pressed: Press | Resume, now_ms: float) -> bool:
         """Whether a press is new; says so to the page if it is not."""
@@ -343,7 +343,7 @@ class Page:
 
     def _shown_overlays(self) -> ShownOverlays | None:
         session = self.session
-        if not session.layers()[OverlayLayer.key]:
+        if not session.preferences.layers[OverlayLayer.key]:
             return None
         scene = self._hub.scenes.by_robot.get(session.robot)
         if scene is None:

@@ -40,7 +40,7 @@ class FrameTreePanel:
         branches = tree(view.placement.tree)[:MAX_TREE_FRAMES]
         keys = [(one.frame, one.depth) for one in branches]
         if keys != list(self._boxes):
-            self._build(keys, set(self._session.frames_on()))
+            self._build(keys, set(self._session.preferences.frames))
         rows = [
             (one.frame, one.link.parent, _where(one.link), link_age(one.link, view.robot_ns))
             for one in branches
@@ -53,13 +53,12 @@ class FrameTreePanel:
         for box in self._boxes.values():
             box.remove()
         self._boxes.clear()
+        switch = self._session.preferences.switch_frame
         with self._inside:
             for frame, depth in keys:
                 label = INDENT * depth + frame[:MAX_LETTERS]
                 box = self._gui.add_check(label, frame in on, is_name=True)
-                box.on_change(
-                    lambda is_on, frame=frame: self._session.switch_frame(frame, is_on=is_on)
-                )
+                box.on_change(lambda is_on, frame=frame: switch(frame, is_on=is_on))
                 self._boxes[frame, depth] = box
 
 

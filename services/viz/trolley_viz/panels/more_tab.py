@@ -48,7 +48,7 @@ class MoreTab:
         self._due_ns = 0
         fit = gui.add_button("Show the whole map", icon="maximize")
         fit.on_press(session.fit_view)
-        chosen = session.choices
+        chosen = session.preferences.choices
         now = DARK if chosen.dark else LIGHT if chosen.light else AS_DEVICE
         look = gui.add_list("Look", (AS_DEVICE, LIGHT, DARK), value=now)
         look.on_change(lambda one: session.choose_look(dark=one == DARK, light=one == LIGHT))
@@ -98,14 +98,12 @@ class LayerPanel:
     def __init__(self, gui: Controls, session: Session, group: Group) -> None:
         self._session = session
         self._boxes: dict[type[Layer], Check] = {}
-        shown = session.layers()
+        shown, switch = session.preferences.layers, session.preferences.switch_layer
         with session.folder(f"Layers: {group}"):
             for kind in LAYERS:
                 if kind.group == group:
                     box = self._boxes[kind] = gui.add_check(kind.title, shown[kind.key])
-                    box.on_change(
-                        lambda is_on, key=kind.key: session.switch_layer(key, is_on=is_on)
-                    )
+                    box.on_change(lambda is_on, key=kind.key: switch(key, is_on=is_on))
             if group == "Sensing":
                 beams = [(text, _rgb(BEAM_COLOURS[i].tolist())) for text, i in BEAMS]
                 gui.add_html(note("Laser scan") + swatches(beams))
@@ -115,7 +113,7 @@ class LayerPanel:
 
     def update(self, view: View) -> None:
         """Bring the ages up to date."""
-        shown = self._session.layers()
+        shown = self._session.preferences.layers
         for kind, box in self._boxes.items():
             is_aged = shown[kind.key] and kind.source is not None
             age = f" · {_age(view, kind)}" if is_aged else ""
@@ -149,9 +147,10 @@ def _add_languages(gui: Controls, session: Session) -> None:
     """Let the person choose a language, each of which is called as it calls itself."""
     codes = {AS_DEVICE: "", "English": ENGLISH}
     codes |= {catalogue.name: code for code, catalogue in catalogues().items()}
-    chosen = next((name for name, code in codes.items() if code == session.choices.language), None)
+    now = session.preferences.choices.language
+    chosen = next((name for name, code in codes.items() if code == now), None)
     language = gui.add_list("Language", tuple(codes), value=chosen, words=(AS_DEVICE,))
-    language.on_change(lambda name: session.choose_language(codes[name]))
+    language.on_change(lambda name: session.preferences.choose_language(codes[name]))
 
 
 def _deviations(estimate: PoseEstimate) -> str:

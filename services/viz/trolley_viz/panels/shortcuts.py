@@ -21,8 +21,8 @@ def add_shortcuts(gui: Controls, session: Session) -> str:
 
     Those of Stop, the joystick and the list of commands are the page's own.
     """
-    letters = gui.add_check("Letter keys", session.has_letters)
-    letters.on_change(lambda is_on: session.switch_letters(is_on=is_on))
+    letters = gui.add_check("Letter keys", session.preferences.has_letters)
+    letters.on_change(lambda is_on: session.preferences.switch_letters(is_on=is_on))
     actions, aiming = session.actions, session.aiming
     commands: list[tuple[str, str, Callable[[], None]]] = [
         ("Go to …", "g", aiming.point_goal),

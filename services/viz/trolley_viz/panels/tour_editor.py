@@ -9,10 +9,12 @@ from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
 from trolley.messages import Tour
 from trolley_viz.actions.aiming import ignore
-from trolley_viz.controls.controls import Button, Controls
-from trolley_viz.editing.tour_draft import Draft, Editing, Point, bearing, stay_text
+from trolley_viz.controls.controls import Controls
+from trolley_viz.editing.tour_draft import Draft, Editing, Point, bearing
 from trolley_viz.panels.markup import note, row, title
 from trolley_viz.panels.point_editor import REMOVE, UP, PointEditor
+from trolley_viz.panels.tour_points import PointRows
+from trolley_viz.panels.tour_rounds import RoundsEditor
 from trolley_viz.panels.tour_times import TimesEditor
 from trolley_viz.pointing.pointer import Pointed, Tool
 from trolley_viz.robots.view import View
@@ -27,8 +29,6 @@ TAP_HINT = "Tap places on the map in the order in which it should visit them."
 CHOOSE = "choose …"
 HERE, POINT_OUT = "Where it is", "Point on the map"
 KEEP_MINE, TAKE_THEIRS = "Keep mine", "Take theirs"
-MAX_POINT_ROWS = 30
-"""Number of points that are shown, those around the chosen one."""
 SURE = ("localized", "unsure")
 """Pose states in which "where it stands" means something."""
 
@@ -46,10 +46,8 @@ class TourEditor:
         session: Session,
         save: Callable[[Tour, Tour | None], None],
     ) -> None:
-        self._gui = gui
         self._session = session
         self._save_tour = save
-        self._rows: list[Button] = []
         self._tours: Sequence[Tour] = ()
         self._is_leaving = False
         """Whether the next press of Cancel throws the changes away."""
@@ -61,36 +59,27 @@ class TourEditor:
             self._title = gui.add_html("")
             self._name = gui.add_text("Name", "")
             gui.add_html(note(TAP_HINT))
-            self._points = gui.add_folder()
-            with self._points:
-                self._point = PointEditor(
-                    gui, self._change_point, self._arrange, self._point_out_again
-                )
-            self._add_controls(gui)
-            self._option_controls(gui)
+            self._points = PointRows(
+                gui,
+                lambda: PointEditor(gui, self._change_point, self._arrange, self._point_out_again),
+                self._choose,
+                self._move,
+            )
+            self._add_place = gui.add_list("Add place", (CHOOSE,), words=(CHOOSE,))
+            add_other = gui.add_choice("or add", (HERE, POINT_OUT))
+            self._rounds = RoundsEditor(gui, session.folder, self._edit)
             self._times = TimesEditor(gui, session.folder, lambda times: self._edit(times=times))
             with gui.add_actions():
                 self._problems = gui.add_html("")
                 self._whose = gui.add_choice("", (KEEP_MINE, TAKE_THEIRS), visible=False)
                 self._save = gui.add_button("Save", icon="device-floppy", colour="green")
                 self._cancel = gui.add_button("Cancel", icon="x")
-        self._bind()
-
-    def _add_controls(self, gui: Controls) -> None:
-        self._around = gui.add_html("")
-        self._add_place = gui.add_list("Add place", (CHOOSE,), words=(CHOOSE,))
-        self._add_other = gui.add_choice("or add", (HERE, POINT_OUT))
-
-    def _option_controls(self, gui: Controls) -> None:
-        with self._session.folder("How often"):
-            self._repeat = gui.add_number("Rounds", 1, min=1, max=1000, step=1)
-            self._endless = gui.add_check("Repeat forever", False)
-            self._back = gui.add_check("There and back", False)
-            self._resume = gui.add_check(
-                "Continue after a restart",
-                False,
-                hint="Whether it continues by itself after the robot has been switched off and on.",
-            )
+        self._name.on_change(lambda name: self._edit(name=name))
+        self._add_place.on_change(self._add_named)
+        add_other.on_press(self._add_where)
+        self._whose.on_press(self._settle)
+        self._save.on_press(self._press_save)
+        self._cancel.on_press(self._press_cancel)
 
     # Opening and closing.
     def open(self, editing: Editing) -> None:
@@ -108,10 +97,7 @@ class TourEditor:
 
     def _fill(self, draft: Draft) -> None:
         self._name.value = draft.name
-        self._repeat.value = max(draft.repeat, 1)
-        self._endless.value = draft.repeat == 0
-        self._back.value = draft.there_and_back
-        self._resume.value = draft.resume
+        self._rounds.open(draft)
 
     # Showing.
     def update(self, view: View, tours: Sequence[Tour], *, is_shown: bool) -> None:
@@ -124,10 +110,10 @@ class TourEditor:
         saved, grid = view.streams.latest(topics.POSES), view.map
         maps = {one.name: one.map for one in ([] if saved is None else saved.poses)}
         names = sorted(name for name, on in maps.items() if grid is None or on == grid.name)
-        self._show_points(editing, names)
+        self._points.show(editing, names)
         self._add_place.options = [CHOOSE, *names]
         self._add_place.value = CHOOSE
-        self._repeat.visible = not self._endless.value
+        self._rounds.update()
         self._times.show(editing.draft)
         elsewhere = [
             f"“{name}” is on another map."
@@ -136,32 +122,6 @@ class TourEditor:
         ]
         self._show_problems(editing, elsewhere)
         self._cancel.label = "Discard changes? Press again" if self._is_leaving else "Cancel"
-
-    def _show_points(self, editing: Editing, names: Sequence[str]) -> None:
-        points, chosen = editing.draft.points, editing.chosen
-        first = first_shown(len(points), chosen)
-        with self._points:
-            while len(self._rows) < min(len(points), MAX_POINT_ROWS):
-                self._rows.append(self._add_row(len(self._rows)))
-        for i, button in enumerate(self._rows):
-            index = first + i
-            button.visible = index < len(points)
-            if button.visible:
-                button.label = point_text(editing.draft, index)
-                button.colour = "teal" if index == chosen else "grey"
-        if chosen is not None:
-            self._point.folder.order = chosen - first + 0.5
-            self._point.folder.label = point_text(editing.draft, chosen)
-        self._point.show(editing.point, names)
-        hidden = len(points) - min(len(points), MAX_POINT_ROWS)
-        self._around.content = note(f"{hidden} more points are not shown.") if hidden else ""
-
-    def _add_row(self, i: int) -> Button:
-        button = self._gui.add_button("")
-        button.order = i
-        button.on_press(lambda: self._choose(i))
-        button.on_move(lambda by: self._move(i, by))
-        return button
 
     def _show_problems(self, editing: Editing, hints: Sequence[str]) -> None:
         lines = [StatusLine(text, "bad") for text in self._problems_of(editing)]
@@ -181,46 +141,23 @@ class TourEditor:
         return [*problems, self._times.problem] if self._times.problem else problems
 
     # Editing.
-    def _bind(self) -> None:
-        self._name.on_change(lambda name: self._edit(name=name))
-        self._repeat.on_change(lambda _: self._set_repeat())
-        self._endless.on_change(lambda _: self._set_repeat())
-        self._back.on_change(lambda is_on: self._edit(there_and_back=is_on))
-        self._resume.on_change(lambda is_on: self._edit(resume=is_on))
-        self._add_place.on_change(self._add_named)
-        self._add_other.on_press(self._add_where)
-        self._whose.on_press(self._settle)
-        self._save.on_press(self._press_save)
-        self._cancel.on_press(self._press_cancel)
-
     def _edit(self, **changes: Any) -> None:
         if self.editing is not None:
             self.editing.draft = replace(self.editing.draft, **changes)
             self._is_leaving = False
 
-    def _set_repeat(self) -> None:
-        self._edit(repeat=0 if self._endless.value else round(self._repeat.value))
-
-    def _choose(self, row_index: int) -> None:
-        """Open the details of a row, or close them."""
-        editing, index = self.editing, self._index(row_index)
-        if editing is not None and index is not None:
+    def _choose(self, index: int) -> None:
+        """Open the details of a point, or close them."""
+        editing = self.editing
+        if editing is not None and index < len(editing.draft.points):
             editing.chosen = None if editing.chosen == index else index
 
-    def _move(self, row_index: int, by: int) -> None:
-        """Put the point of a row earlier or later."""
-        editing, index = self.editing, self._index(row_index)
-        if editing is not None and index is not None:
+    def _move(self, index: int, by: int) -> None:
+        """Put a point earlier or later."""
+        editing = self.editing
+        if editing is not None and index < len(editing.draft.points):
             self._is_leaving = False
             editing.move(index, by)
-
-    def _index(self, row_index: int) -> int | None:
-        """The point that a row shows."""
-        if self.editing is None:
-            return None
-        num_points = len(self.editing.draft.points)
-        index = first_shown(num_points, self.editing.chosen) + row_index
-        return index if index < num_points else None
 
     def _arrange(self, action: str) -> None:
         editing = self.editing
@@ -337,18 +274,3 @@ class TourEditor:
             self.close()
         else:
             self._is_leaving = True
-
-
-def first_shown(num_points: int, chosen: int | None) -> int:
-    """The first point that has a row: all have one, or those around the chosen one."""
-    last = max(num_points - MAX_POINT_ROWS, 0)
-    return last if chosen is None else min(max(chosen - MAX_POINT_ROWS // 2, 0), last)
-
-
-def point_text(draft: Draft, index: int) -> str:
-    """A point in a line: "2  kitchen · stays 5 s"."""
-    point, number = draft.points[index], draft.stop_number(index)
-    name = point.name or "a point on the map"
-    if number is None:
-        return f"passes {name}"
-    return f"{number}  {name}" + (f" · stays {stay_text(point.dwell)}" if point.dwell else "")

@@ -1,10 +1,9 @@
 """One browser: its controls, its tool, the robot that it follows and the layers that it shows."""
 
 import math
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Set
 from dataclasses import dataclass
 
-import msgspec
 import viser
 
 from trolley.geometry import Pose2D
@@ -20,7 +19,6 @@ from trolley_viz.drawing.suspected_mirrors import SuspectLines
 from trolley_viz.drawing.zone_editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.zone_requests import ZoneRequests
 from trolley_viz.graphics.camera import NORTH, Look
-from trolley_viz.languages.catalogue import ENGLISH, known_language
 from trolley_viz.map_editing.map_editor import MapEditor
 from trolley_viz.map_editing.map_preview import MapPreview
 from trolley_viz.overlays.pages import File
@@ -31,18 +29,15 @@ from trolley_viz.pointing.pointer import Pointer
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapLayer
 from trolley_viz.scene.past import HIDDEN
-from trolley_viz.scene.scene import shown_layers
 from trolley_viz.scene.touch import Touched, touched
 from trolley_viz.sentences import Tone
 from trolley_viz.server.messages import Notice, Told
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.session.browser_scene import BrowserScene
 from trolley_viz.session.hub import Hub
+from trolley_viz.session.preferences import Preferences
 from trolley_viz.session.viewport import Viewport
-from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
-
-FRAME = "frame:"
-"""Begins the keys under which the choices hold the frames whose axes are shown."""
+from trolley_viz.settings import Choices
 
 
 @dataclass(frozen=True)
@@ -75,8 +70,10 @@ class Session:
         self._page = page
         self._hub = hub
         service = hub.service
-        self._choices = choices
-        self._layers = shown_layers(choices.layers)
+        self.preferences = Preferences(
+            choices, lambda chosen: hub.remember(page.visitor.browser, chosen)
+        )
+        """What its person has chosen."""
         self._robot = choices.robot or hub.robots.own
         self.drags = Drags(
             self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unconfirmed
@@ -135,8 +132,6 @@ class Session:
         """How its person wants to see the map."""
         self.take_tap: Callable[[Touched], bool] | None = None
         """Takes what is touched, as while a tour is made of it; says whether it did."""
-        self._prefers_dark = False
-        self._device_language = ""
         self._size: tuple[float, float] | None = None
         """Width and height of the picture [px of the page], once the page has told."""
 
@@ -183,27 +178,6 @@ class Session:
         return self._robot
 
     @property
-    def choices(self) -> Choices:
-        """What was chosen here."""
-        return self._choices
-
-    @property
-    def is_dark(self) -> bool:
-        """Whether it has the dark look."""
-        chosen = self._choices
-        return chosen.dark or (self._prefers_dark and not chosen.light)
-
-    @property
-    def language(self) -> str:
-        """The code of the language in which its page is."""
-        return known_language(self._choices.language) or self._device_language or ENGLISH
-
-    @property
-    def has_letters(self) -> bool:
-        """Whether keys that are single letters do something."""
-        return not self._choices.no_letters
-
-    @property
     def view(self) -> View:
         """What is known of the robot."""
         return self._hub.scenes.of(self._robot).view
@@ -218,22 +192,12 @@ class Session:
         hub = self._hub
         return hub.robots.labels(self._robot, lambda name: hub.robot_ns(name) is None)
 
-    def layers(self) -> Mapping[str, bool]:
-        """Which layers are shown, by key."""
-        return self._layers
-
-    def frames_on(self) -> list[str]:
-        """The frames whose axes are shown."""
-        chosen = self._choices.layers.items()
-        return [key.removeprefix(FRAME) for key, is_on in chosen if is_on and key.startswith(FRAME)]
-
     # What the panels ask for.
     def folder(self, title: str, *, is_open: bool = False) -> Folder:
         """Add a folder of controls: as its person left it, else open or not as is said here."""
-        folder = self._page.controls.add_folder(
-            title, is_open=self._choices.folders.get(title, is_open)
-        )
-        folder.on_fold(lambda is_open: self._remember_folder(title, is_open=is_open))
+        chosen = self.preferences
+        folder = self._page.controls.add_folder(title, is_open=chosen.is_open(title, is_open))
+        folder.on_fold(lambda is_open: chosen.fold(title, is_open=is_open))
         return folder
 
     def post(self, fn: Callable[[], None]) -> None:
@@ -266,30 +230,13 @@ class Session:
             self.past.close()
             self._hub.let_go(self._page.number)
             self._robot = robot
-            self._choose(msgspec.structs.replace(self._choices, robot=robot))
-
-    def switch_letters(self, *, is_on: bool) -> None:
-        """Let keys that are single letters do something or not, and remember it."""
-        self._choose(msgspec.structs.replace(self._choices, no_letters=not is_on))
-
-    def switch_layer(self, key: str, *, is_on: bool) -> None:
-        """Show or hide a layer, and remember it."""
-        layers = {**self._choices.layers, key: is_on}
-        self._choose(msgspec.structs.replace(self._choices, layers=layers))
-
-    def switch_frame(self, frame: str, *, is_on: bool) -> None:
-        """Show or hide the axes of a frame, and remember it."""
-        others = {key: on for key, on in self._choices.layers.items() if key != FRAME + frame}
-        layers = {**others, FRAME + frame: True} if is_on else others
-        self._choose(msgspec.structs.replace(self._choices, layers=layers))
+            self.preferences.choose_robot(robot)
 
     def dismiss(self, suspect: SuspectLine) -> None:
         """Stop suspecting a mirror here."""
         grid = self.view.map
         if grid is not None:
-            one = Dismissed(map=grid.name, points=suspect.points)
-            dismissed = [*self._choices.dismissed, one][-MAX_DISMISSED:]
-            self._choose(msgspec.structs.replace(self._choices, dismissed=dismissed))
+            self.preferences.dismiss(grid.name, suspect)
 
     def put_off(self, changes: list[MapChange]) -> None:
         """Do not offer some changes of the map here for now."""
@@ -303,12 +250,12 @@ class Session:
 
     def choose_look(self, *, dark: bool, light: bool) -> None:
         """Change the look, and remember it; neither: as the device is set."""
-        self._choose(msgspec.structs.replace(self._choices, dark=dark, light=light))
+        self.preferences.choose_look(dark=dark, light=light)
         self._set_look()
 
     def prefer_dark(self, *, is_dark: bool) -> None:
         """Note how the device is set."""
-        self._prefers_dark = is_dark
+        self.preferences.device_is_dark = is_dark
         self._set_look()
 
     def look_at(self, x: float, y: float) -> None:
@@ -322,14 +269,6 @@ class Session:
         if self._viewport is not None:
             self._viewport.change(look, self.view)
 
-    def choose_language(self, code: str) -> None:
-        """Change the language, and remember it; "": as the device is set."""
-        self._choose(msgspec.structs.replace(self._choices, language=code))
-
-    def prefer_language(self, tag: str) -> None:
-        """Note the language of the device, if it is one of ours."""
-        self._device_language = known_language(tag)
-
     def fit_view(self) -> None:
         """Show the whole map, and follow nobody."""
         self.change_look(Look(is_flat=self.look.is_flat))
@@ -339,7 +278,7 @@ class Session:
     # What the service asks for.
     def update_scene(self, robots: Set[str]) -> None:
         """Show what this browser wants to see of the robots in the scene, and nothing else."""
-        layers, view = self.layers(), self.view
+        layers, view = self.preferences.layers, self.view
         self.drags.tick()
         self._tick_past()
         self.aiming.tick()
@@ -358,7 +297,7 @@ class Session:
                 preview=self.aiming.preview or self.touching.preview,
                 queue=self.actions.goal_queue.items,
                 icons=markers.icons if layers[markers.key] else [],
-                frames=self.frames_on(),
+                frames=self.preferences.frames,
                 eye=self._viewport.eye,
                 touched=self.touching.touched,
             )
@@ -367,7 +306,8 @@ class Session:
         self._keep_one_tool()
         self.zone_editor.update()
         self.map_editor.update()
-        self.suspected_mirrors.update(view, self._choices.dismissed, is_shown=layers["zones"])
+        dismissed = self.preferences.choices.dismissed
+        self.suspected_mirrors.update(view, dismissed, is_shown=layers["zones"])
         self.change_marks.update(view, is_shown=layers["zones"])
 
     def step_cursor(self, right: float, up: float, turn: float = 0.0) -> None:
@@ -403,7 +343,7 @@ class Session:
         client = self.picture.client
         if client is not None:
             client.gui.configure_theme(
-                dark_mode=self.is_dark, show_logo=False, show_share_button=False
+                dark_mode=self.preferences.is_dark, show_logo=False, show_share_button=False
             )
 
     def _tick_past(self) -> None:
@@ -411,10 +351,6 @@ class Session:
         if self.hint:
             self.past.return_to_now()
         self.past.tick()
-
-    def _remember_folder(self, title: str, *, is_open: bool) -> None:
-        folders = {**self._choices.folders, title: is_open}
-        self._choose(msgspec.structs.replace(self._choices, folders=folders))
 
     def _post_while_open(self, fn: Callable[[], None]) -> None:
         """Call on the service's thread what a pointer did, unless its browser is gone."""
@@ -450,8 +386,3 @@ class Session:
     def _tell_unconfirmed(self) -> None:
         """Say that a release was not confirmed by the page."""
         self.tell("Nothing was done", "The page is slow to respond. Please point again.", "warn")
-
-    def _choose(self, choices: Choices) -> None:
-        self._choices = choices
-        self._layers = shown_layers(choices.layers)
-        self._hub.remember(self.visitor.browser, choices)
