@@ -169,9 +169,13 @@ def keep_original(path: Path, content: bytes, schema: int) -> Path:
 
 
 def render(value: Struct) -> bytes:
-    """A state file with this content; fields that are None are left out."""
+    """A state file with this content; fields that are None are left out.
+
+    A struct's `NOTE` stands at the top, as a comment for people who open the file.
+    """
     plain = _without_none(msgspec.to_builtins(value))
-    return tomli_w.dumps({_SCHEMA: schema_of(type(value)), **plain}).encode()
+    note: str = getattr(type(value), "NOTE", "")
+    return (note + tomli_w.dumps({_SCHEMA: schema_of(type(value)), **plain})).encode()
 
 
 def _take_schema(plain: dict[str, Any], kind: type[Struct]) -> int:

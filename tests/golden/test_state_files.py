@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from trolley.config.kept_settings import KeptSettings
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.runtime.log import Log
@@ -70,6 +71,7 @@ FORMS = {
     "mapping.bin": Form(Checkpoint, Checkpoint(name="a", core=b"").schema),
     "map_edit.json": Form(SwitchPlan, 2),
     "viewer_trip": Form(TripFile, TripFile.SCHEMA),
+    "settings.toml": Form(KeptSettings, schema_of(KeptSettings)),
     "base_settings.toml": Form(SavedSettings, schema_of(SavedSettings)),
     "map.yaml": Form(Version, 1),
     "map.zones.toml": Form(ZoneFile, schema_of(ZoneFile)),

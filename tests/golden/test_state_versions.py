@@ -15,6 +15,7 @@ import msgspec
 import pytest
 import yaml
 
+from trolley.config.kept_settings import KeptSettings
 from trolley.runtime.log import Log
 from trolley.runtime.state import StateFolder
 from trolley.state_file import Newer, Unreadable
@@ -28,8 +29,9 @@ from trolley_viz.past import trip_file
 
 from .test_state_files import FOLDER, FORMS, KINDS
 
-TOML = {name.replace("/", "_"): name for name in KINDS} | {"base_settings.toml": "settings.toml"}
-STRUCTS = {**KINDS, "settings.toml": SavedSettings}
+SETTINGS = {"base_settings.toml": SavedSettings, "settings.toml": KeptSettings}
+TOML = {name.replace("/", "_"): name for name in KINDS} | {name: name for name in SETTINGS}
+STRUCTS = {**KINDS, **SETTINGS}
 
 
 class Saved(NamedTuple):

@@ -10,10 +10,19 @@ from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import print_json, print_table
 from trolley.config.changeable_settings import all_keys, parse_value
 from trolley.config.describe import to_toml
+from trolley.config.kept_settings import KEPT_FILE
 from trolley.messages import Setting
 
 COUNTS = {"at_once": "at once", "file": "in robot.toml only"}
 """When a change counts, where it does not say `after a restart`."""
+SOURCES = {
+    "default": "It is the default.",
+    "not_saved": "It was set while the robot ran, and is not saved.",
+    "robot_toml": "robot.toml says so.",
+    "settings_toml": "It was set while the robot ran, and counts in place of robot.toml.",
+}
+FROM = {"default": "", "not_saved": "not saved", "robot_toml": "robot.toml"}
+"""What says so, in one or two words; `settings.toml` where it is none of these."""
 NOTHING = "-"
 """In place of a value that is not given."""
 
@@ -23,7 +32,8 @@ def config_command() -> None:
     """Show and change settings while the robot runs.
 
     What may be set counts at once, or after a restart of a service, as `config get` says; it is
-    also written into robot.toml, whose comments stay.
+    also written into robot.toml, whose comments stay, or kept beside the robot's state where
+    robot.toml cannot be written.
     """
 
 
@@ -41,14 +51,17 @@ def get(name: str | None, as_json: bool) -> None:
     elif name is not None and len(settings) == 1:
         say(_in_full(settings[0]))
     else:
-        rows = [(_name_of(one), _value(one.value), one.unit, _counts(one)) for one in settings]
-        print_table(("SETTING", "VALUE", "UNIT", "A CHANGE COUNTS"), rows)
+        rows = [
+            (_name_of(one), _value(one.value), one.unit, _from(one), _counts(one))
+            for one in settings
+        ]
+        print_table(("SETTING", "VALUE", "UNIT", "FROM", "A CHANGE COUNTS"), rows)
 
 
 @config_command.command(name="set")
 @click.argument("name")
 @click.argument("value")
-@click.option("--no-save", is_flag=True, help="Do not write it into robot.toml.")
+@click.option("--no-save", is_flag=True, help="Do not save it.")
 @where_options
 @json_option
 @reports_errors
@@ -90,8 +103,7 @@ def _in_full(one: Setting) -> str:
     ]
     if one.next != one.value:
         lines.append(f"After a restart of the {one.service}: {_value(one.next)}{unit}.")
-    if not one.saved:
-        lines.append("Not saved in robot.toml.")
+    lines.append(SOURCES[one.source])
     return "\n".join(lines)
 
 
@@ -101,6 +113,10 @@ def _name_of(one: Setting) -> str:
 
 def _value(value: Any) -> str:
     return NOTHING if value is None else to_toml(value)
+
+
+def _from(one: Setting) -> str:
+    return FROM.get(one.source, KEPT_FILE)
 
 
 def _counts(one: Setting) -> str:

@@ -178,16 +178,25 @@ def parse_value(text: str) -> Any:
         return text
 
 
-def describe(name: Name, config: RobotConfig, after: RobotConfig, *, is_saved: bool) -> Setting:
+def describe(
+    name: Name,
+    config: RobotConfig,
+    after: RobotConfig,
+    *,
+    is_saved: bool,
+    is_kept: bool = False,
+) -> Setting:
     """A setting in words.
 
     Args:
         name: which.
         config: what the robot runs with.
         after: what it will run with after a restart.
-        is_saved: whether the file says so.
+        is_saved: whether a file says so.
+        is_kept: whether that is the one in the state folder.
     """
     key = all_keys()[name]
+    is_default = value_of(after, name) == key.plain_default
     return Setting(
         section=name.section,
         key=name.key,
@@ -203,4 +212,11 @@ def describe(name: Name, config: RobotConfig, after: RobotConfig, *, is_saved: b
         acts=acts(name),
         service=service_of(name.section),
         saved=is_saved,
+        source="not_saved"
+        if not is_saved
+        else "settings_toml"
+        if is_kept
+        else "default"
+        if is_default
+        else "robot_toml",
     )

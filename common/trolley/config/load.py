@@ -22,12 +22,23 @@ from trolley.files import read_text
 DEFAULT_PATH = Path("/etc/trolley/robot.toml")
 
 
-SET_ON_LOADING = ("folder", "file")
+SET_ON_LOADING = ("folder", "file", "kept")
 """What a `RobotConfig` knows besides what stands in the file."""
 
 
 class ConfigError(Exception):
     """The configuration cannot be used; the text names file, key and what is allowed."""
+
+
+class KeptSetting(Struct, frozen=True, kw_only=True):
+    """A setting that counts in place of what `robot.toml` says of it."""
+
+    section: str
+    key: str
+    value: Any = None
+    """What was set; None: the default."""
+    instead_of: Any = None
+    """What `robot.toml` says; None: nothing."""
 
 
 class RobotConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -48,6 +59,8 @@ class RobotConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Where the file lies (set on loading): paths in it are relative to this."""
     file: str = ""
     """The file itself (set on loading); "" where there is none."""
+    kept: tuple[KeptSetting, ...] = ()
+    """What counts from the state folder (set on loading): `kept_settings` tells how."""
 
     def path(self, name: str) -> Path:
         """A file named in the configuration; a relative name counts from the file's folder."""
@@ -80,7 +93,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def load_config(path: Path) -> RobotConfig:
-    """Read and validate a `robot.toml`.
+    """Read and validate a `robot.toml`, and nothing but this file.
+
+    A service runs with `kept_settings.load_with_kept`.
 
     Raises:
         ConfigError: It cannot be read, or a key in it is unknown or not allowed.

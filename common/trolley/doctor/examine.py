@@ -87,6 +87,7 @@ def examine_host(place: Place) -> list[Finding]:
         ("disk", lambda: computer.check_disk(computer_facts.read_disk(place.state))),
         ("wi-fi", lambda: computer.check_wifi(computer_facts.read_wifi(host))),
         ("settings", lambda: settings.check_file(place.config_path)),
+        ("settings", lambda: _check_kept(place)),
         ("map", lambda: _check_map(place)),
         ("permissions", lambda: _check_rights(place)),
         ("certificates", lambda: certificates.check_keys(config, _now())),
@@ -104,6 +105,12 @@ def _now() -> datetime.datetime:
 def _check_memory(host: Host) -> list[Finding]:
     memory = computer_facts.read_memory(host)
     return [note("memory", "unknown here.")] if memory is None else computer.check_memory(memory)
+
+
+def _check_kept(place: Place) -> list[Finding]:
+    if place.config is None or place.config_path is None:
+        return []
+    return settings.check_kept(place.config_path, place.state)
 
 
 def _check_devices(place: Place) -> list[Finding]:
@@ -171,7 +178,7 @@ def trying(place: Place) -> Generator[trial.Running]:
     """A trial of the services, which runs while other things are looked at."""
     is_other = place.user.uid != os.geteuid()
     may_change = os.geteuid() == 0
-    environment: dict[str, str] = {}
+    environment = {"TROLLEY_STATE": str(place.state)}
     if may_change or not is_other:  # what they keep is not for others to make
         for unit in place.units or []:
             if CACHE_VARIABLE in unit.environment:

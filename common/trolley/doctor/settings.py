@@ -9,6 +9,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from trolley.config.describe import to_toml
+from trolley.config.kept_settings import KEPT_FILE, load_with_kept
 from trolley.config.problems import find_problems
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.files import BROKEN, NEWER, read_file, read_text
@@ -41,6 +43,42 @@ def check_file(path: Path | None) -> list[Finding]:
         for text in find_problems(path)
     ]
     return found or [ok("settings", f"{path} can be used.")]
+
+
+def check_kept(path: Path, state: Path) -> list[Finding]:
+    """What counts in place of robot.toml, since it was set while the robot ran.
+
+    Args:
+        path: of a robot.toml that can be used.
+        state: the host's state folder.
+    """
+    loaded = load_with_kept(path, state)
+    folder = state / loaded.config.robot.name
+    file = folder / KEPT_FILE
+    if folder.exists() and not os.access(folder, os.R_OK | os.X_OK):
+        text = f"{file}, which may hold settings, may not be read by you."
+        return [note("settings", text, "Run this again with `sudo`.")]
+    found: list[Finding] = []
+    if loaded.config.kept:
+        each = "; ".join(
+            f"[{one.section}] {one.key} = {_value(one.value)}, "
+            f"in robot.toml {_value(one.instead_of)}"
+            for one in loaded.config.kept
+        )
+        text = f"What was set while the robot ran counts from {file}: {each}."
+        found.append(ok("settings", text))
+    if loaded.edited:
+        names = _listed([str(name) for name in loaded.edited])
+        text = (
+            f"robot.toml was edited after {names} had been set while the robot ran, so it counts."
+        )
+        found.append(ok("settings", text))
+    remedy = "Set it again with `trolley config set`, or delete what is wrong there."
+    return [*found, *(warning("settings", text, remedy) for text in loaded.troubles)]
+
+
+def _value(value: Any) -> str:
+    return "not set" if value is None else to_toml(value)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,9 +17,11 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, cast
 
-from trolley.config import ConfigError, load_config
+from trolley.config import ConfigError
+from trolley.config.kept_settings import load_with_kept
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.doctor.users import User
+from trolley.runtime.state import state_root
 from trolley.runtime.supervision import PARENT_VARIABLE, end_with_parent
 
 SERVICES = "trolley.services"
@@ -136,7 +138,7 @@ def try_services(path: Path | None) -> dict[str, str]:
     if path is None:
         return {}
     try:
-        config = load_config(path)
+        config = load_with_kept(path, state_root()).config
     except ConfigError:  # said by another check, with all that is wrong
         return {}
     refused: dict[str, str] = {}

@@ -19,7 +19,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from trolley.config import ConfigError, RobotConfig, find_config, load_config
+from trolley.config import ConfigError, RobotConfig, find_config
+from trolley.config.kept_settings import load_with_kept, without_kept
 from trolley.runtime.clash import OlderRuns, Run, label_of
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.node import Node
@@ -235,6 +236,29 @@ class ServiceProcess:
         self._wake()
 
 
+def _made(
+    service_class: Callable[[RobotConfig], Service], path: Path
+) -> tuple[RobotConfig, Service]:
+    """Make a service with its settings; what is kept of them never stops it.
+
+    Raises:
+        ConfigError: It cannot run with what its robot.toml says.
+    """
+    loaded = load_with_kept(path, state_root())
+    config, troubles = loaded.config, list(loaded.troubles)
+    try:
+        service = service_class(config)
+    except ConfigError as error:
+        if not config.kept:
+            raise
+        troubles.append(f"What was set while the robot ran does not count, since {error}.")
+        config = without_kept(config)
+        service = service_class(config)
+    for trouble in troubles:
+        Log(service.name).warning(trouble)
+    return config, service
+
+
 def main(
     service_class: Callable[[RobotConfig], Service], arguments: list[str] | None = None
 ) -> None:
@@ -253,8 +277,7 @@ def main(
         )
         sys.exit(EXIT_CONFIG)
     try:
-        config = load_config(path)
-        service = service_class(config)
+        config, service = _made(service_class, path)
     except ConfigError as error:
         sys.stderr.write(fit(f"{error}\n", sys.stderr.encoding))
         sys.exit(EXIT_CONFIG)

@@ -21,11 +21,12 @@ from trolley.config.changeable_settings import (
     with_changes,
     with_values,
 )
+from trolley.config.kept_settings import KEPT_FILE, KeptSettings, settings_in, without_kept
 from trolley.messages import ChangedSetting, ConfigChanges, Setting, Settings
 from trolley.messages.request_params import SetConfig, WhichConfig
 from trolley.messages.types import name_problem
 from trolley.runtime.service import Later, Service, answers
-from trolley_base.settings_file import NO_FILE, NOT_ASKED, Saved, save
+from trolley_base.settings_file import NO_FILE, NOT_ASKED, Saved, SettingsFiles
 
 START_POSE = Name("start", "pose")
 MOST_SAVING = 4
@@ -47,7 +48,7 @@ class SavedSetting(Struct, frozen=True, kw_only=True):
 class SavedSettings(Struct, frozen=True, kw_only=True):
     """The file `base_settings.toml`.
 
-    `robot.toml` rules: an entry counts while the file still says the same. It tells services that
+    An entry counts while the settings' file still says the same. It tells services that
     have run on since before base was restarted, or on another host with a file of its own.
     """
 
@@ -70,17 +71,31 @@ class SettingsKeeper:
         self._use = use
         self._started = self._config = self._next = self._filed = config
         # Of these: what base started with, what the robot runs with, what it will run with after a
-        # restart, and what the file says.
+        # restart, and what the files say.
+        self._people = without_kept(config)  # what robot.toml said when base started
+        self._kept = {Name(one.section, one.key) for one in config.kept}  # in the state folder
+        self._files: SettingsFiles | None = None
         self._set: dict[Name, SavedSetting] = {}
         self._num_saving = 0
 
     def start(self) -> None:
-        """Tell what was set before, as far as the file still says so."""
+        """Tell what was set before, as far as it still counts."""
+        found = self._service.state.read(KEPT_FILE, KeptSettings) if self._config.file else None
+        kept = [] if found is None else settings_in(found)
+        edited = {Name(one.section, one.key) for one in kept} - self._kept
         saved = self._service.state.read(SETTINGS_FILE, SavedSettings)
         for one in [] if saved is None else saved.settings:
             name = Name(one.section, one.key)
-            if acts(name) == "at_once" and value_of(self._config, name) == one.value:
+            still = value_of(self._config, name) == one.value and name not in edited
+            if acts(name) == "at_once" and still:
                 self._set[name] = one
+        for name in sorted(self._kept - self._set.keys()):
+            if acts(name) == "at_once":
+                self._note(name)
+        if self._config.file:
+            path, state = Path(self._config.file), self._service.state
+            self._files = SettingsFiles(path, self._people, state, kept)
+            self._service.work(self._files.drop_edited, self._say_not_saved)
         self._publish()
 
     @answers(requests.CONFIG_GET)
@@ -102,12 +117,11 @@ class SettingsKeeper:
         if self._num_saving >= MOST_SAVING:
             raise Refused(codes.BUSY, "Other changes are still being saved; try again.")
         later: Later[Settings] = self._service.later()
-        file = self._config.file
-        if not (file and params.save):
-            self._finish(params, later, NOT_ASKED if file else NO_FILE)
+        if self._files is None or not params.save:
+            self._finish(params, later, NO_FILE if self._files is None else NOT_ASKED)
             return later
         self._num_saving += 1
-        job = partial(save, Path(file), self._filed, params.section, params.values)
+        job = partial(self._files.save, params.section, params.values)
         self._service.work(job, partial(self._saved, params, later))
         return later
 
@@ -191,6 +205,8 @@ class SettingsKeeper:
         self._next = after
         if saved.is_saved:
             self._filed = with_values(self._filed, section, params.values)
+            self._kept.difference_update(names)
+            self._kept.update(Name(section, key) for key in saved.kept)
         for name in names:
             if acts(name) == "at_once":
                 self._note(name)
@@ -201,8 +217,23 @@ class SettingsKeeper:
         if saved.is_saved:
             self._keep()
         settings = [self._describe(name) for name in names]
-        message = _message(settings, self._config.file, saved)
+        message = _message(settings, self._where(saved))
         later.reply(Settings(settings=settings, file=self._config.file, message=message))
+
+    def _where(self, saved: Saved) -> str:
+        """Say in a sentence where settings were saved, or why they were not."""
+        if self._files is None or not saved.is_saved:
+            return f"Not saved, so only until base is restarted: {saved.why}."
+        if not saved.kept:
+            return f"Saved in {self._config.file}."
+        return (
+            f"Saved in {self._files.keeps}, since {saved.why}. If you edit it in robot.toml later, "
+            "that counts."
+        )
+
+    def _say_not_saved(self, error: OSError | None) -> None:
+        if error is not None:
+            self._service.log.warning("Not saved", file=KEPT_FILE, why=error.strerror)
 
     def _note(self, name: Name) -> None:
         """Note that a setting counts at once."""
@@ -216,7 +247,7 @@ class SettingsKeeper:
     def _written(self, name: Name) -> Any:
         """What people wrote, before it was set over the wire for the first time."""
         before = self._set.get(name)
-        return value_of(self._started, name) if before is None else before.written
+        return value_of(self._people, name) if before is None else before.written
 
     def _changes(self) -> list[ChangedSetting]:
         """What counts at once. A limit higher than base started with waits for its restart."""
@@ -236,7 +267,8 @@ class SettingsKeeper:
         return value_of(self._filed, name) == value_of(self._next, name)
 
     def _describe(self, name: Name) -> Setting:
-        return describe(name, self._config, self._next, is_saved=self._is_saved(name))
+        is_saved, is_kept = self._is_saved(name), name in self._kept
+        return describe(name, self._config, self._next, is_saved=is_saved, is_kept=is_kept)
 
     def _publish(self) -> None:
         changes = ConfigChanges(stamp_ns=self._service.stamp_ns, changes=self._changes())
@@ -269,14 +301,10 @@ def _unknown(section: str | None, key: str | None) -> str:
     return f"There is no section {section!r}: {', '.join(names)}."
 
 
-def _message(settings: list[Setting], file: str, saved: Saved) -> str:
-    """Say in a sentence or two when settings count, and whether they are saved."""
+def _message(settings: list[Setting], where: str) -> str:
+    """Say in a sentence or two when settings count, and where they are saved."""
     services = sorted({one.service for one in settings if one.value != one.next})
     at_once = any(one.value == one.next for one in settings)
     said = ["It counts at once."] if at_once else []
     said += [f"It counts after a restart of the {name}." for name in services]
-    if saved.is_saved:
-        said.append(f"Saved in {file}.")
-    else:
-        said.append(f"Not saved, so only until base is restarted: {saved.why}.")
-    return " ".join(said)
+    return " ".join([*said, where])

@@ -129,7 +129,7 @@ def test_what_could_not_be_saved_is_said(
     opened(stage, "Settings: waiting").type("Drive home below this charge (%)", 30.0)
     stage.runtime.run(1.5)
     assert robot.asked[-1].values == {"low_battery": 0.3}
-    assert "It is not saved" in browser.notices[-1][1]
+    assert "It could not be saved" in browser.notices[-1][1]
 
 
 def test_a_whole_number_stays_one(

@@ -91,5 +91,5 @@ def outcome(reply: Settings) -> str:
     if all(one.saved for one in reply.settings):
         said.append("It is saved.")
     else:
-        said.append("It is not saved: robot.toml cannot be written. A restart ends it.")
+        said.append("It could not be saved. A restart ends it.")
     return " ".join(said)

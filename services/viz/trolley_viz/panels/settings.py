@@ -76,6 +76,7 @@ AT_ONCE = "What you change here counts at once."
 AT_START = "It counts the next time the robot is started."
 UNKNOWN = "The settings are being fetched …"
 ONLY_IN_FILE = "It is changed only in robot.toml, on the robot."
+KEPT = "It was set while the robot ran, and counts in place of robot.toml."
 SEARCH, PLACE, COORDINATES = "searches the map", "is at a place", "is at these coordinates"
 
 
@@ -306,10 +307,11 @@ class NamedPanel:
 
 
 def _counts(one: Setting) -> str:
-    """Say when a change counts."""
+    """Say when a change counts, and whether what is comes from elsewhere than robot.toml."""
     if one.acts == "file":
         return ONLY_IN_FILE
-    return "It counts at once." if one.acts == "at_once" else AT_START
+    when = "It counts at once." if one.acts == "at_once" else AT_START
+    return f"{KEPT} {when}" if one.source == "settings_toml" else when
 
 
 def _yaw_of(pose: Mapping[str, Any]) -> float:
