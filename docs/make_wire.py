@@ -79,7 +79,9 @@ to its folder.
 
 Some settings can be changed [while the robot runs](settings.md): with `trolley config`, in the
 viewer, or over the wire. They count *at once* or *after a restart*; what is *file only* is changed
-in the file itself, and counts after a restart of all services.
+in the file itself, and counts after a restart of all services. Where Trolley may not write this
+file, what is set is kept in `settings.toml` in the state folder and counts in place of it, until
+you edit the same setting here.
 
 A footprint is `{length_m, width_m}`, `{radius_m}` or `{polygon_m = [[x, y], ...]}`; a pose is
 `{x, y, yaw}` or `{x, y, orientation = [x, y, z, w]}`, as ROS tools print it.

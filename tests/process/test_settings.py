@@ -1,11 +1,13 @@
 """Settings while the robot runs: the real command, Python and base over a real router."""
 
 import json
+import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from support.processes import Process
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import codes, topics
@@ -91,3 +93,63 @@ def test_a_setting_is_read_changed_and_saved(
             "angular_acceleration_radps2": "file",
             "slope": "file",
         }
+
+
+READ_ONLY = """
+import os, sys
+folder, *words = sys.argv[1:]
+if os.geteuid() == 0:  # as systemd does with /etc; root may write whatever a mode says
+    script = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"'
+    os.execvp("unshare", ["unshare", "-m", "sh", "-c", script, folder, *words])
+os.chmod(folder, 0o555)
+os.execv(words[0], words)
+"""
+
+
+@pytest.fixture
+def start_installed(file: Path, tmp_path: Path) -> Iterator[Callable[[], Process]]:
+    """Starts base as systemd does: the folder of its robot.toml is read-only to it."""
+    started: list[Process] = []
+    state = {"TROLLEY_STATE": str(tmp_path / "state")}
+
+    def start() -> Process:
+        folder = file.resolve().parent
+        base = [sys.executable, "-m", "trolley_base", "--config", str(file.resolve())]
+        log = tmp_path / f"installed-{len(started)}.log"
+        started.append(Process(["-c", READ_ONLY, str(folder), *base], log, state))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+    file.resolve().parent.chmod(0o755)
+
+
+def test_an_installed_robot_keeps_what_is_set_in_its_state(
+    start_installed: Callable[[], Process],
+    trolley: Callable,
+    router_endpoint: str,
+    file: Path,
+    tmp_path: Path,
+) -> None:
+    text, kept = file.read_text(), tmp_path / "state" / "haro" / "settings.toml"
+    base = start_installed()
+    with Connection([router_endpoint], PATIENCE_S) as connection:
+        robot = Robot.over(connection, "haro")
+        wait_until(lambda: robot.latest(topics.CONFIG), "base tells its settings")
+        done = robot.set_config("planner", max_speed_mps=0.3)
+        assert done.message.startswith(f"It counts at once. Saved in {kept}, since ")
+        assert "cannot be written to" in done.message
+        assert robot.set_config("start", pose="kitchen").settings[0].saved
+        assert file.read_text() == text
+        assert tomllib.loads(kept.read_text())["set"]["start"] == {"pose": "kitchen"}
+
+        assert base.terminate() == 0
+        wait_until(lambda: robot.latest(topics.CONFIG) is None, "base is gone")
+        start_installed()
+        wait_until(lambda: robot.latest(topics.CONFIG), "base tells its settings")
+        (speed,) = robot.config("planner", "max_speed_mps")
+        assert (speed.value, speed.saved, speed.source) == (0.3, True, "settings_toml")
+        told = trolley("config", "get", "start.pose", "--connect", router_endpoint)
+        assert 'start.pose = "kitchen"' in told.stdout
+        assert "counts in place of robot.toml" in told.stdout

@@ -29,6 +29,7 @@ def fill(state: Path) -> None:
     (state / "anna" / "zones" / "home.toml").write_text("zones = []\n")
     (state / "anna" / "viewer_access.toml").write_text('operator = "secret"\n')
     (state / "anna" / "viewer_access.toml").chmod(0o600)
+    (state / "anna" / "settings.toml").write_text("[set]\n[instead_of]\n")
     (state / "maps" / "shed.yaml").write_text(MAP)
     (state / "anna" / ".poses.toml.x7").write_text("half written")
     with closing(sqlite3.connect(state / "anna" / "history.sqlite")) as database:
@@ -66,7 +67,7 @@ def test_all_comes_back_as_it_was(tmp_path: Path) -> None:
     (config.parent / "maps" / "home.pgm").write_bytes(b"P5 1 1 255\n\0")
     (config.parent / "maps" / "home.zones.toml").write_text("zones = []\n")
     saved = save(tmp_path / "b.tar.gz", state, config, MADE)
-    assert (saved.num_files, saved.left_out) == (9, [])
+    assert (saved.num_files, saved.left_out) == (10, [])
     assert (tmp_path / "b.tar.gz").stat().st_mode & 0o777 == 0o600
 
     other, settings_file = tmp_path / "new" / "state", tmp_path / "new" / "etc" / "robot.toml"
@@ -153,7 +154,7 @@ def test_a_backup_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
         save(tmp_path / "gone" / "b.tar.gz", tmp_path / "state", None, MADE)
     (tmp_path / "state" / "anna" / "poses.toml").unlink()
     (tmp_path / "state" / "anna" / "poses.toml").mkdir()
-    assert save(tmp_path / "b.tar.gz", tmp_path / "state", None, MADE).num_files == 4
+    assert save(tmp_path / "b.tar.gz", tmp_path / "state", None, MADE).num_files == 5
 
 
 def link(kind: bytes) -> tarfile.TarInfo:

@@ -126,7 +126,7 @@ def write_settings(choices: Choices, folder: Path) -> Path:
     path = folder / "robot.toml"
     path.unlink(missing_ok=True)
     path.write_text(tomli_w.dumps(settings(choices)), encoding="utf-8")
-    path.chmod(0o444)  # what is set while it drives is not saved here: each demo writes it anew
+    path.chmod(0o444)  # each demo writes it anew; what is set while it drives is kept in the state
     return path
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from trolley.config import ConfigError, RobotConfig, find_config
-from trolley.config.kept_settings import load_with_kept, without_kept
+from trolley.config.kept_settings import load_with_kept
 from trolley.runtime.clash import OlderRuns, Run, label_of
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.node import Node
@@ -236,29 +236,6 @@ class ServiceProcess:
         self._wake()
 
 
-def _made(
-    service_class: Callable[[RobotConfig], Service], path: Path
-) -> tuple[RobotConfig, Service]:
-    """Make a service with its settings; what is kept of them never stops it.
-
-    Raises:
-        ConfigError: It cannot run with what its robot.toml says.
-    """
-    loaded = load_with_kept(path, state_root())
-    config, troubles = loaded.config, list(loaded.troubles)
-    try:
-        service = service_class(config)
-    except ConfigError as error:
-        if not config.kept:
-            raise
-        troubles.append(f"What was set while the robot ran does not count, since {error}.")
-        config = without_kept(config)
-        service = service_class(config)
-    for trouble in troubles:
-        Log(service.name).warning(trouble)
-    return config, service
-
-
 def main(
     service_class: Callable[[RobotConfig], Service], arguments: list[str] | None = None
 ) -> None:
@@ -277,12 +254,15 @@ def main(
         )
         sys.exit(EXIT_CONFIG)
     try:
-        config, service = _made(service_class, path)
+        loaded = load_with_kept(path, state_root())
+        service = service_class(loaded.config)
     except ConfigError as error:
         sys.stderr.write(fit(f"{error}\n", sys.stderr.encoding))
         sys.exit(EXIT_CONFIG)
+    for trouble in loaded.troubles:
+        Log(service.name).warning(trouble)
     try:
-        code = ServiceProcess(service, config).main()
+        code = ServiceProcess(service, loaded.config).main()
     except Exception:
         Log(service.name).crash(CRASH)
         code = EXIT_CRASHED

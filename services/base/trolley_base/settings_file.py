@@ -107,15 +107,18 @@ class SettingsFiles:
             return Refused(codes.FILE_CHANGED, edited)
         try:
             known = config_with(self._known, section, values)
-            raised = section == LIMITS and _is_raised(
-                now, config_with(now, section, values), values
-            )
+            after = config_with(now, section, values)
+        except ConfigError as error:
+            return Refused(codes.BAD_REQUEST, str(error))
+        try:
             is_changed = self._write_into_robot_toml(old, section, values)
         except (NotWritable, OSError) as error:
-            why = (
-                str(error) if isinstance(error, ConfigError) else f"{self._path}: {error.strerror}"
-            )
-            if raised:
+            is_ours = isinstance(error, ConfigError)
+            why = str(error) if is_ours else f"{self._path}: {error.strerror}"
+            names = [Name(section, key) for key in values]
+            if section == LIMITS and any(
+                value_of(after, one) > value_of(now, one) for one in names
+            ):
                 return Saved(False, f"{why}, and a limit is never kept above what it says")
             return self._keep(robot_toml, section, values, why)
         except ConfigError as error:
@@ -178,12 +181,6 @@ class SettingsFiles:
             return error
         self._kept = kept
         return None
-
-
-def _is_raised(now: RobotConfig, after: RobotConfig, keys: Iterable[str]) -> bool:
-    """Whether a limit would be higher than robot.toml says now."""
-    names = [Name(LIMITS, key) for key in keys]
-    return any(value_of(after, name) > value_of(now, name) for name in names)
 
 
 def _edited_meanwhile(

@@ -11,6 +11,7 @@ from trolley.config.problems import find_problems
 from trolley.doctor import Finding, Level
 from trolley.doctor.settings import (
     check_file,
+    check_kept,
     check_kept_aside,
     check_map,
     check_places,
@@ -192,3 +193,27 @@ def test_the_map_of_the_last_run_is_looked_at(tmp_path: Path) -> None:
     assert chosen_map(tmp_path, maps, configured) == maps / "attic.yaml"
     (tmp_path / "map.toml").write_text("\x00")
     assert chosen_map(tmp_path, maps, configured) == configured
+
+
+def test_what_was_set_while_the_robot_ran_is_told_with_what_robot_toml_says(tmp_path: Path) -> None:
+    file, state = tmp_path / "robot.toml", tmp_path / "state"
+    file.write_text(
+        '[robot]\nname = "one"\nfootprint = { radius_m = 0.2 }\n'
+        "[planner]\nmax_speed_mps = 0.4\nclearance_m = 0.1\n"
+    )
+    assert check_kept(file, state) == []
+    (state / "one").mkdir(parents=True)
+    kept = state / "one" / "settings.toml"
+    kept.write_text(
+        "[set.planner]\nmax_speed_mps = 0.3\nclearance_m = 0.2\npatience_s = -1.0\n"
+        "[set.tour]\nlow_battery = 0.4\n"
+        "[instead_of.planner]\nmax_speed_mps = 0.4\nclearance_m = 0.2\n"
+    )
+    counts, edited, wrong = check_kept(file, state)
+    assert (counts.level, edited.level, wrong.level) == (Level.OK, Level.OK, Level.WARNING)
+    assert counts.sentence == (
+        f"What was set while the robot ran counts from {kept}: [planner] max_speed_mps = 0.3, in "
+        "robot.toml 0.4; [tour] low_battery = 0.4, in robot.toml not set."
+    )
+    assert edited.sentence.startswith("robot.toml was edited after [planner] clearance_m had been")
+    assert "[planner.patience_s]" in wrong.sentence
