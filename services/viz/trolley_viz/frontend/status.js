@@ -58,7 +58,7 @@ export class Status {
 
   changed(state) {
     if (state === "refused") {
-      this.tell(t("This viewer asks for a token: open the link that `trolley viewer-link` prints."));
+      this.tell(t("This page may no longer look: open the link that you were given, or ask for a new one."));
     } else if (state === "loading") {
       this.tell(t("The viewer does not answer. Is it running?"));
     }
