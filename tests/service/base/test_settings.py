@@ -19,7 +19,7 @@ from trolley.messages.request_params import SetConfig, WhichConfig
 from trolley.runtime import codec
 from trolley.runtime.log import Log
 from trolley.runtime.state import StateFolder
-from trolley_base.settings_file import SettingsFiles
+from trolley_base.settings_file import Saved, SettingsFiles
 
 from .conftest import MakeConfig, Rig
 
@@ -489,8 +489,8 @@ def test_two_changes_in_a_row_are_both_saved(filed: Filed) -> None:
     files = SettingsFiles(
         filed.file, load_config(filed.file), StateFolder(filed.kept.parent, Log("t")), []
     )
-    assert files.save("planner", {"max_speed_mps": 0.3}).is_saved
-    assert files.save("planner", {"max_speed_mps": 0.2}).is_saved
+    assert files.save("planner", {"max_speed_mps": 0.3}) == Saved(True)
+    assert files.save("planner", {"max_speed_mps": 0.2}) == Saved(True)
     assert filed.says()["planner"] == {"max_speed_mps": 0.2}
 
 
