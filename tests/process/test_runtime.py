@@ -75,7 +75,7 @@ def test_a_signal_ends_it_cleanly(
     wait_until(lambda: said, "its last word")
     assert codec.decode(BaseState, said[0].payload).message == "bye"
     assert "kitchen" in (tmp_path / "state" / "tester" / "kept.toml").read_text()
-    assert bus.alive("trolley/tester/alive/**") == []
+    wait_until(lambda: bus.alive("trolley/tester/alive/**") == [], "its token is gone")
 
 
 def test_without_a_router_it_waits_and_can_be_ended(
