@@ -21,8 +21,13 @@ SOURCES = {
     "robot_toml": "robot.toml says so.",
     "settings_toml": "It was set while the robot ran, and counts in place of robot.toml.",
 }
-FROM = {"default": "", "not_saved": "not saved", "robot_toml": "robot.toml"}
-"""What says so, in one or two words; `settings.toml` where it is none of these."""
+FROM = {
+    "default": "",
+    "not_saved": "not saved",
+    "robot_toml": "robot.toml",
+    "settings_toml": KEPT_FILE,
+}
+"""The same in one or two words."""
 NOTHING = "-"
 """In place of a value that is not given."""
 
@@ -52,7 +57,7 @@ def get(name: str | None, as_json: bool) -> None:
         say(_in_full(settings[0]))
     else:
         rows = [
-            (_name_of(one), _value(one.value), one.unit, _from(one), _counts(one))
+            (_name_of(one), _value(one.value), one.unit, FROM[one.source], _counts(one))
             for one in settings
         ]
         print_table(("SETTING", "VALUE", "UNIT", "FROM", "A CHANGE COUNTS"), rows)
@@ -113,10 +118,6 @@ def _name_of(one: Setting) -> str:
 
 def _value(value: Any) -> str:
     return NOTHING if value is None else to_toml(value)
-
-
-def _from(one: Setting) -> str:
-    return FROM.get(one.source, KEPT_FILE)
 
 
 def _counts(one: Setting) -> str:

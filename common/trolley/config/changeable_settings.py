@@ -14,7 +14,7 @@ import msgspec
 from trolley.config.describe import Key, sections
 from trolley.config.load import ConfigError, RobotConfig, in_words_of_the_file
 from trolley.messages import ChangedSetting, Setting
-from trolley.messages.settings import Acts
+from trolley.messages.settings import Acts, Source
 
 Values = Mapping[str, Any]
 """Settings of one section by their keys; None: back to the default."""
@@ -196,7 +196,13 @@ def describe(
         is_kept: whether that is the one in the state folder.
     """
     key = all_keys()[name]
-    is_default = value_of(after, name) == key.plain_default
+    source: Source = "robot_toml"
+    if not is_saved:
+        source = "not_saved"
+    elif is_kept:
+        source = "settings_toml"
+    elif value_of(after, name) == key.plain_default:
+        source = "default"
     return Setting(
         section=name.section,
         key=name.key,
@@ -212,11 +218,5 @@ def describe(
         acts=acts(name),
         service=service_of(name.section),
         saved=is_saved,
-        source="not_saved"
-        if not is_saved
-        else "settings_toml"
-        if is_kept
-        else "default"
-        if is_default
-        else "robot_toml",
+        source=source,
     )

@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Struct
 
 from trolley.config.changeable_settings import LIMITS, Name, acts, value_of, with_values
-from trolley.config.load import ConfigError, KeptSetting, RobotConfig, load_config, read_toml
+from trolley.config.load import ConfigError, KeptSetting, RobotConfig, checked, read_toml
 from trolley.files import read_file
 from trolley.state_file import Unreadable, parse, reason_of
 
@@ -55,7 +55,8 @@ def load_with_kept(path: Path, state: Path) -> Loaded:
     Raises:
         ConfigError: As `load_config` does; what is kept is no reason.
     """
-    config, robot_toml = load_config(path), read_toml(path)
+    robot_toml = read_toml(path)
+    config = checked(robot_toml, path)
     file = state / config.robot.name / KEPT_FILE
     try:
         kept = parse(read_file(file), KeptSettings)
@@ -85,7 +86,7 @@ def lay_over(
         name = Name(one.section, one.key)
         if acts(name) == "file":
             troubles.append(f"{file}: {name} is set only in robot.toml, so it does not count.")
-        elif said_of(robot_toml, name) != one.instead_of:
+        elif was_edited(robot_toml, one):
             edited.append(name)
         else:
             counts.setdefault(one.section, []).append(one)
@@ -146,6 +147,11 @@ def file_of(settings: Iterable[KeptSetting]) -> KeptSettings:
         _put(kept.set, name, one.value)
         _put(kept.instead_of, name, one.instead_of)
     return kept
+
+
+def was_edited(robot_toml: Mapping[str, Any], one: KeptSetting) -> bool:
+    """Whether `robot.toml` says something else of a setting than when it was kept, so it counts."""
+    return said_of(robot_toml, Name(one.section, one.key)) != one.instead_of
 
 
 def said_of(tables: Mapping[str, Any], name: Name) -> Any:

@@ -100,7 +100,15 @@ def load_config(path: Path) -> RobotConfig:
     Raises:
         ConfigError: It cannot be read, or a key in it is unknown or not allowed.
     """
-    plain = read_toml(path)
+    return checked(read_toml(path), path)
+
+
+def checked(plain: Mapping[str, Any], path: Path) -> RobotConfig:
+    """Validate what stands in a `robot.toml`.
+
+    Raises:
+        ConfigError: A key in it is unknown or not allowed.
+    """
     for key in SET_ON_LOADING:
         if key in plain:
             raise ConfigError(f"{path}: unknown key `{key}`")

@@ -6,17 +6,11 @@ from typing import Any, NamedTuple
 
 from trolley import codes
 from trolley.codes import Refused
-from trolley.config import ConfigError, RobotConfig, load_config
-from trolley.config.changeable_settings import (
-    LIMITS,
-    Name,
-    Values,
-    acts,
-    value_of,
-)
+from trolley.config import ConfigError, RobotConfig
+from trolley.config.changeable_settings import LIMITS, Name, Values, acts, value_of
 from trolley.config.changeable_settings import with_values as config_with
-from trolley.config.kept_settings import KEPT_FILE, file_of, said_of
-from trolley.config.load import KeptSetting, read_toml
+from trolley.config.kept_settings import KEPT_FILE, file_of, said_of, was_edited
+from trolley.config.load import KeptSetting, checked, read_toml
 from trolley.config.robot_toml import NotWritable, read_text, replace_text, with_values
 from trolley.runtime.state import StateFolder
 
@@ -73,12 +67,13 @@ class SettingsFiles:
             robot_toml = read_toml(self._path)
         except ConfigError:  # edited to something that nobody can use: the next start looks again
             return None
-        edited = [
-            name
+        # What is set only in robot.toml never counted: it stays for whoever put it there.
+        still = {
+            name: one
             for name, one in self._kept.items()
-            if acts(name) != "file" and said_of(robot_toml, name) != one.instead_of
-        ]
-        return self._write({name: one for name, one in self._kept.items() if name not in edited})
+            if acts(name) == "file" or not was_edited(robot_toml, one)
+        }
+        return self._write(still)
 
     def save(self, section: str, values: Values) -> Saved | Refused:
         """Save settings; what else stands in the files stays, comments in robot.toml too.
@@ -93,7 +88,7 @@ class SettingsFiles:
         """
         try:
             old, robot_toml = read_text(self._path), read_toml(self._path)
-            now = load_config(self._path)
+            now = checked(robot_toml, self._path)
         except ConfigError as error:
             if not self._path.exists():
                 return Saved(False, f"{self._path} is gone")

@@ -95,7 +95,8 @@ class SettingsKeeper:
         if self._config.file:
             path, state = Path(self._config.file), self._service.state
             self._files = SettingsFiles(path, self._people, state, kept)
-            self._service.work(self._files.drop_edited, self._say_not_saved)
+            if kept:
+                self._service.work(self._files.drop_edited, self._say_not_saved)
         self._publish()
 
     @answers(requests.CONFIG_GET)

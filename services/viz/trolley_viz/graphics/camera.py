@@ -99,7 +99,7 @@ def starts(bounds: Bounds) -> list[NDArray[np.float64]]:
 
 
 def set_initial(server: viser.ViserServer, bounds: Bounds) -> None:
-    """Start new browsers with this view; "Reset View" returns to it."""
+    """Start new browsers with this view."""
     position, look_at = stand(bounds, INITIAL_ASPECT)
     server.initial_camera.fov = FIELD_OF_VIEW
     server.initial_camera.position = position
