@@ -116,6 +116,18 @@ def test_the_map_fits_a_picture_that_turns_unless_somebody_looks_elsewhere(stage
     assert browser.camera.position == pytest.approx(high + 1.0)
 
 
+def test_a_page_that_starts_very_slowly_is_looked_after_once_it_speaks(stage: "Stage") -> None:
+    browser, session = stage.browse(), stage.session
+    stage.runtime.run(5.0)
+    fitted = browser.camera.position
+    bounds = map_bounds(session.view)
+    assert bounds is not None
+    browser.camera.position, _ = stand(bounds, INITIAL_ASPECT)
+    session.resized((1200.0, 800.0))
+    stage.runtime.run(5.0)
+    assert browser.camera.position == pytest.approx(fitted, abs=0.5)
+
+
 def test_a_page_that_starts_slowly_sees_the_map_all_the_same(stage: "Stage") -> None:
     browser = stage.browse()
     start = stand(UNKNOWN_MAP, INITIAL_ASPECT)[0]
