@@ -50,6 +50,10 @@ class RobotUnreachable(Exception):
     """There is no router, no such robot, or it fell silent; the text says which and what to do."""
 
 
+class RouterBusy(RobotUnreachable):
+    """The router does not say in time who is there, so nobody can tell whether a robot is."""
+
+
 class SeveralRobots(Exception):
     """Several robots are on the network and none was named; `names` lists them."""
 
@@ -306,7 +310,11 @@ class Connection:
         return found
 
     def robots(self) -> list[str]:
-        """The names of the robots of which any service is alive."""
+        """The names of the robots of which any service is alive.
+
+        Raises:
+            RouterBusy: The router does not say in time.
+        """
         return sorted({robot for robot, _ in self.services()})
 
     def _tokens(self, key_expr: str) -> list[str]:
@@ -316,7 +324,12 @@ class Connection:
             began_s = time.monotonic()
             shown = self.bus.alive(key_expr, patience_s)
             if time.monotonic() - began_s < patience_s:
-                break
+                return shown
+        if not shown:
+            raise RouterBusy(
+                f"the router at {', '.join(self.endpoints)} does not say in time who is there: "
+                "it, the link to it or this computer is too busy. Try again"
+            )
         return shown
 
     def robot_now_ns(self, robot: str) -> int | None:

@@ -134,4 +134,4 @@ def test_a_flood_does_not_keep_it_from_ending(keeper: Process, bus: ZenohBus):
         return not keeper.is_running
 
     wait_until(has_ended, "it ends while the flood goes on")
-    assert keeper.wait() == 0
+    assert keeper.wait() == 0, keeper.log

@@ -55,11 +55,18 @@ def test_nobody_there_is_exit_code_3(endpoint: str, trolley: Callable) -> None:
 
 
 def test_go_follows_until_it_arrives(add_robot: Callable, endpoint: str, trolley: Callable) -> None:
-    scripted = add_robot("one")
-    done = trolley("go", "-1.5", "-2", "90", "--deg", "--connect", endpoint)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("arrived")
-    assert "driving" in done.stderr
+    scripted = add_robot("one", DRIVES_ON)
+    command = [sys.executable, "-m", "trolley.cli", "go", "-1.5", "-2", "90", "--deg"]
+    going = subprocess.Popen(
+        [*command, "--connect", endpoint], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert going.stderr is not None
+    while "driving" not in (line := going.stderr.readline()):
+        assert line, "it ended before it had said that the robot drives"
+    scripted.arrive()
+    said, errors = going.communicate(timeout=PATIENCE_S)
+    assert going.returncode == 0, errors
+    assert said.startswith("arrived")
     pose = scripted.sent[0].pose
     assert (pose.x, pose.y, round(pose.yaw, 4)) == (-1.5, -2.0, 1.5708)
 

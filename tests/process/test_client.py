@@ -6,14 +6,16 @@ import time
 from collections.abc import Callable
 
 import pytest
+from click.testing import CliRunner
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import Refused, Robot, RobotUnreachable, SeveralRobots, requests, topics
+from trolley.cli import cli, exits
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Marker, Overlay, request_params
 from trolley.runtime import codec
 from trolley.runtime.bus import Query, Sample
-from trolley.runtime.zenoh_bus import open_bus
+from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 
 
 def script(*steps: tuple[str, str]) -> tuple[GoalStatus, ...]:
@@ -97,6 +99,30 @@ def test_a_router_that_is_late_is_asked_once_more(
 
         monkeypatch.setattr(robot.connection.bus, "alive", late_at_first)
         assert robot.connection.robots() == ["one"]
+
+
+def test_a_router_that_says_nothing_in_time_is_called_busy(
+    add_robot: Callable,
+    endpoint: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nobody can tell then whether a robot is there: "no robot is on the network" was untrue."""
+    add_robot("one")
+    monkeypatch.setattr("trolley.connection.TOKENS_S", (0.01, 0.02))
+
+    def late(_bus: ZenohBus, _key_expr: str, patience_s: float) -> list[str]:
+        time.sleep(2.0 * patience_s)
+        return []
+
+    monkeypatch.setattr(ZenohBus, "alive", late)
+    run = CliRunner()
+    for words in (["status", "--all"], ["top", "--once"], ["stop", "--all"]):
+        done = run.invoke(cli, [*words, "--connect", endpoint])
+        assert done.exit_code == exits.UNREACHABLE
+        assert "does not say in time who is there" in done.stderr
+        assert done.stdout == ("one: stopped\n" if words[0] == "stop" else "")
+    done = run.invoke(cli, ["doctor", "--connect", endpoint, "--seconds", "1"])
+    assert "does not say in time who is there" in " ".join(done.stdout.split())
 
 
 def test_without_a_router_or_a_robot_it_is_unreachable(endpoint: str) -> None:

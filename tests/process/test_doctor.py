@@ -100,7 +100,7 @@ def test_what_strangers_say_harms_nobody(
             while not stop.wait(0.05):
                 for topic in topics.TOPICS:
                     key = topic.key("one", *[evil] * topic.num_parts)
-                    for payload in (b"", b"\xc1", b"{" * 5000, b"x" * 200_000):
+                    for payload in (b"", b"\xc1", b"{" * 5000, b"x" * 20_000):
                         bus.put(key, payload, "application/msgpack", topic.qos)
 
         stop = threading.Event()

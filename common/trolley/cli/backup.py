@@ -1,6 +1,7 @@
 """`trolley backup` and `trolley restore`: all that a robot knows, as one file."""
 
 import os
+from contextlib import ExitStack
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -131,11 +132,12 @@ def _refuse_while_running() -> None:
         target = find_target(given("robot"), given("connect"), given("config"))
     except ConfigError:
         return  # no service runs with such a robot.toml
-    try:
-        with Connection(target.endpoints, 1.0) as connection:
-            services = connection.services()
-    except RobotUnreachable:
-        return
+    with ExitStack() as stack:
+        try:
+            connection = stack.enter_context(Connection(target.endpoints, 1.0))
+        except RobotUnreachable:
+            return
+        services = connection.services()
     here = sorted(
         {
             service.removesuffix(f"-{host_name()}")

@@ -32,13 +32,12 @@ def stop_command(everybody: bool, as_json: bool) -> None:
     if everybody:
         with connected() as connection:
             stopped = connection.stop_all()
-            names = connection.robots()
-        missing = [name for name in names if name not in stopped]
-        if as_json:
-            print_json(stopped)
-        else:
-            for name, state in sorted(stopped.items()):
-                say(f"{name}: {state.message if state.may_still_move else state.mode}")
+            if as_json:
+                print_json(stopped)
+            else:
+                for name, state in sorted(stopped.items()):
+                    say(f"{name}: {state.message if state.may_still_move else state.mode}")
+            missing = [name for name in connection.robots() if name not in stopped]
         if missing or not stopped:
             raise RobotUnreachable(f"NOT STOPPED: no connection to {', '.join(missing) or 'any'}")
         return

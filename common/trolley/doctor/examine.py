@@ -10,7 +10,7 @@ from pathlib import Path
 
 from trolley import ports
 from trolley.config import ConfigError, RobotConfig, find_config, load_config
-from trolley.connection import Connection, RobotUnreachable, Target
+from trolley.connection import Connection, RobotUnreachable, RouterBusy, Target
 from trolley.doctor import (
     certificates,
     computer,
@@ -220,6 +220,10 @@ def examine_robots(
             heard = listen(connection, names, seconds, needs_map=needs_map) if names else []
             checked = [(one.name, looked_at("robot", partial(check_robot, one))) for one in heard]
             return [*found, *checked]
+    except RouterBusy as error:
+        text = str(error).partition(". ")[0]
+        remedy = "`trolley top` shows who sends how much, `top` what keeps this computer busy."
+        return [("", [problem("router", f"{text[0].upper()}{text[1:]}.", remedy)])]
     except RobotUnreachable as error:
         addresses = [endpoints.address_of(one) for one in where]
         local = [one[1] for one in addresses if one and one[0] in ("127.0.0.1", "localhost")]

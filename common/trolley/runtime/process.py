@@ -37,6 +37,8 @@ CRASH = "The service ends because of an internal error"
 POLL_S = 0.05
 ROUTER_PATIENCE_S = 30.0
 LONGEST_WAIT_S = 1.0
+SAVING_S = 8.0
+"""How long a service that ends waits for its last files; an SD card stalls for seconds."""
 _STA_UNSYNC = 0x0040
 _ID_LENGTH = 12
 
@@ -88,7 +90,7 @@ class ProcessHost:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
         return round(share, 4), pages * os.sysconf("SC_PAGE_SIZE")
 
-    def finish(self, timeout_s: float = 4.0) -> bool:
+    def finish(self, timeout_s: float = SAVING_S) -> bool:
         """Finish the waiting jobs; False if one failed or they take too long."""
         self._jobs.put(None)
         self._worker.join(timeout_s)

@@ -21,7 +21,8 @@ FIRST_DELAY_S = 0.2
 LONGEST_DELAY_S = 10.0
 SETTLED_AFTER_S = 20.0
 """A service that ran for so long is started again without delay."""
-GRACE_S = 5.0
+GRACE_S = 10.0
+"""A child may take so long to end: `SAVING_S` and some."""
 POLL_PERIOD_S = 0.05
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Matrices are small here: numpy's further threads would only take the cores from the others."""
@@ -178,7 +179,7 @@ class Supervisor:
         self.children[name].is_held = False
 
     def stop(self) -> None:
-        """End all children: SIGTERM, and SIGKILL to those that take longer than 5 s."""
+        """End all children: SIGTERM, and SIGKILL to those that take longer than `GRACE_S`."""
         self._stop.set()
         self._thread.join()
 
