@@ -1,17 +1,20 @@
 """Trolley: navigation for small indoor robots, without ROS.
 
-`from trolley import Robot` talks to a robot; services are built on `trolley.runtime`.
+`from trolley import Robot` talks to a robot (`AsyncRobot` for asyncio); services are built on
+`trolley.runtime`.
 """
 
 TYPE_CHECKING = False  # `typing` takes longer than all else that a program begins with
 if TYPE_CHECKING:
+    from trolley.async_client import AsyncRobot
     from trolley.client import Robot
     from trolley.codes import Refused
     from trolley.connection import RobotUnreachable, SeveralRobots
 
-__all__ = ["Refused", "Robot", "RobotUnreachable", "SeveralRobots"]
+__all__ = ["AsyncRobot", "Refused", "Robot", "RobotUnreachable", "SeveralRobots"]
 
 _PLACES = {
+    "AsyncRobot": "trolley.async_client",
     "Refused": "trolley.codes",
     "Robot": "trolley.client",
     "RobotUnreachable": "trolley.connection",

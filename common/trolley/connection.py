@@ -29,6 +29,7 @@ from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import FollowedTime
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
 from trolley.security.host_keys import DEFAULT_FOLDER, HostKeys, KeysError, keys_for
+from trolley.suggestions import did_you_mean
 from trolley.topics import Topic
 
 M = TypeVar("M", bound=msgspec.Struct)
@@ -41,6 +42,8 @@ ASK_TIMEOUT_S = 2.5
 """Requests are answered within 2 s."""
 GET_TIMEOUT_S = 2.0
 MOST_WAITING = 1000
+MOST_WAITING_BYTES = 64 << 20
+"""What a subscription keeps that nobody reads: so many messages, and so many bytes of them."""
 TOKENS_S = (1.0, 3.0)
 """How long the router may take to say who is there, and when it is asked once more."""
 CLOCK_PATIENCE_S = 1.0
@@ -76,13 +79,20 @@ class Arrival(msgspec.Struct, Generic[M], frozen=True):
 
 
 class Subscription(Generic[M]):
-    """Messages as they arrive, oldest first; a context manager."""
+    """Messages as they arrive, oldest first; a context manager.
+
+    Where nobody reads them, the oldest are dropped.
+    """
 
     def __init__(self, topic: Topic[M], most_waiting: int = MOST_WAITING) -> None:
         self.invalid = 0
         """Messages that were not understood."""
+        self.is_closed = False
+        """Whether nothing more will come."""
         self._topic = topic
-        self._waiting: deque[Arrival[M]] = deque(maxlen=most_waiting)
+        self._most_waiting = most_waiting
+        self._waiting: deque[Arrival[M]] = deque()
+        self._waiting_bytes = 0
         self._heard: set[str] = set()
         self._condition = threading.Condition()
         self._closer: Closer | None = None
@@ -98,19 +108,23 @@ class Subscription(Generic[M]):
                 self._store(reply.key, reply.payload, reply.encoding)
 
     def next(self, timeout_s: float | None = None) -> Arrival[M] | None:
-        """The next message, None if none comes in time."""
+        """The next message, None if none comes in time, or none any more: see `is_closed`."""
         with self._condition:
-            self._condition.wait_for(lambda: bool(self._waiting), timeout_s)
-            return self._waiting.popleft() if self._waiting else None
+            self._condition.wait_for(lambda: self.is_closed or bool(self._waiting), timeout_s)
+            return self._pop() if self._waiting else None
 
     def __iter__(self) -> Iterator[Arrival[M]]:
         while (arrival := self.next()) is not None:
             yield arrival
 
     def close(self) -> None:
-        """Stop listening."""
-        if self._closer is not None:
-            self._closer.close()
+        """Stop listening; whoever waits for a message waits no longer."""
+        closer, self._closer = self._closer, None
+        if closer is not None:
+            closer.close()
+        with self._condition:
+            self.is_closed = True
+            self._condition.notify_all()
 
     def __enter__(self) -> Self:
         return self
@@ -133,6 +147,9 @@ class Subscription(Generic[M]):
         matched = None if has_wildcard(key) else self._topic.match(key)
         if matched is None:
             return
+        if len(payload) > self._topic.max_bytes:
+            self.invalid += 1
+            return
         try:
             message = codec.decode(self._topic.message, payload, encoding)
         except codec.BadPayload:
@@ -140,7 +157,17 @@ class Subscription(Generic[M]):
             return
         self._heard.add(key)
         self._waiting.append(Arrival(*matched, message, len(payload), time.monotonic()))
+        self._waiting_bytes += len(payload)
+        while len(self._waiting) > 1 and (
+            len(self._waiting) > self._most_waiting or self._waiting_bytes > MOST_WAITING_BYTES
+        ):
+            self._pop()
         self._condition.notify()
+
+    def _pop(self) -> Arrival[M]:
+        oldest = self._waiting.popleft()
+        self._waiting_bytes -= oldest.size
+        return oldest
 
 
 class Connection:
@@ -182,7 +209,7 @@ class Connection:
     def bus(self) -> ZenohBus:
         """The open bus."""
         if self._bus is None:
-            raise RobotUnreachable("the connection is closed")
+            raise RobotUnreachable("the connection to the router is closed; open another")
         return self._bus
 
     def ask(
@@ -203,10 +230,7 @@ class Connection:
         if not replies:
             alive = self.services(robot)
             if not alive:
-                raise RobotUnreachable(
-                    f"no robot called {robot} is at {', '.join(self.endpoints)} "
-                    "(or this connection is not allowed to ask it)"
-                )
+                raise self.unknown_robot(robot)
             if not timed_out and (robot, request.owner) in alive:
                 raise Refused(
                     codes.NOT_READY,
@@ -269,10 +293,15 @@ class Connection:
         return next(iter(self.get(robot, topic, *parts).values()), None)
 
     def subscribe(
-        self, robot: str, topic: Topic[M], *parts: str, with_latest: bool = True
+        self,
+        robot: str,
+        topic: Topic[M],
+        *parts: str,
+        with_latest: bool = True,
+        most_waiting: int = MOST_WAITING,
     ) -> Subscription[M]:
         """Listen to a topic, beginning with the latest values if its owner keeps some."""
-        subscription = Subscription(topic)
+        subscription = Subscription(topic, most_waiting)
         key = topic.key(robot, *parts)
         subscription.open(self.bus, key)
         if with_latest:
@@ -316,6 +345,15 @@ class Connection:
             RouterBusy: The router does not say in time.
         """
         return sorted({robot for robot, _ in self.services()})
+
+    def unknown_robot(self, robot: str) -> RobotUnreachable:
+        """What to raise where nobody of that name is: it says who is there instead."""
+        others = [name for name in self.robots() if name != robot]
+        hint = f" {did_you_mean(robot, others)}" if others else ""
+        return RobotUnreachable(
+            f"no robot called {robot} is at {', '.join(self.endpoints)} "
+            f"(or this connection is not allowed to ask it).{hint}"
+        )
 
     def _tokens(self, key_expr: str) -> list[str]:
         """The tokens that are shown; a router that is late with its answer is asked once more."""

@@ -144,7 +144,7 @@ def test_a_menu_marks_what_the_robot_is_doing(page: Page, shown: "Shown", pictur
     )
     marked = card(page, "state").locator("[aria-pressed=true]")
     expect(marked).to_have_text(before.state)
-    robot.send("kitchen")
+    robot.go_to("kitchen", wait=False)
     expect(marked).to_have_text("driving")
     page.screenshot(path=pictures / "state-panel.png")
     robot.cancel()

@@ -130,8 +130,8 @@ def test_without_a_router_or_a_robot_it_is_unreachable(endpoint: str) -> None:
         Robot(connect=endpoint)
     with pytest.raises(RobotUnreachable, match="no router answers"):
         Robot(connect="tcp/127.0.0.1:1")
-    with Robot("nobody", connect=endpoint) as robot, pytest.raises(RobotUnreachable):
-        robot.cancel()
+    with pytest.raises(RobotUnreachable, match="no robot called nobody is at"):
+        Robot("nobody", connect=endpoint)
 
 
 @pytest.mark.parametrize("place", ["kitchen", Pose2D(1.0, 2.0, 0.3), (1.0, 2.0, 0.3), [1.0, 2.0]])

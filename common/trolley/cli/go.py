@@ -58,8 +58,7 @@ def go_command(
 
     Follows the drive until it ends; Ctrl-C cancels the goal.
     """
-    fields = {name: value for name, value in options.items() if value is not None}
-    goal = goal_to(_place(where, deg=deg), **fields)
+    goal = goal_to(_place(where, deg=deg), **options)
     with _whoever_is_first(goal) if anyone else one_robot() as robot:
         if preview:
             _preview(robot, goal, as_json=as_json)
@@ -167,9 +166,8 @@ def follow_command(
     if len(where) not in (0, 2):
         raise click.UsageError("give X Y, or nothing for the nearest person ahead")
     point = [as_number(text, name) for text, name in zip(where, ("X", "Y"), strict=False)]
-    fields = {name: value for name, value in options.items() if value is not None}
     with one_robot() as robot:
-        status = robot.ask(requests.GOAL_FOLLOW, person_at(point or None, **fields))
+        status = robot.ask(requests.GOAL_FOLLOW, person_at(point or None, **options))
         if not no_wait:
             status = _follow(robot, status.id, timeout)
     if as_json:

@@ -1,10 +1,8 @@
 """`trolley map` and `trolley zones`."""
 
 import math
-import time
 
 import click
-import msgspec
 import numpy as np
 
 from trolley import codes, requests, topics
@@ -14,11 +12,9 @@ from trolley.cli.options import NumbersCommand, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table
-from trolley.client import Robot
 from trolley.codes import Refused
-from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM
-from trolley.messages import MapInfo, OccupancyGrid, Zone, request_params
+from trolley.messages import OccupancyGrid, Zone
 from trolley.messages.arrays import arrays_of
 from trolley.zones import LINE_KINDS
 
@@ -99,36 +95,12 @@ def list_maps(as_json: bool) -> None:
 @reports_errors
 def load_map(name: str, at: tuple[float, float, float] | None, as_json: bool) -> None:
     """Switch the robot to the map NAME; without --at it works out where it is on it."""
-    pose = None if at is None else Pose2D(*at)
     with one_robot() as robot:
-        info = ask_to_load(robot, request_params.LoadMap(name=name, pose=pose))
+        info = robot.load_map(name, at)
     if as_json:
         print_json(info)
     else:
         say(f"The robot now uses the map {info.name}.")
-
-
-def ask_to_load(robot: Robot, params: request_params.LoadMap) -> MapInfo:
-    """Change to another map, and wait until it is read: that may take longer than an answer.
-
-    Raises:
-        Refused: it cannot be used, or takes too long.
-    """
-    before = robot.latest(topics.ZONES)
-    try:
-        return robot.ask(requests.MAP_LOAD, params)
-    except Refused as refused:
-        if refused.code != codes.TIMEOUT:
-            raise
-    until_s = time.monotonic() + LOAD_S
-    while time.monotonic() < until_s:
-        time.sleep(POLL_S)
-        zones = robot.latest(topics.ZONES)
-        if zones is not None and zones.map == params.name and zones != before:
-            grid = robot.latest(topics.MAP)
-            if grid is not None and grid.name == params.name:
-                return msgspec.convert(grid, MapInfo, from_attributes=True)
-    raise Refused(codes.TIMEOUT, f"The map {params.name} is not in use yet; see `trolley status`.")
 
 
 @click.command(name="zones")

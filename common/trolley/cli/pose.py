@@ -1,7 +1,6 @@
 """`trolley pose`: where the robot is, and the places that are saved."""
 
 import math
-import time
 
 import click
 
@@ -90,24 +89,17 @@ def set_pose(where: tuple[str, ...], deg: bool, as_json: bool) -> None:
 @reports_errors
 def find_pose(as_json: bool) -> None:
     """Let the robot search the whole map for its pose, and wait for the result."""
+    progress = Progress()
     with one_robot() as robot:
-        asked = robot.ask(requests.POSE_FIND)
-        progress, started_s = Progress(), time.monotonic()
-        with robot.subscribe(topics.POSE) as poses:
-            found = asked
-            while found.state == "searching" or found.stamp_ns <= asked.stamp_ns:
-                if time.monotonic() - started_s > FIND_TIMEOUT_S:
-                    break
-                arrival = poses.next(1.0)
-                found = found if arrival is None else arrival.message
-                progress.show(f"searching, {time.monotonic() - started_s:.0f} s", found.state)
-        progress.clear()
+        progress.show("searching the whole map ...")
+        try:
+            found = robot.find()
+        finally:
+            progress.clear()
     if as_json:
         print_json(found)
     elif found.pose is not None:
         say(f"{found.state} at {pose_text(found.pose)}")
-    if found.state not in ("localized", "unsure"):
-        raise Refused(codes.LOST, found.message or "The robot was not found on the map.")
 
 
 @pose_command.command(name="save")

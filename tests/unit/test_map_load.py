@@ -1,27 +1,27 @@
-"""`trolley map load` where the map is long in loading."""
+"""`Robot.load_map` where the map is long in loading."""
 
 from typing import Any
 
 import pytest
 
-from trolley import codes, topics
-from trolley.cli import maps
-from trolley.codes import Refused
+from trolley import Refused, Robot, client, codes, topics
+from trolley.connection import Connection
 from trolley.geometry import Pose2D
-from trolley.messages import OccupancyGrid, Zones, request_params
+from trolley.messages import OccupancyGrid, Zones
 
 
-class SlowRobot:
+class SlowRobot(Robot):
     """Answers in time that it is not done, and is some questions later."""
 
     def __init__(self, code: str) -> None:
+        self._talk_over(Connection(["tcp/127.0.0.1:1"]), "slow")
         self.code = code
         self.asked = 0
 
-    def ask(self, *_: object) -> Any:
+    def ask(self, *_: Any, **__: Any) -> Any:
         raise Refused(self.code)
 
-    def latest(self, topic: object) -> Any:
+    def latest(self, topic: Any, *_: str) -> Any:
         self.asked += 1
         stamp_ns = 1 if self.asked < 4 else 2
         if topic is topics.ZONES:
@@ -41,19 +41,19 @@ class SlowRobot:
 def test_a_map_that_takes_longer_than_an_answer_is_waited_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(maps, "POLL_S", 0.001)
-    slow: Any = SlowRobot(codes.TIMEOUT)
-    assert maps.ask_to_load(slow, request_params.LoadMap(name="attic")).name == "attic"
+    monkeypatch.setattr(client, "ASK_AGAIN_S", 0.001)
+    slow = SlowRobot(codes.TIMEOUT)
+    assert slow.load_map("attic").name == "attic"
     assert slow.asked >= 4
     slow = SlowRobot(codes.TIMEOUT)
-    monkeypatch.setattr(maps, "LOAD_S", 0.0)
+    monkeypatch.setattr(client, "LOAD_TIMEOUT_S", 0.0)
     with pytest.raises(Refused, match="not in use yet"):
-        maps.ask_to_load(slow, request_params.LoadMap(name="attic"))
+        slow.load_map("attic")
 
 
 def test_one_that_cannot_be_used_is_said_at_once() -> None:
-    robot: Any = SlowRobot(codes.IN_OBSTACLE)
+    robot = SlowRobot(codes.IN_OBSTACLE)
     with pytest.raises(Refused) as refused:
-        maps.ask_to_load(robot, request_params.LoadMap(name="attic"))
+        robot.load_map("attic")
     assert refused.value.code == codes.IN_OBSTACLE
     assert robot.asked == 1

@@ -1,0 +1,261 @@
+"""What `trolley.Robot` and `AsyncRobot` do beyond goals, with a scripted robot over real Zenoh."""
+
+import asyncio
+import inspect
+import math
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.waiting import PATIENCE_S, wait_until
+
+from trolley import AsyncRobot, Refused, Robot, RobotUnreachable, connection, topics
+from trolley.geometry import Pose2D, Twist2D
+from trolley.messages import (
+    BaseState,
+    Battery,
+    GoalStatus,
+    Health,
+    OccupancyGrid,
+    SavedPose,
+    SavedPoses,
+    Scan,
+    floats_to_bytes,
+)
+
+from .conftest import ScriptedRobot, running
+
+DRIVES_ON = tuple(GoalStatus(stamp_ns=0, id=None, state="driving") for _ in range(10_000))
+MAP = OccupancyGrid(
+    stamp_ns=1,
+    name="home",
+    frame="map",
+    resolution=0.5,
+    width=3,
+    height=2,
+    origin=Pose2D.identity(),
+    cells=memoryview(bytes([0, 100, 0, 255, 0, 0])),
+)
+SCAN = Scan(
+    stamp_ns=1,
+    frame="laser",
+    angle_min=0.0,
+    angle_increment=0.5 * math.pi,
+    time_increment=0.0,
+    range_min=0.1,
+    range_max=8.0,
+    ranges=floats_to_bytes(np.array([1.0, 2.0, math.inf, 0.0])),
+)
+
+
+def publish(scripted: ScriptedRobot, topic: Any, message: Any, *parts: str) -> None:
+    """Let the robot publish something."""
+    done = threading.Event()
+
+    def say() -> None:
+        scripted.publish(topic, message, *parts)
+        done.set()
+
+    scripted.call_soon(say)
+    assert done.wait(PATIENCE_S)
+
+
+def test_a_name_that_is_nearly_right_is_suggested(add_robot: Callable, endpoint: str) -> None:
+    add_robot("kiwi")
+    add_robot("lime")
+    with pytest.raises(RobotUnreachable, match=r"no robot called kivi .* Did you mean kiwi\?"):
+        Robot("kivi", connect=endpoint)
+    with pytest.raises(RobotUnreachable, match=r"There are kiwi, lime\."):
+        Robot("nobody", connect=endpoint)
+    assert Robot.names(endpoint) == ["kiwi", "lime"]
+
+
+def test_maps_and_scans_are_arrays_and_a_notebook_sees_a_picture(
+    add_robot: Callable, endpoint: str
+) -> None:
+    scripted = add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        with pytest.raises(Refused, match="There is no map"):
+            robot.map()
+        assert robot._repr_png_() is None  # and Jupyter shows `repr`
+        assert "one" in repr(robot)
+        publish(scripted, topics.MAP, MAP)
+        publish(scripted, topics.SCAN, SCAN)
+        assert robot.map().cells.tolist() == [[0, 100, 0], [-1, 0, 0]]
+        scan = robot.scan()
+        assert scan.ranges.tolist() == [1.0, 2.0, math.inf, 0.0]
+        assert scan.points() == pytest.approx(np.array([[1.0, 0.0], [0.0, 2.0]]))
+        assert robot.places().keys() == {"kitchen"}
+        picture = robot.picture(120)
+        assert picture.size == (120, 80)
+        png = robot._repr_png_()
+        assert png is not None
+        assert png.startswith(b"\x89PNG")
+
+
+def test_a_robot_that_does_not_measure_its_battery_says_so(
+    add_robot: Callable, endpoint: str
+) -> None:
+    add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        assert robot.battery() == Battery(fraction=None, voltage=None, charging=None)
+
+
+def test_what_could_be_no_place_is_never_sent(add_robot: Callable, endpoint: str) -> None:
+    scripted = add_robot("one")
+    nan = math.nan
+    with Robot(connect=endpoint) as robot:
+        for place in (Pose2D(nan, 0.0, 0.0), (nan, 0.0), (1.0, math.inf, 0.0), (1.0,), 5):
+            with pytest.raises(ValueError, match=r"needs finite numbers|two or three numbers"):
+                robot.go_to(place)  # pyright: ignore[reportArgumentType]
+        with pytest.raises(ValueError, match="finite"):
+            robot.set_pose((0.0, 0.0, nan))
+        with pytest.raises(ValueError, match="finite"):
+            robot.drive(Twist2D(nan, 0.0, 0.0))
+        with pytest.raises(ValueError, match="BaseState"):
+            robot.publish(topics.BASE, BaseState(stamp_ns=-1, mode="ok"))
+    assert scripted.sent == []
+
+
+def test_a_closed_robot_says_so(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one")
+    robot = Robot(connect=endpoint)
+    poses = robot.poses()
+    next(poses)
+    silent = robot.stream(topics.SCAN)
+    threading.Timer(0.1, robot.close).start()
+    with pytest.raises(RobotUnreachable, match="this Robot is closed"):
+        next(silent)  # it waits meanwhile
+    for use in (robot.pose, robot.stop, robot.places, lambda: next(robot.poses()), robot.now_ns):
+        with pytest.raises(RobotUnreachable, match="this Robot is closed"):
+            use()
+    assert "closed" in repr(robot)
+
+
+def test_a_stream_goes_on_when_the_robot_was_restarted(endpoint: str, tmp_path: Path) -> None:
+    with running(ScriptedRobot("one", ()), "one", endpoint, tmp_path / "a"):
+        robot = Robot(connect=endpoint)
+        poses = robot.poses(timeout=PATIENCE_S)
+        before = next(poses)
+    with robot, running(ScriptedRobot("one", ()), "one", endpoint, tmp_path / "b"):
+        assert any(
+            pose.stamp_ns > before.stamp_ns + 10**8
+            for _, pose in zip(range(10), poses, strict=False)
+        )
+    with pytest.raises(RobotUnreachable):
+        next(poses)
+
+
+def test_silence_ends_a_stream_that_has_a_time_limit(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one")
+    said = r"nothing came on scan of one for 0\.2 s"
+    with Robot(connect=endpoint) as robot, pytest.raises(RobotUnreachable, match=said):
+        next(robot.scans(timeout=0.2))
+
+
+def test_what_nobody_reads_takes_bounded_memory(
+    add_robot: Callable, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection, "MOST_WAITING_BYTES", 3000)
+    add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        subscriptions = [robot.subscribe(topics.HEALTH, "test") for _ in range(10)]
+        last = Health(stamp_ns=0, state="ok", message="x" * 1000)
+        for stamp_ns in range(1, 21):
+            last = Health(stamp_ns=stamp_ns, state="ok", message="x" * 1000)
+            robot.publish(topics.HEALTH, last, "test")
+        for one in subscriptions:
+            wait_until(lambda one=one: bool(one._heard) and one._waiting[-1].message == last, "all")
+            assert len(one._waiting) <= 2
+            assert one._waiting_bytes <= 3000
+
+
+def test_a_callback_gets_messages_until_it_is_closed(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one")
+    heard: list[Any] = []
+    with Robot(connect=endpoint) as robot:
+        listening = robot.on(topics.POSES, heard.append)
+        wait_until(lambda: bool(heard), "the latest value is the first")
+        listening.close()
+        robot.publish(topics.POSES, SavedPoses(stamp_ns=5, poses=[]))
+        assert robot.latest(topics.ODOM) is not None  # what was put before has arrived
+        assert len(heard) == 1
+    assert isinstance(heard[0].poses[0], SavedPose)
+
+
+def test_ctrl_c_cancels_the_goal(
+    add_robot: Callable, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scripted = add_robot("one", DRIVES_ON)
+    with Robot(connect=endpoint) as robot:
+
+        def interrupted(*_: object) -> None:
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(robot, "_next", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            robot.go_to("kitchen")
+    assert scripted.canceled == [scripted.sent[0].id]
+
+
+def test_asyncio_has_all_that_threads_have() -> None:
+    for_threads = {"apart", "close", "connection", "names", "on", "over", "subscribe"}
+    public = {name for name in dir(Robot) if not name.startswith("_")}
+    missing = public - for_threads - {name for name in dir(AsyncRobot) if name[0] != "_"}
+    assert missing == set()
+    assert inspect.signature(AsyncRobot.go_to) == inspect.signature(Robot.go_to)
+    assert AsyncRobot.poses.__doc__ == Robot.poses.__doc__
+
+
+def test_asyncio_drives_streams_and_stops(add_robot: Callable, endpoint: str) -> None:
+    scripted = add_robot("one")
+
+    async def drive() -> None:
+        async with AsyncRobot("one", connect=endpoint) as robot:
+            assert robot.name == "one"
+            assert (await robot.go_to("kitchen", timeout=PATIENCE_S)).state == "arrived"
+            stamps = []
+            async for pose in robot.poses():
+                stamps.append(pose.stamp_ns)
+                if len(stamps) == 3:
+                    break
+            assert stamps == sorted(set(stamps))
+            # Ten that wait for what never comes hold nobody up.
+            silent = [asyncio.ensure_future(anext(robot.scans())) for _ in range(10)]
+            await asyncio.sleep(0)
+            assert (await robot.stop()).mode == "stopped"
+            for one in silent:
+                one.cancel()
+            ended = await asyncio.gather(*silent, return_exceptions=True)
+            assert all(isinstance(one, asyncio.CancelledError) for one in ended)
+            waiting = asyncio.ensure_future(anext(robot.scans()))
+            await robot.pose()
+        with pytest.raises(RobotUnreachable, match="this Robot is closed"):
+            await waiting
+        with pytest.raises(RobotUnreachable, match="this AsyncRobot is not open"):
+            await robot.pose()
+
+    asyncio.run(drive())
+    assert scripted.stopped
+
+
+def test_a_cancelled_task_cancels_the_goal_that_it_waits_for(
+    add_robot: Callable, endpoint: str
+) -> None:
+    scripted = add_robot("one", DRIVES_ON)
+
+    async def give_up() -> None:
+        async with AsyncRobot("one", connect=endpoint) as robot:
+            going = asyncio.ensure_future(robot.go_to("kitchen"))
+            async for status in robot.follow():
+                if status.state == "driving":
+                    break
+            going.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await going
+            assert scripted.canceled == [scripted.sent[0].id]
+
+    asyncio.run(give_up())
