@@ -3,6 +3,8 @@
 import asyncio
 import inspect
 import math
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import AsyncRobot, Refused, Robot, RobotUnreachable, connection, topics
+from trolley.cli import cli
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import (
     BaseState,
@@ -259,3 +263,49 @@ def test_a_cancelled_task_cancels_the_goal_that_it_waits_for(
             assert scripted.canceled == [scripted.sent[0].id]
 
     asyncio.run(give_up())
+
+
+def test_ask_and_pub_speak_the_wire_from_the_shell(add_robot: Callable, endpoint: str) -> None:
+    scripted = add_robot("one")
+
+    def run(*arguments: str) -> tuple[int, str]:
+        done = CliRunner().invoke(cli, [*arguments, "--connect", endpoint])
+        return done.exit_code, done.output
+
+    code, said = run("ask", "goal/send", '{"name": "kitchen", "id": "from-shell"}')
+    assert code == 0
+    assert "id: from-shell" in said
+    assert [goal.id for goal in scripted.sent] == ["from-shell"]
+    code, said = run("ask", "goal/sent", "{}")
+    assert code == 2
+    assert "there is no request 'goal/sent'. Did you mean goal/send" in said
+    code, said = run("ask", "goal/send", '{"name": "nowhere"}')
+    assert (code, "no saved place called nowhere" in said) == (1, True)
+    with Robot("one", connect=endpoint) as robot:
+        heard: list[Any] = []
+        robot.on(topics.COMMAND, heard.append, "me")
+        command = '{"twist": {"vx": 0.1, "vy": 0, "wz": 0}, "valid_for": 0.3}'
+        code, said = run("topic", "pub", "cmd_vel/me", command, "-n", "2", "--hz", "20")
+        assert (code, said) == (0, "published 2 messages on cmd_vel/me\n")
+        wait_until(lambda: len(heard) == 2, "both arrive")
+        assert 0 < heard[0].stamp_ns < heard[1].stamp_ns
+    code, said = run("topic", "pub", "base", '{"mode": "ok"}')
+    assert (code, "base is published by base, which is running" in said) == (1, True)
+    code, said = run("topic", "pub", "cmd_vel/me", '{"valid_for": 0.3}')
+    assert (code, "cmd_vel/me: `twist` is missing" in said) == (2, True)
+    assert run("topic", "pub", "tf/*", "{}")[0] == 2
+
+
+def test_a_robot_that_nobody_closes_does_not_hang_python_s_end(
+    add_robot: Callable, endpoint: str
+) -> None:
+    add_robot("one")
+    program = f"from trolley import Robot; r = Robot(connect={endpoint!r}); r.pose(); print(r)"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE_S,
+    )
+    assert "Robot one" in done.stdout

@@ -1,4 +1,4 @@
-"""`trolley topic`: what is published, its content and its rate."""
+"""`trolley topic`: what is published, its content and its rate; publish something."""
 
 import itertools
 import statistics
@@ -9,12 +9,15 @@ import click
 
 from trolley import topics
 from trolley.cli import exits
+from trolley.cli.json_argument import read_json
 from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, as_json, counted, describe, print_json, print_table
 from trolley.client import Robot
+from trolley.codes import BUSY, Refused
 from trolley.connection import Arrival
+from trolley.suggestions import did_you_mean
 from trolley.topics import Kind, Topic
 from trolley.traffic import Traffic
 
@@ -30,7 +33,10 @@ topic_argument = click.argument("name", metavar="TOPIC", shell_complete=_complet
 
 @click.group(name="topic")
 def topic_command() -> None:
-    """Show what is published; TOPIC is a key without the robot's name, such as scan or tf/laser."""
+    """Show what is published, or publish something.
+
+    TOPIC is a key without the robot's name, such as scan or tf/laser.
+    """
 
 
 def _resolve(robot: Robot, name: str) -> tuple[Topic[Any], tuple[str, ...]]:
@@ -38,8 +44,8 @@ def _resolve(robot: Robot, name: str) -> tuple[Topic[Any], tuple[str, ...]]:
     chunks = ["*" if chunk.startswith("{") else chunk for chunk in name.strip("/").split("/")]
     found = topics.find("/".join((topics.ROOT, robot.name, *chunks)))
     if found is None:
-        known = ", ".join(topic.name for topic in topics.TOPICS)
-        raise click.BadParameter(f"there is no topic {name!r}; there are {known}")
+        hint = did_you_mean(name, (topic.name for topic in topics.TOPICS))
+        raise click.BadParameter(f"there is no topic {name!r}. {hint} See `trolley topic list`.")
     topic, _, parts = found
     return topic, parts
 
@@ -179,6 +185,62 @@ def topic_rate(name: str, seconds: float, as_json: bool) -> None:
         )
     if not times:
         raise SystemExit(exits.FAILED)
+
+
+@topic_command.command(name="pub")
+@topic_argument
+@click.argument("message", metavar="JSON")
+@click.option(
+    "--hz",
+    type=click.FloatRange(min=0.0, max=100.0, min_open=True),
+    help="Publish it again and again, this often, until Ctrl-C.",
+)
+@click.option("-n", "--count", type=click.IntRange(min=1), help="End after this many times.")
+@click.option("--beside", is_flag=True, help="Publish even beside the service that owns TOPIC.")
+@where_options
+@reports_errors
+def publish_topic(
+    name: str, message: str, hz: float | None, count: int | None, beside: bool
+) -> None:
+    """Publish JSON on TOPIC, such as cmd_vel/me '{"twist": {"vx": 0.1, "vy": 0, "wz": 0}, …}'.
+
+    Arrays may be lists of numbers. The stamp is robot time unless it is given.
+    """
+    with one_robot() as robot:
+        topic, parts = _resolve(robot, name)
+        if "*" in parts or topic.kind is Kind.TOKEN:
+            raise click.BadParameter(f"{name!r} is not the key of one message")
+        if not beside:
+            _refuse_owned(robot, topic, parts)
+        sent, began_s = 0, time.monotonic()
+        left = count if count is not None or hz is not None else 1
+        while left is None or sent < left:
+            preset = {"stamp_ns": robot.now_ns() or 0}
+            robot.publish(topic, read_json(message, topic.message, name, preset), *parts)
+            sent += 1
+            if left is None or sent < left:
+                time.sleep(max(0.0, began_s + sent / (hz or 1.0) - time.monotonic()))
+    say(f"published {counted(sent, 'message')} on {name}")
+
+
+def _refuse_owned(robot: Robot, topic: Topic[Any], parts: tuple[str, ...]) -> None:
+    """Refuse to talk into what a running service says.
+
+    Raises:
+        Refused: `busy`, naming it.
+    """
+    is_free = "anyone" in topic.owner and parts not in topic.owned_parts
+    if topic.kind is Kind.STORED or topic is topics.COMMAND or is_free:
+        return
+    owners = {owner for _, owner in robot.connection.services(robot.name)}
+    for word in topic.owner.replace(",", " ").split():
+        if word in owners or topic is topics.HEALTH:
+            raise Refused(
+                BUSY,
+                f"{topic.name} is published by {topic.owner}, which is running: others would hear "
+                "both. Stop it first, or add --beside.",
+                service=topic.first_owner,
+            )
 
 
 def _statistics(times: list[float], sizes: list[int], seconds: float) -> dict[str, Any]:
