@@ -3,7 +3,7 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test unit slow lint format audit sbom bench docs wheels lock clean
+.PHONY: help setup demo test unit slow lint format audit sbom bench docs api wheels lock clean
 
 # The newest suitable Python that really runs (a pyenv shim may exist and fail).
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
@@ -89,6 +89,12 @@ bench: setup ## Run every program in bench/.
 
 docs: setup ## Write the generated pages of docs/ anew.
 	@$(BIN)/python docs/make_wire.py
+
+# What programs import; the rest of the package is for those who read the code.
+API := client async_client connection laser_scan picture messages topics requests codes geometry gridmap.grid runtime.service
+api: setup ## Write the pages of the Python API, made from docstrings, to out/api.
+	@$(BIN)/pdoc --docformat google --no-show-source --output-directory out/api $(addprefix trolley.,$(API))
+	@echo "Open out/api/trolley/client.html"
 
 wheels: setup ## Build a wheel of each member into out/wheels.
 	@rm -rf out/wheels && mkdir -p out/wheels

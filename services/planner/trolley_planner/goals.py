@@ -14,6 +14,7 @@ from trolley.geometry import Pose2D, wrap_angle
 from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley.messages import GoalState, GoalStatus
 from trolley.messages.request_params import SendGoal
+from trolley.suggestions import did_you_mean
 from trolley_planner.context.planning_context import PlanningContext, position_trouble
 from trolley_planner.costmap.connected_components import cells_around, components_of
 from trolley_planner.paths.path import PlannedPath
@@ -161,7 +162,8 @@ def goal_pose(params: SendGoal, inputs: Inputs) -> Pose2D:
                     f"the robot is on {inputs.map.name}.",
                 )
             return place.pose.wrapped()
-    raise Refused(codes.UNKNOWN_NAME, f"There is no saved pose called {params.name}.")
+    hint = did_you_mean(params.name or "", (place.name for place in inputs.places.poses))
+    raise Refused(codes.UNKNOWN_NAME, f"There is no saved pose called {params.name}. {hint}")
 
 
 def check_state(inputs: Inputs, now_ns: int) -> None:

@@ -13,6 +13,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, Stop, Tour, name_problem
+from trolley.suggestions import did_you_mean
 
 T = TypeVar("T", SavedPose, Tour)
 
@@ -145,7 +146,7 @@ def without_item(items: Mapping[str, T], name: str) -> tuple[dict[str, T], T]:
     rest = dict(items)
     found = rest.pop(unicodedata.normalize("NFC", name), None)
     if found is None:
-        raise Refused(codes.UNKNOWN_NAME, f"There is no {name!r}.")
+        raise Refused(codes.UNKNOWN_NAME, f"There is no {name!r}. {did_you_mean(name, items)}")
     return rest, found
 
 
@@ -163,7 +164,8 @@ def find_place(poses: Mapping[str, SavedPose], name: str, map_name: str | None) 
     """
     saved = poses.get(unicodedata.normalize("NFC", name))
     if saved is None:
-        raise Refused(codes.UNKNOWN_NAME, f"There is no saved pose {name!r}.", name=name)
+        hint = did_you_mean(name, poses)
+        raise Refused(codes.UNKNOWN_NAME, f"There is no saved pose {name!r}. {hint}", name=name)
     if map_name is not None and saved.map != map_name:
         raise Refused(
             codes.WRONG_MAP,

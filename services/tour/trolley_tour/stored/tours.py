@@ -8,6 +8,7 @@ from trolley.messages import Tour
 from trolley.messages import Tours as TourList
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Later, Service, answers, gets, on, on_delete
+from trolley.suggestions import did_you_mean
 from trolley_tour.state_files import StateFiles
 from trolley_tour.stored import checks
 from trolley_tour.stored.named_store import Answer, NamedStore, WishLog, answer_later
@@ -43,7 +44,8 @@ class Tours:
         """The tour of this name; raises `Refused`."""
         tour = self._store.items.get(checks.plain_name(name))
         if tour is None:
-            raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}.", name=name)
+            hint = did_you_mean(name, self._store.items)
+            raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}. {hint}", name=name)
         return tour
 
     def _put(self, tour: Tour, key: str, answer: Answer[Tour]) -> None:

@@ -1,0 +1,71 @@
+"""The programs of `examples/`, as they are, with a scripted robot."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from support.examples import EXAMPLES, load_example
+
+from trolley import topics
+
+from .test_python import MAP, SCAN, publish
+
+SAYS = {
+    "where": "one is at Pose2D(x=1.0, y=2.0, yaw=0.5)",
+    "go": "arrived",
+    "places": "kitchen on the map home, 1.4 m away",
+    "nearest": "2 echoes, the nearest at 1.00 m",
+    "watch": "battery: None\nok",
+    "picture": "",
+    "turn": "",
+    "mark": "",
+    "everybody": "one: localized",
+    "at_once": "arrived after 0 s",
+}
+ELSEWHERE = {"own_planner"}
+"""Tested in tests/service/planner."""
+
+
+@pytest.fixture
+def robot(
+    add_robot: Callable, endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A robot where `Robot()` finds it."""
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        '[robot]\nname = "one"\nfootprint = { radius_m = 0.2 }\n'
+        f'[zenoh]\nconnect = ["{endpoint}"]\n'
+    )
+    monkeypatch.setenv("TROLLEY_CONFIG", str(file))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["example"])
+    scripted = add_robot("one")
+    publish(scripted, topics.MAP, MAP)
+    scripted.call_soon(lambda: scripted.publish(topics.SCAN, SCAN))
+
+
+@pytest.mark.parametrize("name", SAYS)
+def test_an_example_does_what_it_says(
+    robot: None, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if name == "nearest":  # the scripted robot has one scan only
+        monkeypatch.setattr("itertools.islice", lambda scans, _: [next(scans)])
+    load_example(name)
+    assert SAYS[name] in capsys.readouterr().out
+    if name == "picture":
+        assert Path("map.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_notebook_runs(robot: None) -> None:
+    notebook = json.loads((EXAMPLES / "notebook.ipynb").read_text("utf-8"))
+    scope: dict[str, object] = {}
+    for cell in notebook["cells"]:
+        assert not cell.get("outputs")
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), scope)
+    assert "closed" in repr(scope["robot"])
+
+
+def test_each_example_is_tested() -> None:
+    assert {file.stem for file in EXAMPLES.glob("*.py")} == SAYS.keys() | ELSEWHERE
