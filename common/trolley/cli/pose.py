@@ -15,8 +15,6 @@ from trolley.geometry import Pose2D
 from trolley.messages import CapturedPose, PoseEstimate, SavedPose, request_params
 from trolley.zones import room_at
 
-FIND_TIMEOUT_S = 60.0
-
 
 @click.group(name="pose", invoke_without_command=True)
 @where_options
