@@ -94,6 +94,8 @@ ANY_HEADING = 3.15
 ASK_AGAIN_S, ASK_AGAIN_FOR_S = 0.5, 10.0
 """A stream that fell silent is asked for this often, and for as long: a supervisor restarts its
 owner meanwhile."""
+LOOK_AGAIN_S = 0.1
+"""How often it is looked whether a robot that was named is there."""
 FIND_TIMEOUT_S = 60.0
 LOAD_TIMEOUT_S = 60.0
 """How long a map may take to be read by a small computer."""
@@ -116,7 +118,8 @@ class Robot:
         name: Which robot; else the configuration file's, else the only one on the network.
         connect: Endpoints of its router, such as "tls/kiwi.local:7448"; else the file's.
         config: A `robot.toml`; else `TROLLEY_CONFIG`, else /etc/trolley/robot.toml.
-        connect_timeout: How long to wait for the router [s].
+        connect_timeout: How long to wait for the router, and for a robot that was named [s]: it may
+            just be starting.
 
     Raises:
         RobotUnreachable: No router answers, or no robot, or none of that name, is there.
@@ -139,8 +142,11 @@ class Robot:
         with ExitStack() as undo:
             undo.enter_context(connection)
             found = pick_robot(connection, target)
-            if found == target.robot and not connection.services(found):
-                raise connection.unknown_robot(found)
+            deadline = _deadline(connect_timeout)
+            while found == target.robot and not connection.services(found):
+                if _left(deadline) <= 0.0:
+                    raise connection.unknown_robot(found)
+                time.sleep(LOOK_AGAIN_S)
             undo.pop_all()  # from now on `close` ends the connection
         self._talk_over(connection, found)
         # Also where nobody calls `close`, as in a notebook: an open session hangs Python's end.

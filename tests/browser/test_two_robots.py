@@ -11,7 +11,7 @@ import tomli_w
 import trimesh
 from playwright.sync_api import Page, expect
 from support.processes import Process
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
@@ -52,7 +52,7 @@ class Second:
             folder / "up.log",
             {"TROLLEY_STATE": str(folder / "state")},
         )
-        self.robot = Robot("b", [shown.demo.endpoint])
+        self.robot = Robot("b", [shown.demo.endpoint], connect_timeout=PATIENCE_S)
 
     def is_ready(self) -> bool:
         pose = self.robot.latest(topics.POSE)

@@ -131,7 +131,7 @@ def test_without_a_router_or_a_robot_it_is_unreachable(endpoint: str) -> None:
     with pytest.raises(RobotUnreachable, match="no router answers"):
         Robot(connect="tcp/127.0.0.1:1")
     with pytest.raises(RobotUnreachable, match="no robot called nobody is at"):
-        Robot("nobody", connect=endpoint)
+        Robot("nobody", connect=endpoint, connect_timeout=2.0)
 
 
 @pytest.mark.parametrize("place", ["kitchen", Pose2D(1.0, 2.0, 0.3), (1.0, 2.0, 0.3), [1.0, 2.0]])

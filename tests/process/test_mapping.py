@@ -43,7 +43,7 @@ def test_a_new_robot_makes_its_map_and_knows_its_home(
     robot_log: tuple[str, Process], trolley: Callable, tmp_path: Path
 ) -> None:
     endpoint, up = robot_log
-    with Robot("tester", endpoint) as robot:
+    with Robot("tester", endpoint, connect_timeout=PATIENCE_S) as robot:
 
         def mapping() -> MappingStatus | None:
             return robot.latest(topics.MAPPING)

@@ -71,10 +71,22 @@ def test_a_name_that_is_nearly_right_is_suggested(add_robot: Callable, endpoint:
     add_robot("kiwi")
     add_robot("lime")
     with pytest.raises(RobotUnreachable, match=r"no robot called kivi .* Did you mean kiwi\?"):
-        Robot("kivi", connect=endpoint)
+        Robot("kivi", connect=endpoint, connect_timeout=2.0)
     with pytest.raises(RobotUnreachable, match=r"There are kiwi, lime\."):
-        Robot("nobody", connect=endpoint)
+        Robot("nobody", connect=endpoint, connect_timeout=2.0)
     assert Robot.names(endpoint) == ["kiwi", "lime"]
+
+
+def test_a_robot_that_is_just_starting_is_waited_for(endpoint: str, tmp_path: Path) -> None:
+    found: list[Robot] = []
+    looking = threading.Thread(
+        target=lambda: found.append(Robot("late", connect=endpoint, connect_timeout=PATIENCE_S))
+    )
+    looking.start()
+    with running(ScriptedRobot("late", ()), "late", endpoint, tmp_path):
+        looking.join(PATIENCE_S)
+        with found[0] as robot:
+            assert robot.pose().state == "localized"
 
 
 def test_maps_and_scans_are_arrays_and_a_notebook_sees_a_picture(
