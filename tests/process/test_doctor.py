@@ -49,6 +49,8 @@ def test_doctor_names_every_fault_of_the_settings(
     path.write_text(SETTINGS.format(f"tcp/127.0.0.1:{port}") + "[planner]\nfast = 1\nseed = -1\n")
     done = trolley("doctor", "--config", str(path))
     assert done.returncode == 1
+    assert "\\n" not in done.stdout  # a remedy of several lines once showed its line ends
+    assert max(map(len, done.stdout.splitlines())) <= 100
     text = " ".join(done.stdout.split())
     assert "[planner] unknown key `fast`" in text
     assert "[planner.seed]" in text

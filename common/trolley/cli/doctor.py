@@ -128,14 +128,14 @@ def _print(found: list[Row], numbers: Counter[Level], *, verbose: bool) -> None:
         # Several findings may have one remedy: it stands below the last of them.
         is_said_below = following is not None and following.finding.remedy == finding.remedy
         if finding.remedy and finding.level > Level.OK and not is_said_below:
-            remedy = textwrap.fill(
+            for line in textwrap.wrap(
                 finding.remedy,
                 width,
                 initial_indent=" " * len(head) + "> ",
                 subsequent_indent=" " * (len(head) + 2),
                 break_on_hyphens=False,
-            )
-            say(remedy, bold=True)
+            ):
+                say(line, bold=True)
     if shown:
         say()
     say(_summary(numbers))
