@@ -18,7 +18,7 @@ import msgspec
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.config import ConfigError, RobotConfig, find_config, load_config
+from trolley.config import ConfigError, RobotConfig, find_config, load_host_config
 from trolley.messages import BaseState, Clock
 from trolley.ports import ROUTER_PORT
 from trolley.requests import Request
@@ -471,11 +471,11 @@ def find_target(
     """
     given = Path(config) if config is not None else None
     path = None if robot and connect else find_config(given)
-    settings: RobotConfig | None = None if path is None else load_config(path)
+    settings = None if path is None else load_host_config(path)
     endpoints = list(connect or [])
     if not endpoints:
         endpoints = settings.zenoh.connect if settings is not None else [DEFAULT_ENDPOINT]
-    known = settings.robot.name if settings is not None else None
+    known = settings.robot.name if isinstance(settings, RobotConfig) else None
     folder = DEFAULT_FOLDER if settings is None else settings.path(settings.zenoh.keys)
     try:
         keys = keys_for(endpoints, folder)

@@ -58,6 +58,35 @@ def test_doctor_names_every_fault_of_the_settings(
     assert "\nfine     " not in done.stdout
 
 
+def test_a_pc_with_uplink_only_has_no_problem_but_its_keys(
+    add_robot: Callable, endpoint: str, trolley: Callable, tmp_path: Path
+) -> None:
+    """What the page on networks tells to write on a PC was refused as "missing key `robot`"."""
+    add_robot("one")
+    path = tmp_path / "robot.toml"
+    path.write_text(f'[zenoh]\nconnect = ["{endpoint}"]\n')
+    done = trolley("doctor", "--config", str(path), "--json", "--seconds", "1")
+    about_settings = [
+        one for one in json.loads(done.stdout)["findings"] if one["about"] == "settings"
+    ]
+    assert [one["level"] for one in about_settings] == ["note", "ok"]
+    assert trolley("pose", "--config", str(path)).returncode == 0
+    refused = trolley("run", "base", "--config", str(path))
+    assert refused.returncode == 2
+    assert "has no [robot]" in refused.stderr
+
+
+def test_doctor_tries_no_service_that_the_settings_leave_out(
+    port: int, trolley: Callable, tmp_path: Path
+) -> None:
+    """Every robot.toml without a broker had the problem that `mqtt` cannot use it."""
+    path = tmp_path / "robot.toml"
+    path.write_text(SETTINGS.format(f"tcp/127.0.0.1:{port}"))
+    done = trolley("doctor", "--config", str(path), "--json", "--seconds", "1")
+    assert not [one for one in findings(done.stdout, "problem") if "mqtt" in one]
+    assert any("base" in one and "can use" in one for one in findings(done.stdout, "ok"))
+
+
 def test_doctor_finds_what_is_wrong_with_a_robot(
     add_robot: Callable, endpoint: str, trolley: Callable
 ) -> None:

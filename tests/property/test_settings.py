@@ -7,7 +7,7 @@ import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley.config import ConfigError, load_config
+from trolley.config import ConfigError, load_host_config
 from trolley.config.problems import find_problems
 
 VALUES = st.one_of(
@@ -55,7 +55,7 @@ def test_a_file_has_problems_if_it_is_refused(
         tables["robot"] = {**GOOD, **robot} if isinstance(robot, dict) else robot
     path.write_bytes(tomli_w.dumps(tables).encode())
     try:
-        load_config(path)
+        load_host_config(path)
     except ConfigError:
         is_refused = True
     else:

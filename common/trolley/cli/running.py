@@ -17,7 +17,14 @@ from trolley.cli import exits
 from trolley.cli.options import given, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
-from trolley.config import ConfigError, RobotConfig, ZenohSection, find_config, load_config
+from trolley.config import (
+    ConfigError,
+    RobotConfig,
+    ZenohSection,
+    find_config,
+    load_config,
+    load_host_config,
+)
 from trolley.config.mqtt import BROKER_VARIABLE, split_broker
 from trolley.interrupts import Interrupts
 from trolley.runtime.endpoints import is_of_this_host
@@ -189,8 +196,8 @@ def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> 
     carried = None if router is None else _router_of(config, router)
     if mqtt is not None:
         environment[BROKER_VARIABLE] = mqtt
-    elif not config.mqtt.broker:
-        modules.pop(MQTT, None)
+    else:
+        modules = {name: one for name, one in modules.items() if name not in config.idle_services}
     compile_if_new()
     say(f"Robot {config.robot.name}: {', '.join(modules)}. Ctrl-C ends all.")
     interrupts = Interrupts()
@@ -266,7 +273,7 @@ def router_command(listen: tuple[str, ...], uplink: tuple[str, ...], folder: Pat
     keys made by `trolley keys router` it also accepts other hosts, over TLS at port 7448.
     """
     path = find_config(given("config"))
-    config = None if path is None else load_config(path)
+    config = None if path is None else load_host_config(path)
     zenoh = ZenohSection() if config is None else config.zenoh
     local = [one for one in zenoh.connect if is_of_this_host(one)]
     if folder is None:

@@ -4,7 +4,14 @@ Unknown keys, wrong types and values out of range are refused with file, key and
 """
 
 from trolley.config.base import BaseConfig
-from trolley.config.load import ConfigError, RobotConfig, find_config, load_config
+from trolley.config.load import (
+    ConfigError,
+    HostConfig,
+    RobotConfig,
+    find_config,
+    load_config,
+    load_host_config,
+)
 from trolley.config.localizer import LocalizerConfig
 from trolley.config.mapper import MapperConfig
 from trolley.config.mqtt import MqttConfig
@@ -24,6 +31,7 @@ __all__ = [
     "BaseConfig",
     "ConfigError",
     "FootprintConfig",
+    "HostConfig",
     "LocalizerConfig",
     "MapSection",
     "MapperConfig",
@@ -38,4 +46,5 @@ __all__ = [
     "ZenohSection",
     "find_config",
     "load_config",
+    "load_host_config",
 ]

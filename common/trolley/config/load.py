@@ -4,7 +4,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 from msgspec import Struct
@@ -23,7 +23,7 @@ DEFAULT_PATH = Path("/etc/trolley/robot.toml")
 
 
 SET_ON_LOADING = ("folder", "file", "kept")
-"""What a `RobotConfig` knows besides what stands in the file."""
+"""What a `HostConfig` knows besides what stands in the file."""
 
 
 class ConfigError(Exception):
@@ -41,10 +41,10 @@ class KeptSetting(Struct, frozen=True, kw_only=True):
     """What `robot.toml` says; None: nothing."""
 
 
-class RobotConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """All of `robot.toml`."""
+class HostConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All of the `robot.toml` of any host: a PC or a home router has no robot of its own."""
 
-    robot: RobotSection
+    robot: RobotSection | None
     map: MapSection = MapSection()
     start: StartSection = StartSection()
     zenoh: ZenohSection = ZenohSection()
@@ -65,6 +65,20 @@ class RobotConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     def path(self, name: str) -> Path:
         """A file named in the configuration; a relative name counts from the file's folder."""
         return Path(self.folder) / Path(name).expanduser()
+
+
+class RobotConfig(HostConfig, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All of the `robot.toml` of a robot's host, which is what services run with."""
+
+    robot: RobotSection
+
+    @property
+    def idle_services(self) -> frozenset[str]:
+        """Services that these settings give nothing to do: `mqtt` without a broker."""
+        return frozenset() if self.mqtt.broker else frozenset({"mqtt"})
+
+
+C = TypeVar("C", bound=HostConfig)
 
 
 def find_config(given: Path | None, environment: Mapping[str, str] = os.environ) -> Path | None:
@@ -92,8 +106,25 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from error
 
 
+def load_host_config(path: Path) -> HostConfig:
+    """Read and validate the `robot.toml` of a host with or without a robot.
+
+    Returns:
+        A `RobotConfig` where it has a robot.
+
+    Raises:
+        ConfigError: It cannot be read, or a key in it is unknown or not allowed.
+    """
+    plain = read_toml(path)
+    return (
+        checked(plain, path)
+        if "robot" in plain
+        else _converted({**plain, "robot": None}, path, HostConfig)
+    )
+
+
 def load_config(path: Path) -> RobotConfig:
-    """Read and validate a `robot.toml`, and nothing but this file.
+    """Read and validate the `robot.toml` of a robot, and nothing but this file.
 
     A service runs with `kept_settings.load_with_kept`.
 
@@ -104,19 +135,26 @@ def load_config(path: Path) -> RobotConfig:
 
 
 def checked(plain: Mapping[str, Any], path: Path) -> RobotConfig:
-    """Validate what stands in a `robot.toml`.
+    """Validate what stands in the `robot.toml` of a robot.
 
     Raises:
-        ConfigError: A key in it is unknown or not allowed.
+        ConfigError: It names no robot, or a key in it is unknown or not allowed.
     """
+    if "robot" not in plain:
+        raise ConfigError(
+            f"{path}: has no [robot], so it is that of a host without a robot; this needs one: "
+            "`trolley init` writes a whole file"
+        )
+    return _converted(plain, path, RobotConfig)
+
+
+def _converted(plain: Mapping[str, Any], path: Path, kind: type[C]) -> C:
     for key in SET_ON_LOADING:
         if key in plain:
             raise ConfigError(f"{path}: unknown key `{key}`")
     file = path.resolve()
     try:
-        return msgspec.convert(
-            {**plain, "folder": str(file.parent), "file": str(file)}, type=RobotConfig
-        )
+        return msgspec.convert({**plain, "folder": str(file.parent), "file": str(file)}, type=kind)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {in_words_of_the_file(str(error))}") from error
 

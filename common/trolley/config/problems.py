@@ -9,7 +9,7 @@ import msgspec
 from trolley.config.load import (
     SET_ON_LOADING,
     ConfigError,
-    RobotConfig,
+    HostConfig,
     in_words_of_the_file,
     read_toml,
 )
@@ -19,7 +19,7 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`\Z", re.DOTALL)
 
 
 def find_problems(path: Path) -> list[str]:
-    """Every problem of a file with key and what is allowed, [] where it can be used.
+    """Every problem of a host's file with key and what is allowed, [] where it can be used.
 
     A value that is refused is taken out, and the rest is looked at again.
     """
@@ -28,21 +28,19 @@ def find_problems(path: Path) -> list[str]:
     except ConfigError as error:
         return [str(error)]
     found = [f"unknown key `{key}`" for key in SET_ON_LOADING if plain.pop(key, None) is not None]
-    for name in [*plain, *(key for key in ("robot",) if key not in plain)]:
+    for name in plain:
         found += _problems_of(name, plain)
     return [f"{path}: {text}" for text in found[:MOST]]
 
 
 def _problems_of(section: str, plain: dict[str, Any]) -> list[str]:
     """What is wrong with one table of the file."""
-    # What other sections lack must not get in the way: the required one is a good one here.
-    rest: dict[str, Any] = {"robot": {"name": "robot", "footprint": {"radius_m": 0.2}}}
-    tables: dict[str, Any] = {**rest, section: plain[section]} if section in plain else {}
+    tables: dict[str, Any] = {"robot": None, section: plain[section]}
     found: list[str] = []
     taken_out: set[tuple[str, ...]] = set()
     while len(found) < MOST:
         try:
-            msgspec.convert(tables, type=RobotConfig)
+            msgspec.convert(tables, type=HostConfig)
         except msgspec.ValidationError as error:
             text, _, where = str(error).partition(" - at `$")
             keys = [key.partition("[")[0] for key in where.rstrip("`").split(".") if key]

@@ -5,7 +5,7 @@ import os
 from datetime import datetime
 from pathlib import Path
 
-from trolley.config import RobotConfig
+from trolley.config import HostConfig
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.security.host_keys import DEFAULT_FOLDER, KeysError
 
@@ -24,12 +24,12 @@ class Validity:
     not_after: datetime
 
 
-def keys_folder(config: RobotConfig | None) -> Path:
+def keys_folder(config: HostConfig | None) -> Path:
     """Where this host's certificate lies."""
     return DEFAULT_FOLDER if config is None else config.path(config.zenoh.keys)
 
 
-def needs_keys(config: RobotConfig | None) -> bool:
+def needs_keys(config: HostConfig | None) -> bool:
     """Whether any connection of the configuration is over TLS."""
     if config is None:
         return False
@@ -82,7 +82,7 @@ def check_certificates(found: list[Validity], now: datetime) -> list[Finding]:
     return findings
 
 
-def check_keys(config: RobotConfig | None, now: datetime) -> list[Finding]:
+def check_keys(config: HostConfig | None, now: datetime) -> list[Finding]:
     """Whether the certificates that the configuration needs are there and good."""
     folder = keys_folder(config)
     if not folder.exists():

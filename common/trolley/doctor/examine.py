@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from trolley import ports
-from trolley.config import ConfigError, RobotConfig, find_config, load_config
+from trolley.config import ConfigError, HostConfig, RobotConfig, find_config, load_host_config
 from trolley.connection import Connection, RobotUnreachable, RouterBusy, Target
 from trolley.doctor import (
     certificates,
@@ -43,13 +43,18 @@ class Place:
 
     host: Host
     config_path: Path | None
-    config: RobotConfig | None
+    host_config: HostConfig | None
     """None where there is none, or where it cannot be used."""
     units: list[units.Unit] | None
     user: users.User
     """User that the services run as here."""
     state: Path
     """The state folder of all robots of this host."""
+
+    @property
+    def config(self) -> RobotConfig | None:
+        """The robot.toml of this host's robot, None where it has none."""
+        return self.host_config if isinstance(self.host_config, RobotConfig) else None
 
     @property
     def robot_state(self) -> Path | None:
@@ -61,7 +66,7 @@ def look_around(given: Path | None, host: Host) -> Place:
     """Find configuration, units, and as whom the services run."""
     path = find_config(given)
     try:
-        config = None if path is None else load_config(path)
+        config = None if path is None else load_host_config(path)
     except ConfigError:  # a check of its own says all that is wrong with it
         config = None
     installed = units.read_units(host)
@@ -78,7 +83,7 @@ def look_around(given: Path | None, host: Host) -> Place:
 
 def examine_host(place: Place) -> list[Finding]:
     """All checks of this computer, whether a robot runs or not."""
-    host, config = place.host, place.config
+    host, config = place.host, place.host_config
     checks: list[tuple[str, Callable[[], list[Finding]]]] = [
         ("system", lambda: computer.check_system(computer_facts.read_system())),
         ("clock", lambda: computer.check_clock(computer_facts.read_clock())),
@@ -87,6 +92,7 @@ def examine_host(place: Place) -> list[Finding]:
         ("disk", lambda: computer.check_disk(computer_facts.read_disk(place.state))),
         ("wi-fi", lambda: computer.check_wifi(computer_facts.read_wifi(host))),
         ("settings", lambda: settings.check_file(place.config_path)),
+        ("settings", lambda: _check_role(place)),
         ("settings", lambda: _check_kept(place)),
         ("map", lambda: _check_map(place)),
         ("permissions", lambda: _check_rights(place)),
@@ -107,6 +113,14 @@ def _check_memory(host: Host) -> list[Finding]:
     return [note("memory", "unknown here.")] if memory is None else computer.check_memory(memory)
 
 
+def _check_role(place: Place) -> list[Finding]:
+    """Whether robot.toml is a robot's where services of a robot are to run."""
+    if place.host_config is None or place.config is not None:
+        return []
+    wanted = [unit.name for unit in place.units or [] if unit.is_wanted and unit.needs_robot]
+    return settings.check_without_robot(place.config_path, wanted)
+
+
 def _check_kept(place: Place) -> list[Finding]:
     if place.config is None or place.config_path is None:
         return []
@@ -119,7 +133,7 @@ def _check_devices(place: Place) -> list[Finding]:
     return devices.check_ports(devices.read_ports(place.config, place.user))
 
 
-def _check_uplinks(config: RobotConfig | None) -> list[Finding]:
+def _check_uplinks(config: HostConfig | None) -> list[Finding]:
     if config is None:
         return []
     found = [endpoints.knock(one, is_uplink=True) for one in config.zenoh.uplink]
@@ -127,7 +141,7 @@ def _check_uplinks(config: RobotConfig | None) -> list[Finding]:
 
 
 def _check_rights(place: Place) -> list[Finding]:
-    key = certificates.keys_folder(place.config) / KEY
+    key = certificates.keys_folder(place.host_config) / KEY
     access = rights.read_access(place.user, place.config_path, place.state, key)
     found = rights.check_access(access)
     secrets = [key]
@@ -186,7 +200,7 @@ def trying(place: Place) -> Generator[trial.Running]:
     user = place.user if is_other and may_change else None
     if user is not None:
         environment["HOME"] = str(UNIT_STATE)
-    running = trial.Running(place.config_path, environment, user)
+    running = trial.Running(None if place.config is None else place.config_path, environment, user)
     try:
         yield running
     finally:
@@ -205,7 +219,7 @@ def examine_robots(
         is_wanted: whether somebody said that a robot should be there.
     """
     where = target.endpoints
-    is_needed = is_wanted or any(unit.enabled == "enabled" for unit in place.units or [])
+    is_needed = is_wanted or any(unit.is_wanted for unit in place.units or [])
     try:
         with Connection(where) as connection:
             knocked = [endpoints.knock(one) for one in where] if len(where) > 1 else []
@@ -216,7 +230,7 @@ def examine_robots(
             if not names:
                 text = "The router is there, but no robot."
                 found.append(("", [note("router", text, "`trolley up` starts one.")]))
-            needs_map = place.config is None or place.config.planner.frame == "map"
+            needs_map = place.host_config is None or place.host_config.planner.frame == "map"
             heard = listen(connection, names, seconds, needs_map=needs_map) if names else []
             checked = [(one.name, looked_at("robot", partial(check_robot, one))) for one in heard]
             return [*found, *checked]

@@ -45,6 +45,31 @@ def check_file(path: Path | None) -> list[Finding]:
     return found or [ok("settings", f"{path} can be used.")]
 
 
+def check_without_robot(path: Path | None, wanted: list[str]) -> list[Finding]:
+    """Whether a robot.toml without a [robot] is right here.
+
+    Args:
+        path: of it.
+        wanted: units of this host that are started with the system and run a robot.
+    """
+    text = f"{path} has no [robot]"
+    if wanted:
+        return [
+            problem(
+                "settings",
+                f"{text}, but {_listed(wanted)} shall run a robot here.",
+                "Add [robot] with name and footprint; `trolley init FILE` writes an example.",
+            )
+        ]
+    return [
+        note(
+            "settings",
+            f"{text}, which is right for a PC or a home router.",
+            "A robot needs one: `trolley init FILE` writes an example.",
+        )
+    ]
+
+
 def check_kept(path: Path, state: Path) -> list[Finding]:
     """What counts in place of robot.toml, since it was set while the robot ran.
 

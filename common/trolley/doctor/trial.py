@@ -133,31 +133,38 @@ def check_trial(trial: Trial) -> list[Finding]:
     return found
 
 
-def try_services(path: Path | None) -> dict[str, str]:
-    """Make each installed service with these settings; why some cannot be made."""
-    if path is None:
-        return {}
+def try_services(path: Path) -> dict[str, str]:
+    """Make each installed service that these settings are for; why not, "" where it can be made."""
     try:
         config = load_with_kept(path, state_root()).config
     except ConfigError:  # said by another check, with all that is wrong
         return {}
-    refused: dict[str, str] = {}
+    tried: dict[str, str] = {}
     for entry in entry_points(group=SERVICES):
+        if entry.name in config.idle_services:
+            continue
         try:
             entry.load()(config)
         except ConfigError as error:
-            refused[entry.name] = str(error)
-    return refused
+            tried[entry.name] = str(error)
+        else:
+            tried[entry.name] = ""
+    return tried
 
 
 def main() -> None:
     """Try, and print the outcome as JSON."""
     end_with_parent()
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else None
-    refused = try_services(path)
-    tried = [] if path is None else sorted(entry.name for entry in entry_points(group=SERVICES))
+    outcomes = {} if path is None else try_services(path)
+    refused = {name: why for name, why in outcomes.items() if why}
     kernels, missing = count_kernels()
-    plain = {"refused": refused, "tried": tried, "kernels": kernels, "missing": missing}
+    plain = {
+        "refused": refused,
+        "tried": sorted(outcomes),
+        "kernels": kernels,
+        "missing": missing,
+    }
     sys.stdout.write(json.dumps(plain))
 
 

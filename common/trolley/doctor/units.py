@@ -11,6 +11,8 @@ FOLDERS = ("etc/systemd/system", "usr/lib/systemd/system", "lib/systemd/system")
 OFTEN = 3
 """From so many restarts on something is wrong with a service."""
 CANNOT_USE_CONFIG = "2"
+ROUTER = "router"
+"""The service that needs no robot.toml."""
 _PROPERTIES = (
     "Id,LoadState,ActiveState,SubState,UnitFileState,NRestarts,Result,ExecMainStatus,User,"
     "SupplementaryGroups,Environment"
@@ -38,6 +40,16 @@ class Unit:
     def service(self) -> str:
         """The service's name, such as `base`."""
         return self.name.removeprefix("trolley-").partition(".")[0]
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether it is started with the system."""
+        return self.enabled == "enabled"
+
+    @property
+    def needs_robot(self) -> bool:
+        """Whether it runs with a robot's robot.toml: all do but the router."""
+        return self.service != ROUTER
 
 
 def read_units(host: Host) -> list[Unit] | None:
@@ -116,7 +128,7 @@ def _check_unit(unit: Unit) -> Finding:
     if unit.active == "activating":
         return warning("services", f"{unit.name} is not ready yet.", f"Wait a little; {log}.")
     if unit.active != "active":
-        if unit.enabled == "enabled":
+        if unit.is_wanted:
             return problem(
                 "services",
                 f"{unit.name} should be running, but is not.",

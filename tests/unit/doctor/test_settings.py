@@ -15,6 +15,7 @@ from trolley.doctor.settings import (
     check_kept_aside,
     check_map,
     check_places,
+    check_without_robot,
     check_zones,
     chosen_map,
     facts_of,
@@ -79,13 +80,34 @@ def test_every_problem_of_a_file_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "robot = 3", "[planner]\nmax_speed_mps = nan\n", "[robot", "[zap.zap]\nzap = []\n"]
+    "text",
+    [
+        "robot = 3",
+        "robot = {}",
+        "[planner]\nmax_speed_mps = nan\n",
+        "[robot",
+        "[zap.zap]\nzap = []\n",
+    ],
 )
 def test_a_wrong_file_always_has_a_problem(tmp_path: Path, text: str) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(text)
     assert find_problems(path)
     assert all(one.level is Level.PROBLEM for one in check_file(path))
+
+
+def test_the_file_of_a_host_without_a_robot_has_none(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text('[zenoh]\nuplink = ["tls/home.local:7448"]\n')
+    assert [one.level for one in check_file(path)] == [Level.OK]
+    (said,) = check_without_robot(path, [])
+    assert said.level is Level.NOTE
+    assert "right for a PC" in said.sentence
+    (said,) = check_without_robot(path, ["trolley-base.service"])
+    assert said.level is Level.PROBLEM
+    assert "trolley-base.service shall run a robot" in said.sentence
+    path.write_text("[zenoh]\nuplink = 3\n[planner]\nfast = 1\n")
+    assert len(find_problems(path)) == 2
 
 
 def test_a_good_file_has_none(root_toml: Path) -> None:
