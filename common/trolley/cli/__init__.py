@@ -19,54 +19,83 @@ from trolley.cli.options import where_options
 from trolley.cli.printing import show_error
 from trolley.start import EndingAtOnce, leave
 
-COMMANDS = {
-    "demo": (
-        "trolley.cli.demo",
-        "Watch a simulated robot drive through an apartment, in the browser.",
-    ),
-    "up": ("trolley.cli.running", "Run all services of a robot in this terminal."),
-    "router": ("trolley.cli.running", "Run the router that services and tools connect to."),
-    "keys": ("trolley.cli.keys", "Make certificates for the hosts that may connect."),
-    "run": ("trolley.cli.running", "Run one service in the foreground."),
-    "init": ("trolley.cli.init", "Write a commented robot.toml."),
-    "status": ("trolley.cli.status", "Show how the robot and its services are doing."),
-    "top": ("trolley.cli.top", "Watch services and topics live: rates, processor, memory."),
-    "doctor": ("trolley.cli.doctor", "Find out what is wrong, and what to do about it."),
-    "pose": ("trolley.cli.pose", "Show where the robot is; manage saved places."),
-    "go": ("trolley.cli.go", "Drive to a place."),
-    "follow": ("trolley.cli.go", "Follow a person."),
-    "cancel": ("trolley.cli.go", "Cancel the current goal."),
-    "tour": ("trolley.cli.tour", "Drive through several places."),
-    "stop": ("trolley.cli.stopping", "Stop the robot until it is resumed."),
-    "resume": ("trolley.cli.stopping", "Allow a stopped robot to drive again."),
-    "topic": ("trolley.cli.topic", "Show what is published; publish something."),
-    "ask": ("trolley.cli.ask", "Ask any request of the wire."),
-    "tf": ("trolley.cli.tf", "Show where one frame is in another."),
-    "map": ("trolley.cli.maps", "The map."),
-    "zones": ("trolley.cli.maps", "List mirrors, glass, keep-out and speed zones."),
-    "teleop": ("trolley.cli.teleop", "Drive by hand, with the keys of this terminal."),
-    "config": ("trolley.cli.config", "Show and change settings while the robot runs."),
-    "record": ("trolley.cli.record", "Record what a robot publishes into a file."),
-    "replay": ("trolley.cli.replay", "Play a recording under another robot's name."),
-    "backup": ("trolley.cli.backup", "Save everything the robot knows in one file."),
-    "restore": ("trolley.cli.backup", "Restore what `trolley backup` saved."),
-    "import": ("trolley.cli.importing", "Import settings from another system."),
-    "completion": (
-        "trolley.cli.completion",
-        "Print the script that completes commands in a shell.",
-    ),
+SECTIONS = {
+    "Begin": {
+        "demo": (
+            "trolley.cli.demo",
+            "Watch a simulated robot drive through an apartment, in the browser.",
+        ),
+        "init": ("trolley.cli.init", "Write a commented robot.toml."),
+        "up": ("trolley.cli.running", "Run all services of a robot in this terminal."),
+        "router": ("trolley.cli.running", "Run the router that services and tools connect to."),
+        "run": ("trolley.cli.running", "Run one service in the foreground."),
+        "doctor": ("trolley.cli.doctor", "Find out what is wrong, and what to do about it."),
+    },
+    "Drive": {
+        "go": ("trolley.cli.go", "Drive to a place."),
+        "follow": ("trolley.cli.go", "Follow a person."),
+        "cancel": ("trolley.cli.go", "Cancel the current goal."),
+        "tour": ("trolley.cli.tour", "Drive through several places."),
+        "stop": ("trolley.cli.stopping", "Stop the robot until it is resumed."),
+        "resume": ("trolley.cli.stopping", "Allow a stopped robot to drive again."),
+        "teleop": ("trolley.cli.teleop", "Drive by hand, with the keys of this terminal."),
+    },
+    "Look": {
+        "status": ("trolley.cli.status", "Show how the robot and its services are doing."),
+        "top": ("trolley.cli.top", "Watch services and topics live: rates, processor, memory."),
+        "pose": ("trolley.cli.pose", "Show where the robot is; manage saved places."),
+        "map": ("trolley.cli.maps", "The map."),
+        "zones": ("trolley.cli.maps", "List mirrors, glass, keep-out and speed zones."),
+        "topic": ("trolley.cli.topic", "Show what is published; publish something."),
+        "tf": ("trolley.cli.tf", "Show where one frame is in another."),
+    },
+    "Set and keep": {
+        "config": ("trolley.cli.config", "Show and change settings while the robot runs."),
+        "record": ("trolley.cli.record", "Record what a robot publishes into a file."),
+        "replay": ("trolley.cli.replay", "Play a recording under another robot's name."),
+        "backup": ("trolley.cli.backup", "Save everything the robot knows in one file."),
+        "restore": ("trolley.cli.backup", "Restore what `trolley backup` saved."),
+        "import": ("trolley.cli.importing", "Import settings from another system."),
+    },
+    "For hosts and programs": {
+        "keys": ("trolley.cli.keys", "Make certificates for the hosts that may connect."),
+        "ask": ("trolley.cli.ask", "Ask any request of the wire."),
+        "completion": (
+            "trolley.cli.completion",
+            "Print the script that completes commands in a shell.",
+        ),
+    },
 }
-"""Command: its module (where it is the function `<command>_command`) and its short help."""
+"""By section: command, its module (where it is the function `<command>_command`), short help."""
+
+COMMANDS = {name: row for section in SECTIONS.values() for name, row in section.items()}
+
+ADDED = "More"
+"""The section of what services bring along."""
 
 PLUGINS = "trolley.commands"
 """Entry-point group of the services' own commands: `tour-import` is `trolley tour import`."""
 
 
-class LazyGroup(click.Group):
+class SuggestingGroup(click.Group):
+    """A group that names the nearest commands where one is mistyped, whoever brings it along."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that the first of `args` names."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.NoSuchCommand as error:
+            names = self.list_commands(ctx)
+            raise click.NoSuchCommand(error.command_name, possibilities=names, ctx=ctx) from error
+
+
+class LazyGroup(SuggestingGroup):
     """A group whose commands are imported when they are used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Every command, in the order of the table."""
+        """Every command, in the order of the help."""
         own = {name.partition("-")[0] for name in COMMANDS}
         return [*COMMANDS, *(name for name in plugins() if name.partition("-")[0] not in own)]
 
@@ -79,12 +108,18 @@ class LazyGroup(click.Group):
         return _loaded(plugins().get(cmd_name))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands without importing any."""
-        rows = [(name, text) for name, (_, text) in COMMANDS.items()]
-        for name in self.list_commands(ctx)[len(rows) :]:
-            rows.append((name, _short_help(plugins()[name])))
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
+        """List the commands by section without importing any."""
+        added = self.list_commands(ctx)[len(COMMANDS) :]
+        sections = {
+            title: [(name, text) for name, (_, text) in commands.items()]
+            for title, commands in SECTIONS.items()
+        }
+        if added:
+            sections[ADDED] = [(name, _short_help(plugins()[name])) for name in added]
+        longest = max(len(name) for name in (*COMMANDS, *added))
+        for title, rows in sections.items():
+            with formatter.section(title):
+                formatter.write_dl([(f"{name:<{longest}}", text) for name, text in rows])
 
 
 def plugins() -> dict[str, EntryPoint]:
@@ -112,7 +147,7 @@ def _short_help(entry: EntryPoint) -> str:
     return ""
 
 
-class PluggedGroup(click.Group):
+class PluggedGroup(SuggestingGroup):
     """A group that services add commands to: entry point `<group>-<command>`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:

@@ -23,6 +23,8 @@ FINE_M, COARSE_M = 0.02, 0.1
 """Cell edges that work well."""
 LARGE_CELLS = 25_000_000
 """From here on the services need much memory: about 10 bytes a cell in two of them."""
+LEAST_FLOOR_M2 = 1.0
+"""A map with less free floor leaves a robot nowhere to go, however large its canvas is."""
 MOST_NAMED = 5
 
 
@@ -117,18 +119,23 @@ class MapFacts:
     unknown: float
     """Share of cells that nobody has seen."""
     occupied: float
-    """Share of cells with something in them."""
+    """Share of the known cells with something in them."""
+    floor_m2: float
+    """Area of the cells that are free."""
 
 
 def facts_of(grid: GridMap) -> MapFacts:
     """Measure a map."""
+    is_known = grid.cells >= 0
+    known, occupied = int(is_known.sum()), int(grid.occupied_mask().sum())
     return MapFacts(
         grid.name,
         grid.resolution,
         grid.size_m,
         int(grid.cells.size),
-        float(np.mean(grid.cells < 0)),
-        float(np.mean(grid.occupied_mask())),
+        float(np.mean(~is_known)),
+        occupied / max(known, 1),
+        (known - occupied) * grid.resolution**2,
     )
 
 
@@ -152,11 +159,11 @@ def check_map(facts: MapFacts) -> list[Finding]:
                 "Look at `negate` and `free_thresh` in its YAML file: it may be inside out.",
             )
         )
-    if 1.0 - facts.unknown - facts.occupied < 0.01:
+    if facts.floor_m2 < LEAST_FLOOR_M2:
         found.append(
             problem(
                 "map",
-                f"The map {facts.name} has hardly any free floor ({facts.unknown:.0%} unknown).",
+                f"The map {facts.name} has hardly any free floor: {facts.floor_m2:.1f} m².",
                 "Look at `free_thresh` in its YAML file, or map again.",
             )
         )

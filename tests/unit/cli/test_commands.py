@@ -168,3 +168,18 @@ def test_every_setting_has_a_name_and_bounds_in_words() -> None:
 def test_it_says_which_release_it_is(runner: CliRunner) -> None:
     said = runner.invoke(cli, ["--version"])
     assert (said.exit_code, said.output) == (0, f"trolley, version {version('trolley-robot')}\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["stauts"], "status"),
+        (["calibrat"], "calibrate"),
+        (["tour", "impor"], "import"),
+        (["tour", "strat"], "start"),
+    ],
+)
+def test_a_mistyped_command_brings_the_nearest(words: list[str], meant: str) -> None:
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 2
+    assert f"Did you mean '{meant}'" in done.stderr
