@@ -44,7 +44,7 @@ GET_TIMEOUT_S = 2.0
 MOST_WAITING = 1000
 MOST_WAITING_BYTES = 64 << 20
 """What a subscription keeps that nobody reads: so many messages, and so many bytes of them."""
-TOKENS_S = (1.0, 3.0)
+TOKENS_S = (1.0, 10.0)
 """How long the router may take to say who is there, and when it is asked once more."""
 CLOCK_PATIENCE_S = 1.0
 

@@ -34,6 +34,11 @@ def init_command(path: Path, name: str, length: float, width: float, map_file: s
         "robot.footprint": to_toml({"length_m": length, "width_m": width}),
     }
     if map_file is not None:
+        if not (path.parent / map_file).is_file():
+            raise click.UsageError(
+                f"--map: {path.parent / map_file} is not there; leave it out, and make a map with "
+                "`trolley map new`"
+            )
         chosen["map.file"] = to_toml(map_file)
     try:
         with path.open("x", encoding="utf-8") as file:

@@ -15,6 +15,7 @@ def where_options(command: F) -> F:
 
     def keep(context: click.Context, parameter: click.Parameter, value: Any) -> None:
         if value:
+            _check(parameter.name or "", value)
             where = cast("dict[str, Any]", context.ensure_object(dict))
             where[parameter.name or ""] = value
 
@@ -38,6 +39,19 @@ def where_options(command: F) -> F:
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def _check(name: str, value: Any) -> None:
+    """Refuse what can be neither a robot's name nor an endpoint: nobody would ever answer."""
+    # Not at the top: completing a command in the shell needs none of it.
+    from trolley.config.robot import why_no_endpoint
+    from trolley.topics import names_robot
+
+    if name == "robot" and not names_robot(value):
+        raise click.BadParameter("a robot's name is 1 to 32 characters of a-z, 0-9, _ and -")
+    for endpoint in value if name == "connect" else ():
+        if why_not := why_no_endpoint(endpoint):
+            raise click.BadParameter(why_not)
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")

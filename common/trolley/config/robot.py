@@ -100,6 +100,19 @@ class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Start here even if a last pose is known."""
 
 
+def why_no_endpoint(text: str) -> str:
+    """Why this is no endpoint in Zenoh's words, "" where it is one."""
+    protocol, _, address = text.partition("/")
+    port = re.search(r":([0-9]{1,5})([?#].*)?\Z", address)
+    has_port = port is not None and 0 < int(port[1]) < 65536
+    if protocol in PROTOCOLS and (has_port or protocol in WITHOUT_PORT):
+        return ""
+    return (
+        f"{text!r} is not an endpoint: write protocol/host:port, such as "
+        f"tcp/127.0.0.1:{ROUTER_PORT}; the protocol is {', '.join(PROTOCOLS)}"
+    )
+
+
 class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[zenoh]`: how services find each other."""
 
@@ -125,13 +138,8 @@ class ZenohSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
                     "are few, or every message of them counts"
                 )
         for endpoint in (*self.connect, *self.uplink):
-            protocol, _, address = endpoint.partition("/")
-            has_port = re.search(r":[0-9]{1,5}([?#].*)?\Z", address) is not None
-            if protocol not in PROTOCOLS or not (has_port or protocol in WITHOUT_PORT):
-                raise ValueError(
-                    f"{endpoint!r} is not an endpoint: write protocol/host:port, such as "
-                    f"tcp/127.0.0.1:{ROUTER_PORT}; the protocol is {', '.join(PROTOCOLS)}"
-                )
+            if why_not := why_no_endpoint(endpoint):
+                raise ValueError(why_not)
         for endpoint in self.connect:
             if endpoint.startswith("tcp/") and port_of(endpoint) is None:
                 raise ValueError(

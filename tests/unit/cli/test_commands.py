@@ -109,6 +109,7 @@ def test_init_writes_a_file_that_loads_and_never_overwrites(
 ) -> None:
     path = tmp_path / "robot.toml"
     arguments = ["init", str(path), "--name", "r2", "--length", "0.5", "--width", "0.4"]
+    (tmp_path / "home.yaml").touch()
     assert runner.invoke(cli, [*arguments, "--map", "home.yaml"]).exit_code == 0
     config = load_config(path)
     assert (config.robot.name, config.robot.footprint.length_m) == ("r2", 0.5)
@@ -168,6 +169,29 @@ def test_every_setting_has_a_name_and_bounds_in_words() -> None:
 def test_it_says_which_release_it_is(runner: CliRunner) -> None:
     said = runner.invoke(cli, ["--version"])
     assert (said.exit_code, said.output) == (0, f"trolley, version {version('trolley-robot')}\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--connect", "foo"], "is not an endpoint"),
+        (["--connect", ""], "is not an endpoint"),
+        (["--connect", "tcp/127.0.0.1:99999"], "is not an endpoint"),
+        (["--robot", "Bad Name"], "a robot's name is"),
+    ],
+)
+def test_where_nobody_can_be_is_refused_at_once(words: list[str], said: str) -> None:
+    done = CliRunner().invoke(cli, ["status", *words])
+    assert done.exit_code == 2
+    assert said in done.stderr
+
+
+def test_a_map_that_is_not_there_is_not_written_down(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    done = CliRunner().invoke(cli, ["init", str(path), "--map", "home.yaml"])
+    assert done.exit_code == 2
+    assert "home.yaml is not there" in done.stderr
+    assert not path.exists()
 
 
 @pytest.mark.parametrize(
