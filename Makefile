@@ -3,7 +3,7 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test unit slow lint format audit sbom bench docs api wheels lock clean
+.PHONY: help setup demo test unit slow lint format audit sbom bench docs api wheels release lock clean
 
 # The newest suitable Python that really runs (a pyenv shim may exist and fail).
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
@@ -101,6 +101,9 @@ wheels: setup ## Build a wheel of each member into out/wheels.
 	@for member in $(MEMBERS); do \
 		(cd "$$member" && "$(CURDIR)/$(BIN)/python" -m hatchling build -t wheel -d "$(CURDIR)/out/wheels") || exit 1; \
 	done
+
+release: setup ## Check, build, sign and tag a release: VERSION=0.2.0, and ARGS="--key FILE".
+	@$(BIN)/python deploy/release.py $(VERSION) $(ARGS)
 
 # Keeps the versions that requirements.lock names already; ARGS=--upgrade takes the newest.
 # No line of it says where packages come from: that is the business of the machine's own settings.
