@@ -198,6 +198,15 @@ COSTMAP_GLOBAL = Topic(
     of_epoch=True,
     max_bytes=_MAP_BYTES,
 )
+COSTS = Topic(
+    "costs/{source}",
+    m.OccupancyGrid,
+    "anyone",
+    "at most 1 Hz",
+    Qos.STATE,
+    max_bytes=256 << 10,
+    max_keys=64,
+)
 POSES = Topic("poses", m.SavedPoses, "tour", "on change", Qos.STATE)
 SAVED_POSE = Topic("poses/{name}", m.SavedPose, "tour", "stored", Qos.STATE, Kind.STORED)
 TOURS = Topic("tours", m.Tours, "tour", "on change", Qos.STATE)

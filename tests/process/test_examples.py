@@ -1,13 +1,16 @@
 """The programs of `examples/`, as they are, with a scripted robot."""
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from support.examples import EXAMPLES, load_example
+from support.waiting import PATIENCE_S
 
-from trolley import topics
+from trolley import Robot, topics
 
 from .test_python import MAP, SCAN, publish
 
@@ -23,8 +26,8 @@ SAYS = {
     "everybody": "one: localized",
     "at_once": "arrived after 0 s",
 }
-ELSEWHERE = {"own_planner"}
-"""Tested in tests/service/planner."""
+ELSEWHERE = {"own_planner", "keep_away"}
+"""Programs that go on until they are ended; what they do is tested in tests/service/planner."""
 
 
 @pytest.fixture
@@ -55,6 +58,22 @@ def test_an_example_does_what_it_says(
     assert SAYS[name] in capsys.readouterr().out
     if name == "picture":
         assert Path("map.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_costs_are_published_until_the_program_ends(robot: None, endpoint: str) -> None:
+    program = [sys.executable, str(EXAMPLES / "keep_away.py"), "kitchen"]
+    with (
+        Robot(connect=endpoint) as watcher,
+        watcher.subscribe(topics.COSTS) as heard,
+        subprocess.Popen(program) as running,
+    ):
+        first, second = heard.next(PATIENCE_S), heard.next(PATIENCE_S)
+        running.terminate()
+    assert first is not None
+    assert second is not None
+    assert first.parts == ("keep_away",)
+    assert max(first.message.cells) > 90
+    assert (first.message.name, first.message.frame) == ("home", "map")
 
 
 def test_the_notebook_runs(robot: None) -> None:

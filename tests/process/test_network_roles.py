@@ -19,7 +19,7 @@ from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.connection import Connection, RobotUnreachable
 from trolley.geometry import Pose2D, Twist2D
-from trolley.messages import Marker, SavedPose, Transform, VelocityCommand
+from trolley.messages import Marker, OccupancyGrid, SavedPose, Transform, VelocityCommand
 from trolley.messages.request_params import Nothing, SendGoal
 from trolley.requests import Request
 from trolley.runtime import codec
@@ -154,6 +154,16 @@ OWN = {"tf", "clock", "odom", "pose", "base", "health", "robot", "poses", "goal"
 MARK = b"elsewhere"
 MARKER = Marker(frame="map", kind="sphere", pose=HERE)
 PLACE = SavedPose(name="den", map="elsewhere", pose=HERE)
+COSTS = OccupancyGrid(
+    stamp_ns=0,
+    name="home",
+    frame="map",
+    resolution=1.0,
+    width=1,
+    height=1,
+    origin=HERE,
+    cells=memoryview(b"\x64"),
+)
 
 
 def publish_all(connection: Connection) -> None:
@@ -169,6 +179,7 @@ def publish_all(connection: Connection) -> None:
         (topics.TF, frame("camera"), ("camera",)),
         (topics.MARKER, MARKER, ("plan", "1")),
         (topics.SAVED_POSE, PLACE, ("den",)),
+        (topics.COSTS, COSTS, ("night",)),
     ):
         put(connection, topic, message, *parts)
 
@@ -177,7 +188,7 @@ def put(connection: Connection, topic: Topic, message: Any, *parts: str) -> None
     connection.publish("one", topic, message, *parts)
 
 
-ALLOWED = {"cmd_vel/teleop", "tf/camera", "markers/plan/1", "poses/den"}
+ALLOWED = {"cmd_vel/teleop", "tf/camera", "markers/plan/1", "poses/den", "costs/night"}
 
 
 @pytest.fixture

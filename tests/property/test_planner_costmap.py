@@ -7,10 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from trolley.geometry import Pose2D
 from trolley.gridmap.distance import distance_transform
+from trolley_planner.costmap.cost_layer import raise_weights
 from trolley_planner.costmap.inflation import (
     UNKNOWN,
     WALL,
+    WEIGHT_UNIT,
     CostmapLayers,
     compose_into,
     replace_mask,
@@ -28,6 +31,7 @@ from trolley_planner.costmap.obstacle_grid import (
 from trolley_planner.costmap.social_layer import spread_walk
 
 ROWS, COLS = 14, 17
+EDGE_M = 0.05
 SEEDS = st.integers(0, 2**32 - 1)
 PLACES = st.floats(-4.0, 20.0)
 ANGLES = st.floats(-math.pi, math.pi)
@@ -231,6 +235,36 @@ def test_the_way_of_who_walks_is_dear(
             if weights[row, col] > 5:
                 assert box[0] <= row <= box[1]
                 assert box[2] <= col <= box[3]
+
+
+@given(SEEDS, ANGLES, st.floats(0.02, 0.4), st.integers(1, 3))
+def test_costs_of_programs_lie_where_they_were_put(
+    seed: int, angle: float, edge_m: float, samples: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    costs = rng.integers(-1, 128, (4, 6)).astype(np.int8)
+    costs_T_grid = Pose2D(rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), angle)
+    weights = rng.integers(0, 8, (ROWS, COLS)).astype(np.uint8)
+    expected, scale = weights.copy(), EDGE_M / edge_m
+    placed = (
+        scale * math.cos(angle),
+        scale * math.sin(angle),
+        costs_T_grid.x / edge_m,
+        costs_T_grid.y / edge_m,
+    )
+    raise_weights(weights, (0, ROWS, 0, COLS), costs, placed, samples)
+    parts = (np.arange(samples) + 0.5) / samples
+    for row in range(ROWS):
+        for col in range(COLS):
+            points = [(EDGE_M * (col + x), EDGE_M * (row + y)) for x in parts for y in parts]
+            there = np.floor(costs_T_grid.transform_points(np.array(points)) / edge_m).astype(int)
+            found = [int(costs[y, x]) for x, y in there.tolist() if 0 <= x < 6 and 0 <= y < 4]
+            highest = min(max(found, default=0), 100)
+            if highest > 0:
+                weight = math.floor(WEIGHT_UNIT * (1.0 + highest / 10))
+                expected[row, col] = max(expected[row, col], weight)
+    # A point on the border of two cells may fall into either.
+    assert (weights != expected).sum() <= 1
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.floats(-50.0, 900.0))

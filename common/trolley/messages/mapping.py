@@ -35,7 +35,8 @@ class OccupancyGrid(Struct, frozen=True, kw_only=True):
 
     The outer corner of cell (0, 0) is at `origin` (frame_T_grid), columns along its +x, rows along
     +y. On `map`: 0 free to 100 occupied, -1 unknown. On `costmap`: 100 where the footprint's centre
-    may not be, 99 inscribed, -1 unknown.
+    may not be, 99 inscribed, -1 unknown. On `costs/<source>`: 0 no cost to 100; a metre through
+    cells of cost c counts as 1 + c / 10 metres of free floor, for 10 s from when it was published.
     """
 
     stamp_ns: StampNs

@@ -122,7 +122,11 @@ def _operator() -> list[Grant]:
     stored = [topic.key("*") for topic in topics.TOPICS if topic.kind is Kind.STORED]
     cleared = [f"{ROOT}/*/{topic.chunks[0]}/**" for topic in topics.TOPICS if topic.is_drawing]
     frames = all_but(child for (child,) in topics.TF.owned_parts)
-    driven = [topics.COMMAND.key("*", "teleop"), *(topics.TF.key("*", one) for one in frames)]
+    driven = [
+        topics.COMMAND.key("*", "teleop"),
+        topics.COSTS.key("*", "*"),
+        *(topics.TF.key("*", one) for one in frames),
+    ]
     return [
         *_viewer(),
         Grant(("query",), (REQUESTS,)),

@@ -118,6 +118,13 @@ class PlannerService(Service):
         """Keep where mirrors are suspected."""
         self.navigator.inputs.suspects = suspects
 
+    @on(topics.COSTS)
+    def on_costs(self, grid: OccupancyGrid, source: str) -> None:
+        """Keep where a program would rather not have the robot drive."""
+        trouble = self.navigator.inputs.costs.update(source, grid, self.stamp_ns)
+        if trouble:
+            self.count(f"costs/{trouble}")
+
     @on(topics.POSES)
     def on_poses(self, places: SavedPoses) -> None:
         """Keep the saved poses that goals may name."""

@@ -74,6 +74,7 @@ def warm_up() -> None:
     SocialLayer(context.costmap.shape, EDGE_M, 0.1).update(
         [walker], context.costmap.obstacle_layer.grid
     )
+    context.costmap.set_costs([context.grid])
     cell, since = np.zeros(1, dtype=np.int64), (1, 0.0)
     layer, walls = context.costmap.obstacle_layer, context.costmap.static.walls
     seen_lately(layer.grid, walls, cell, cell, since)

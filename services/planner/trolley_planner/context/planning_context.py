@@ -190,7 +190,7 @@ class CostmapManagerParams:
     """Upkeep of the costmap; by hand."""
 
     fade_s: float = 1.0
-    """Time between two passes that forget old obstacles."""
+    """Time between two passes that forget old obstacles and take over the costs of programs."""
     edge_share: float = 0.25
     """In frame `odom` the costmap moves when the robot comes this near to its edge, as a share
     of `odom_size_m`."""
@@ -323,10 +323,13 @@ class CostmapManager:
         return True
 
     def maintain(self, now_ns: int) -> None:
-        """Forget what has been out of sight for long."""
-        if self.context is not None and now_ns - self._faded_ns >= MANAGER.fade_s * 1e9:
-            self._faded_ns = now_ns
-            self.context.costmap.forget_old(now_ns)
+        """Forget what has been out of sight for long, and take over the costs of programs."""
+        if self.context is None or now_ns - self._faded_ns < MANAGER.fade_s * 1e9:
+            return
+        self._faded_ns = now_ns
+        self.context.costmap.forget_old(now_ns)
+        if self._map is not None:
+            self.context.costmap.set_costs(self._inputs.costs.on_map(self._map.name, now_ns))
 
     def update_position(self, here: Pose2D | None) -> None:
         """Update the robot's position: it may cross keep-out zones that it must leave."""

@@ -13,6 +13,7 @@ from trolley.geometry.polygon import distance_to_outline
 from trolley.gridmap import GridMap
 from trolley.gridmap.distance import distance_transform
 from trolley.messages import Zone
+from trolley_planner.costmap.cost_layer import CostLayer
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import (
     LETHAL,
@@ -93,6 +94,7 @@ class Costmap:
         """Map and zones."""
         self.obstacle_layer = ObstacleLayer(self.shape, grid.resolution, config)
         self._social_layer = SocialLayer(self.shape, grid.resolution, footprint.inscribed_m)
+        self._cost_layer = CostLayer(self.shape, grid.resolution)
         self.moving = MovingObstacles()
         """People and other robots: they are not in the distances, but in the local costmap."""
         self._closed = np.zeros(self.shape, dtype=np.uint8)
@@ -118,6 +120,11 @@ class Costmap:
             lines: points of each in the frame of the goals [m].
         """
         self._suspects = line_segments(lines, self.grid_T_frame)
+
+    def set_costs(self, costs: Sequence[GridMap]) -> None:
+        """Replace the costs that programs publish (grids in the frame of the goals)."""
+        placed = [(one, one.origin.inverse() @ self.frame_T_grid) for one in costs]
+        self._cost_layer.update(placed, self.obstacle_layer.grid)
 
     def set_position(self, x: float, y: float) -> None:
         """Update where the robot is: a keep-out zone around it may be crossed until it has left.
@@ -192,7 +199,7 @@ class Costmap:
         is_occupied = np.empty(shape, dtype=np.uint8)
         compose_into(is_occupied, self._layers(), (first_row, first_col), not self.unknown_is_free)
         flipped = replace_mask(self._stands, is_occupied, (first_row, first_col))
-        boxes = self._social_layer.pop_changed()
+        boxes = self._social_layer.pop_changed() + self._cost_layer.pop_changed()
         if len(flipped) <= COSTMAP.most_flipped:
             edge_m, reach_m = self.resolution_m, self._reach_m
             around = update_distances(self.distance_m, self._stands, flipped, edge_m, reach_m)
@@ -207,11 +214,13 @@ class Costmap:
         """Compute distances and weights with what the lidar has seen, whatever has changed."""
         self.obstacle_layer.pop_dirty()
         self._social_layer.pop_changed()
+        self._cost_layer.pop_changed()
         compose_into(self._stands, self._layers(), (0, 0), not self.unknown_is_free)
         self.distance_m = distance_transform(self._stands, self.resolution_m, self._reach_m)
         """Distance to the nearest obstacle, up to the inflation's reach [m]."""
         self.weights = np.full(self.shape, LETHAL, dtype=np.uint8)
-        """Weights by that distance, and where people walk; the outermost cells are lethal."""
+        """Weights by that distance, where people walk, and by the costs that programs publish; the
+        outermost cells are lethal."""
         self._weigh(np.array([(0, self.shape[0], 0, self.shape[1])]))
 
     def _measure(self, flipped: NDArray[np.int64]) -> tuple[int, int, int, int]:
@@ -228,11 +237,16 @@ class Costmap:
     def _weigh(self, boxes: NDArray[np.int64]) -> None:
         """Bring the weights up to date in boxes (n, 4): first and end row, first and end column."""
         weigh_boxes(self.weights, self.distance_m, self._table, TABLE_STEP_M, boxes)
+        least: list[NDArray[np.uint8]] = []
         if self._social_layer.is_anyone_walking:
+            least.append(self._social_layer.weights)
+        if self._cost_layer.has_costs:
+            least.append(self._cost_layer.weights)
+        for layer in least:
             for row, end_row, col, end_col in boxes.tolist():
                 part = np.s_[row:end_row, col:end_col]
-                weights, walked = self.weights[part], self._social_layer.weights[part]
-                np.maximum(weights, walked, out=weights, where=weights != LETHAL)
+                weights = self.weights[part]
+                np.maximum(weights, layer[part], out=weights, where=weights != LETHAL)
 
     def squeeze_weights(
         self, weights: NDArray[np.uint8], distance_m: NDArray[np.float32]

@@ -20,6 +20,7 @@ from trolley.messages import (
     Zones,
 )
 from trolley.messages.types import floats_from_bytes
+from trolley_planner.sensing.published_costs import PublishedCosts
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,7 @@ class Inputs:
         self.map: OccupancyGrid | None = None
         self.zones: Zones | None = None
         self.suspects: Suspects | None = None
+        self.costs = PublishedCosts()
         self.pose: PoseEstimate | None = None
         self.base: BaseState | None = None
         self.places: SavedPoses | None = None
