@@ -36,6 +36,16 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
 @click.option(
     "--speed", type=click.FloatRange(min=0.0, min_open=True), help="Highest speed, in m/s."
 )
+@click.option(
+    "--xy-tolerance",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="How near is near enough, in m  [default: 0.05].",
+)
+@click.option(
+    "--yaw-tolerance",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="How near the heading has to be, in radians  [default: 0.05].",
+)
 @click.option("--frame", help="The frame of X and Y [default: the planner's].")
 @click.option("--any", "anyone", is_flag=True, help="Send the nearest free robot.")
 @click.option("--preview", is_flag=True, help="Only say how long it would take.")

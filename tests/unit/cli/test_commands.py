@@ -80,7 +80,7 @@ def test_completion_prints_a_script(runner: CliRunner, shell: str) -> None:
 
 
 def test_names_are_completed_in_the_shell(runner: CliRunner) -> None:
-    words = {"COMP_WORDS": "trolley topic echo cost", "COMP_CWORD": "3"}
+    words = {"COMP_WORDS": "trolley topic echo costm", "COMP_CWORD": "3"}
     result = runner.invoke(
         cli, env={**words, "_TROLLEY_COMPLETE": "bash_complete"}, prog_name="trolley"
     )

@@ -9,8 +9,8 @@ import math
 from trolley.config.hardware import LidarModel
 from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.lidars import MODELS
-from trolley_base.importers.linorobot.findings import Findings, first
-from trolley_base.importers.linorobot.launch_files import Value
+from trolley_base.importers.findings import Value
+from trolley_base.importers.linorobot.findings import LinorobotFindings, first
 from trolley_base.importers.linorobot.mounting import find_mount
 
 DRIVES = {"2wd": "differential", "4wd": "skid_steer", "mecanum": "mecanum"}
@@ -27,7 +27,7 @@ ROSSERIAL = ("rosserial_python", "rosserial_server")
 MOST_HEIGHT_M = 3.0
 
 
-def take_hardware(findings: Findings, base: str, lidar: str) -> None:
+def take_hardware(findings: LinorobotFindings, base: str, lidar: str) -> None:
     """Take everything.
 
     Args:
@@ -43,7 +43,7 @@ def take_hardware(findings: Findings, base: str, lidar: str) -> None:
     _take_mount(findings, model)
 
 
-def _take_drive(findings: Findings, base: str) -> None:
+def _take_drive(findings: LinorobotFindings, base: str) -> None:
     if base in DRIVES:
         findings.set("robot.drive", DRIVES[base])
         findings.taken.append((f"drive {DRIVES[base]}", f"LINOBASE={base}"))
@@ -56,7 +56,7 @@ def _take_drive(findings: Findings, base: str) -> None:
         )
 
 
-def _take_board(findings: Findings) -> None:
+def _take_board(findings: LinorobotFindings) -> None:
     nodes = findings.launch.of_package(ROSSERIAL)
     port = first(nodes, ("port", "_port"))
     findings.set("base.chassis.board", "linorobot")
@@ -69,7 +69,7 @@ def _take_board(findings: Findings) -> None:
         findings.take("base.chassis.baud", baud.value, f"its line at {baud.value} baud", baud)
 
 
-def _take_lidar(findings: Findings, lidar: str) -> LidarModel | None:
+def _take_lidar(findings: LinorobotFindings, lidar: str) -> LidarModel | None:
     """Take the lidar; return its model."""
     nodes = findings.launch.of_package(tuple(PACKAGES))
     model = PACKAGES[nodes[0].package] if nodes else LIDARS.get(lidar)
@@ -107,7 +107,7 @@ def _take_lidar(findings: Findings, lidar: str) -> LidarModel | None:
     return model
 
 
-def _take_mount(findings: Findings, model: str | None) -> None:
+def _take_mount(findings: LinorobotFindings, model: str | None) -> None:
     mount = find_mount(findings.launch, findings.notes)
     if mount is None:
         findings.note(

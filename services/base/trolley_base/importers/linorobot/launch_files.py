@@ -1,4 +1,4 @@
-"""Reads ROS 1 launch files and parameter files as roslaunch does, without ROS.
+"""Reads ROS 1 launch files as roslaunch does, without ROS.
 
 Everything keeps the file and line that it comes from. What cannot be read or resolved becomes a
 sentence, and the rest is read on.
@@ -11,12 +11,10 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
 from xml.parsers import expat
 
-import yaml
-
-from trolley.files import read_file, read_text
+from trolley.files import read_file
+from trolley_base.importers.findings import Value, shown
 
 SUBSTITUTION = re.compile(r"\$\(\s*(\w+)([^)]*)\)")
 TRUE, FALSE = ("true", "1"), ("false", "0")
@@ -24,14 +22,6 @@ DEEPEST = 12
 """Deeper than this, files include each other in a circle."""
 DEEPEST_XML = 100
 """No launch file nests elements deeper than this; each level costs a call to walk through."""
-
-
-class Value(NamedTuple):
-    """Something that a file says, and where."""
-
-    value: Any
-    file: Path
-    line: int
 
 
 @dataclass(slots=True)
@@ -247,53 +237,6 @@ class _FileReader:
 
     def _text(self, element: _Element, attribute: str) -> str:
         return self._reader.resolve(element.attributes.get(attribute, ""), self._arguments)
-
-
-def read_parameters(path: Path, folder: Path, problems: list[str]) -> dict[str, Value]:
-    """Return the parameters of a YAML file by their last name, such as `max_vel_x`.
-
-    Args:
-        path: the file.
-        folder: the package's, for what is said.
-        problems: is added to where the file cannot be read.
-    """
-    found: dict[str, Value] = {}
-    try:
-        loader = yaml.SafeLoader(read_text(path))
-        root = loader.get_single_node()
-        if root is not None:
-            _flatten(loader, root, path, found)
-    except OSError as error:
-        problems.append(f"{shown(path, folder)} cannot be read: {error.strerror}.")
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f":{mark.line + 1}" if mark is not None else ""
-        reason = getattr(error, "problem", None) or type(error).__name__
-        problems.append(
-            f"{shown(path, folder)}{line} is not valid YAML ({reason}): "
-            f"nothing is taken from this file."
-        )
-        found.clear()
-    return found
-
-
-def shown(path: Path, folder: Path) -> str:
-    """A file's name for people: from the package's folder if it lies there."""
-    try:
-        return str(path.relative_to(folder))
-    except ValueError:
-        return str(path)
-
-
-def _flatten(loader: yaml.SafeLoader, node: yaml.Node, path: Path, found: dict[str, Value]) -> None:
-    if not isinstance(node, yaml.MappingNode):
-        return
-    for key, value in node.value:
-        if isinstance(value, yaml.MappingNode):
-            _flatten(loader, value, path, found)
-        else:
-            plain = loader.construct_object(value, deep=True)  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
-            found[str(key.value)] = Value(plain, path, key.start_mark.line + 1)
 
 
 def _parse(path: Path) -> _Element:

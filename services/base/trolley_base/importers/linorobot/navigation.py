@@ -11,14 +11,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import yaml
-
 from trolley.files import read_file
-from trolley.geometry import footprint_from_polygon, footprint_from_radius, pose_from_quaternion
-from trolley.gridmap import MapError, load_map
-from trolley_base.importers.linorobot.findings import Findings
-from trolley_base.importers.linorobot.launch_files import Value, read_parameters, shown
+from trolley.geometry import pose_from_quaternion
+from trolley_base.importers.findings import Findings, Value, shown
+from trolley_base.importers.linorobot.findings import LinorobotFindings
+from trolley_base.importers.parameters import read_parameters
+from trolley_base.importers.settings import take_footprint, take_map
 
 COSTMAP_FILES = ("costmap_common_params.yaml",)
 """Where parameters lie if no launch file says so, in the versions of linorobot."""
@@ -32,13 +30,13 @@ TURNS = ("max_vel_theta", "max_rot_vel", "min_in_place_vel_theta")
 """In place, ROS's planner turns at least as fast as the last, whatever the others say."""
 DEFAULT_SPEED_MPS, DEFAULT_TURN_RADPS = 0.5, 1.5
 MOST_SPEED_MPS, MOST_TURN_RADPS = 5.0, 10.0
-SAME_M, SAME_RAD = 1e-6, 0.01
-"""A centred box is recognised up to this [m]; two headings up to this are the same [rad]."""
+SAME_RAD = 0.01
+"""Two headings up to this are the same [rad]."""
 
 Parameters = Mapping[str, Value]
 
 
-def take_navigation(findings: Findings, base: str) -> None:
+def take_navigation(findings: LinorobotFindings, base: str) -> None:
     """Take everything.
 
     Args:
@@ -46,60 +44,22 @@ def take_navigation(findings: Findings, base: str) -> None:
         base: `LINOBASE`; "" if unknown.
     """
     parameters = _read_parameters(findings, base)
-    _take_footprint(findings, parameters)
+    take_footprint(findings, parameters.get("footprint") or parameters.get("robot_radius"))
     _take_speeds(findings, parameters)
     _take_map(findings)
     _take_start(findings)
 
 
-def _read_parameters(findings: Findings, base: str) -> Parameters:
+def _read_parameters(findings: LinorobotFindings, base: str) -> Parameters:
     files = [path for node in findings.launch.of_kind("move_base") for path in node.files]
     if not files:
         names = (*COSTMAP_FILES, *(HOLONOMIC_FILES if base == "mecanum" else PLANNER_FILES))
         files = [path for name in names for path in sorted(findings.folder.rglob(name))[:1]]
     parameters: dict[str, Value] = {}
     for path in dict.fromkeys(files):
-        parameters |= read_parameters(path, findings.folder, findings.notes)
+        read = read_parameters(path, findings.folder, findings.notes)
+        parameters |= {name.rpartition(".")[2]: value for name, value in read.items()}
     return parameters
-
-
-def _take_footprint(findings: Findings, parameters: Parameters) -> None:
-    given = parameters.get("footprint") or parameters.get("robot_radius")
-    if given is not None:
-        try:
-            value, words = _footprint(given.value)
-        except (TypeError, ValueError, yaml.YAMLError) as error:
-            findings.note(f"{findings.place(given)}: the footprint cannot be used: {error}.")
-        else:
-            findings.take("robot.footprint", value, words, given)
-            return
-    findings.note(
-        "No footprint was found: the file now says 0.30 x 0.24 m. Measure the robot and correct "
-        "[robot] footprint before it drives."
-    )
-
-
-def _footprint(value: object) -> tuple[dict[str, Any], str]:
-    """Return a footprint in the terms of `robot.toml`, and in words.
-
-    Raises:
-        TypeError: it is none.
-        ValueError: it is none, or makes no robot; says why.
-    """
-    plain: Any = yaml.safe_load(value) if isinstance(value, str) else value
-    if isinstance(plain, int | float) and not isinstance(plain, bool):
-        footprint_from_radius(plain)
-        return {"radius_m": float(plain)}, f"footprint with a radius of {plain:g} m"
-    try:
-        corners = np.asarray(plain, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{plain!r:.80} holds something other than numbers") from error
-    footprint_from_polygon(corners)
-    half = np.abs(corners).max(axis=0)
-    if len(corners) == 4 and np.all(np.abs(np.abs(corners) - half) < SAME_M):
-        length, width = (round(2.0 * float(side), 6) for side in half)
-        return {"length_m": length, "width_m": width}, f"footprint {length:g} x {width:g} m"
-    return {"polygon_m": corners.tolist()}, f"footprint with {len(corners)} corners"
 
 
 def _take_speeds(findings: Findings, parameters: Parameters) -> None:
@@ -131,7 +91,7 @@ def _numbers(
         given = parameters.get(name)
         if given is None:
             continue
-        number = _number(given)
+        number = given.number
         if number is not None and 0.0 < number <= most:
             numbers.append(given._replace(value=number))
         else:
@@ -140,17 +100,17 @@ def _numbers(
     return numbers
 
 
-def _take_map(findings: Findings) -> None:
+def _take_map(findings: LinorobotFindings) -> None:
     for node in findings.launch.of_kind("map_server"):
         words = node.arguments.value.split()
         if words:
-            _use_map(findings, node.arguments._replace(value=Path(words[0])))
+            take_map(findings, node.arguments._replace(value=Path(words[0])))
             return
     maps = [path for path in sorted(findings.folder.rglob("*.yaml")) if _looks_like_map(path)]
     usual = [path for path in maps if path.stem == USUAL_MAP]
     if len(maps) == 1 or usual:
         path = (usual or maps)[0]
-        _use_map(findings, Value(path, path, 1))
+        take_map(findings, Value(path, path, 1))
     elif maps:
         names = ", ".join(shown(path, findings.folder) for path in maps)
         findings.note(f"There are several maps ({names}): name one in [map] file.")
@@ -166,21 +126,7 @@ def _looks_like_map(path: Path) -> bool:
     return all(re.search(rf"(?m)^{key}:", text) for key in ("image", "resolution", "origin"))
 
 
-def _use_map(findings: Findings, source: Value) -> None:
-    """Take the map whose file is the value of `source`, if it is one."""
-    path: Path = source.value
-    try:
-        grid = load_map(path)
-    except MapError as error:
-        findings.note(f"{findings.place(source)}: no map is taken: {error}.")
-        return
-    findings.map_file = path
-    rows, columns = grid.cells.shape
-    size = f"{columns * grid.resolution:.1f} x {rows * grid.resolution:.1f} m"
-    findings.take("map.file", f"maps/{path.name}", f"map {path.stem}, {size}", source)
-
-
-def _take_start(findings: Findings) -> None:
+def _take_start(findings: LinorobotFindings) -> None:
     start = {
         name.removeprefix("initial_"): given._replace(value=number)
         for name, given in _amcl_parameters(findings).items()
@@ -197,7 +143,7 @@ def _take_start(findings: Findings) -> None:
     findings.take("start.pose", pose, words, *start.values())
 
 
-def _amcl_parameters(findings: Findings) -> dict[str, Value]:
+def _amcl_parameters(findings: LinorobotFindings) -> dict[str, Value]:
     """What AMCL is told about its start, inside of its node and outside."""
     nodes = findings.launch.of_kind("amcl")
     prefixes = [f"{node.name}/" for node in nodes]
@@ -215,7 +161,7 @@ def _amcl_parameters(findings: Findings) -> dict[str, Value]:
 def _start_number(findings: Findings, name: str, given: Value) -> float | None:
     if not name.startswith(("initial_pose_", "initial_orientation_")):
         return None
-    number = _number(given)
+    number = given.number
     if number is None:
         place = findings.place(given)
         findings.note(f"{place}: {name} is {given.value!r}, not a number; it is left out.")
@@ -249,12 +195,3 @@ def _take_heading(findings: Findings, start: Parameters, pose: dict[str, Any]) -
         )
     pose["yaw"] = yaw
     return yaw
-
-
-def _number(given: Value) -> float | None:
-    """Return a finite number, None for anything else."""
-    try:
-        number = float(given.value)
-    except (TypeError, ValueError):
-        return None
-    return number if math.isfinite(number) else None

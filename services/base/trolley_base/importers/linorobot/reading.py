@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from trolley_base.importers.linorobot.findings import Findings
+from trolley_base.importers.linorobot.findings import LinorobotFindings
 from trolley_base.importers.linorobot.hardware import take_hardware
 from trolley_base.importers.linorobot.launch_files import Launch, LaunchReader
 from trolley_base.importers.linorobot.navigation import take_navigation
@@ -12,7 +12,7 @@ ELSEWHERE = {"amcl": ("amcl.launch",), "static_transform_publisher": ("laser.lau
 """Where programs are started that the two do not lead to, in the versions of linorobot."""
 
 
-def read_linorobot(folder: Path, base: str, lidar: str) -> Findings:
+def read_linorobot(folder: Path, base: str, lidar: str) -> LinorobotFindings:
     """Find out what a linorobot's files say of the robot.
 
     Args:
@@ -33,7 +33,7 @@ def read_linorobot(folder: Path, base: str, lidar: str) -> Findings:
         for path in filter(None, (_find(folder, name) for name in names)):
             if not launch.of_kind(kind):
                 reader.read(path, launch)
-    findings = Findings(folder, launch)
+    findings = LinorobotFindings(folder, launch=launch)
     findings.notes.extend(launch.problems)
     take_navigation(findings, base)
     take_hardware(findings, base, lidar)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from trolley_base.importers.linorobot.findings import Findings
+from trolley_base.importers.linorobot.findings import LinorobotFindings
 from trolley_base.importers.linorobot.reading import read_linorobot
 
 from .conftest import Package
@@ -18,11 +18,11 @@ AMCL = "launch/include/amcl.launch"
 LASER = "launch/include/laser.launch"
 
 
-def value(findings: Findings, key: str) -> Any:
+def value(findings: LinorobotFindings, key: str) -> Any:
     return tomllib.loads(f"value = {findings.chosen[key]}")["value"]
 
 
-def notes(findings: Findings) -> str:
+def notes(findings: LinorobotFindings) -> str:
     return "\n".join(findings.notes)
 
 
