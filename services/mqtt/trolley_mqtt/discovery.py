@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from trolley_mqtt import commands
+from trolley_mqtt.events import EVENT_TYPES
 from trolley_mqtt.robot_view import POSITIONS
 from trolley_mqtt.sentences import ACTIVITIES
 
@@ -30,6 +31,8 @@ class Device:
     version: str
     base_topic: str
     prefix: str
+    has_map: bool = True
+    """Whether pictures of the map are sent."""
 
     @property
     def node(self) -> str:
@@ -61,6 +64,12 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
         | {"device_class": "enum", "options": list(POSITIONS), "entity_category": "diagnostic"},
         (sensor, "answer"): _value("Last answer", "answer", "mdi:message-alert")
         | {"entity_category": "diagnostic"},
+        ("event", "event"): {
+            "name": "Event",
+            "state_topic": "~/event",
+            "event_types": list(EVENT_TYPES),
+            "icon": "mdi:bell",
+        },
         (binary, "problem"): _flag("Problem", "problem"),
         # A stop is always worth a try, so it does not depend on the robot being heard of.
         (button, "stop"): _button("Stop", commands.STOP, "mdi:hand-back-right")
@@ -69,6 +78,13 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
         (button, "resume"): _button("Continue", commands.RESUME, "mdi:play"),
         (button, "cancel"): _button("Cancel", commands.CANCEL, "mdi:cancel"),
     }
+    if device.has_map:
+        found["image", "map"] = {
+            "name": "Map",
+            "image_topic": "~/map",
+            "content_type": "image/png",
+            "icon": "mdi:map",
+        }
     if has_battery:
         found[sensor, "battery"] = _value("Battery", "battery", None) | {
             "device_class": "battery",

@@ -7,11 +7,15 @@ from trolley.messages import (
     BaseState,
     Battery,
     GoalStatus,
+    OccupancyGrid,
+    Path,
     PoseEstimate,
+    Robot,
     SavedPose,
     SavedPoses,
     Tours,
     TourStatus,
+    Zones,
 )
 from trolley.runtime.service import Service, Watch
 from trolley_mqtt.robot_view import RobotView
@@ -32,7 +36,11 @@ class RobotInputs:
     goal: Watch[GoalStatus]
     trip: Watch[TourStatus]
     poses: Watch[SavedPoses]
+    zones: Watch[Zones]
     tours: Watch[Tours]
+    map: Watch[OccupancyGrid]
+    about: Watch[Robot]
+    path: Watch[Path]
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -46,6 +54,9 @@ class RobotInputs:
         self.poses = self._service.watch(topics.POSES)
         self.zones = self._service.watch(topics.ZONES)
         self.tours = self._service.watch(topics.TOURS)
+        self.map = self._service.watch(topics.MAP)
+        self.about = self._service.watch(topics.ROBOT)
+        self.path = self._service.watch(topics.PATH)
 
     @property
     def view(self) -> RobotView:

@@ -59,14 +59,14 @@ class RobotView:
     @property
     def place(self) -> str | None:
         """The nearest saved place, where the robot is at one and knows it."""
-        if self.estimate is None or not self._is_placed:
+        if self.estimate is None or not self.is_placed:
             return None
         return _nearest(self.estimate.pose, self.places, AT_PLACE_M)
 
     @property
     def room(self) -> str | None:
         """The room that the robot is in and knows."""
-        return room_of(self.estimate, self.zones) if self._is_placed else None
+        return room_of(self.estimate, self.zones) if self.is_placed else None
 
     @property
     def destination(self) -> str | None:
@@ -81,7 +81,8 @@ class RobotView:
         return _nearest(goal.pose, self.places, SAME_PLACE_M)
 
     @property
-    def _is_placed(self) -> bool:
+    def is_placed(self) -> bool:
+        """Whether the robot knows, at least roughly, where it is."""
         return self.position in ("localized", "unsure")
 
 

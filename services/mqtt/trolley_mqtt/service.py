@@ -3,6 +3,8 @@
 import importlib.metadata
 from collections.abc import Callable
 
+import msgspec
+
 from trolley import topics
 from trolley.config import RobotConfig
 from trolley.runtime.service import Service, every
@@ -18,8 +20,10 @@ from trolley_mqtt.connection import (
     broker_of,
 )
 from trolley_mqtt.discovery import Device
+from trolley_mqtt.events import Events
 from trolley_mqtt.freshness import Freshness
 from trolley_mqtt.home_assistant import HomeAssistant
+from trolley_mqtt.map_image import MapImage
 from trolley_mqtt.outbox import OFFLINE, ONLINE, Outbox
 from trolley_mqtt.remote_control import RemoteControl
 from trolley_mqtt.remote_stop import RemoteStop
@@ -55,11 +59,14 @@ class MqttService(Service):
             version=importlib.metadata.version("trolley-robot"),
             base_topic=base_topic,
             prefix=config.mqtt.discovery_prefix,
+            has_map=config.mqtt.map_every_s > 0.0,
         )
         self._home_assistant = HomeAssistant(
             self.robot_inputs, self._outbox, device, lambda: self.monotonic_ns
         )
         self._report = StateReport(self.robot_inputs, self._outbox)
+        self._events = Events()
+        self._map_image = MapImage(self, self.robot_inputs, self._outbox, config.mqtt.map_every_s)
         self._freshness = Freshness()
         stop = RemoteStop(self, self._report)
         self._remote = RemoteControl(self, self.robot_inputs, self._report, stop, self._freshness)
@@ -105,6 +112,7 @@ class MqttService(Service):
         self._freshness.renew()
         self._outbox.open()
         self._home_assistant.repeat()
+        self._map_image.repeat()
         self.log.info("Connected to the MQTT broker", base_topic=self._outbox.base_topic)
         self._outbox.keep(self._outbox.topic("bridge"), ONLINE)
         self._speak()
@@ -123,8 +131,12 @@ class MqttService(Service):
     def _beat(self) -> None:
         self._remote.begin_second()
         self._take_events()
+        happened = self._events.update(self.robot_inputs.view)
         if self._outbox.is_open:
             self._speak()
+            for one in happened:
+                self._outbox.send(self._outbox.topic("event"), msgspec.json.encode(one))
+            self._map_image.update()
 
     def _speak(self) -> None:
         """Prove that the connection is alive, and say what is new."""

@@ -1,0 +1,106 @@
+"""What is told of what has just happened, and the picture of the map."""
+
+import io
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image
+
+from trolley import codes, topics
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
+from trolley.gridmap.wire import map_message
+from trolley.messages import BaseState, Battery, GoalStatus, TourStatus
+
+if TYPE_CHECKING:
+    from .conftest import Bridge
+
+BASE = "trolley/robby"
+
+
+def events(bridge: "Bridge") -> list[dict[str, Any]]:
+    topic = f"{BASE}/event"
+    return [json.loads(payload) for name, payload in bridge.broker.published if name == topic]
+
+
+def kinds(bridge: "Bridge") -> list[str]:
+    return [one["event_type"] for one in events(bridge)]
+
+
+def test_each_end_is_told_once_with_its_reason(bridge: "Bridge") -> None:
+    assert events(bridge) == []
+    bridge.robot.goal = GoalStatus(stamp_ns=0, id="a", state="driving")
+    bridge.run(1.5)
+    bridge.robot.goal = GoalStatus(stamp_ns=0, id="a", state="arrived")
+    bridge.run(3.0)
+    bridge.robot.goal = GoalStatus(
+        stamp_ns=0, id="b", state="failed", reason=codes.NO_PATH, message="The door is closed."
+    )
+    bridge.run(3.0)
+    assert kinds(bridge) == ["arrived", "failed"]
+    assert events(bridge)[1]["reason"] == codes.NO_PATH
+    assert events(bridge)[1]["message"] == "The door is closed."
+
+
+def test_a_tour_that_waits_for_somebody_or_is_done_is_told(bridge: "Bridge") -> None:
+    for state in ("driving", "waiting", "driving", "done"):
+        bridge.robot.trip = TourStatus(stamp_ns=0, name="evening", trip="t", state=state)  # pyright: ignore[reportArgumentType]
+        bridge.run(1.5)
+    assert kinds(bridge) == ["waiting", "tour_done"]
+    assert {one["tour"] for one in events(bridge)} == {"evening"}
+
+
+def test_a_stop_and_a_low_battery_are_told(bridge: "Bridge") -> None:
+    bridge.robot.base = BaseState(stamp_ns=0, mode="stopped", reason=codes.BUMPER)
+    bridge.run(2.0)
+    for share in (0.25, 0.19, 0.22, 0.19, 0.35, 0.1):
+        bridge.robot.base = BaseState(stamp_ns=0, mode="ok", battery=Battery(fraction=share))
+        bridge.run(1.5)
+    assert kinds(bridge) == ["stopped", "battery_low", "battery_low"]
+    assert events(bridge)[0]["reason"] == codes.BUMPER
+    assert events(bridge)[1]["message"] == "The battery is at 19 %."
+
+
+def test_what_was_before_the_bridge_came_or_came_back_is_not_told(bridge: "Bridge") -> None:
+    bridge.robot.goal = GoalStatus(stamp_ns=0, id="a", state="arrived")
+    bridge.broker.lose()
+    bridge.run(3.0)
+    bridge.broker.connect()
+    bridge.run(3.0)
+    assert events(bridge) == []
+
+
+def test_home_assistant_learns_which_events_there_are(bridge: "Bridge") -> None:
+    (entity,) = (one for one in bridge.announced.values() if one["name"] == "Event")
+    assert entity["state_topic"] == "~/event"
+    assert {"arrived", "failed", "waiting", "battery_low"} <= set(entity["event_types"])
+
+
+def pictures(bridge: "Bridge") -> list[bytes]:
+    topic = f"{BASE}/map"
+    return [payload for name, payload in bridge.broker.published if name == topic]
+
+
+def test_the_map_is_a_picture_that_follows_the_robot(bridge: "Bridge") -> None:
+    cells = np.zeros((80, 100), dtype=np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    grid = GridMap("home", 0.05, Pose2D(0.0, 0.0, 0.0), cells)
+    assert pictures(bridge) == []
+    bridge.robot.publish(topics.MAP, map_message(1, grid))
+    bridge.run(2.0)
+    (first,) = pictures(bridge)
+    image = Image.open(io.BytesIO(first))
+    assert (image.format, max(image.size)) == ("PNG", 640)
+    assert len(first) < 60_000
+    bridge.run(60.0)
+    assert len(pictures(bridge)) == 1, "nothing has moved"
+    bridge.robot.position = Pose2D(2.0, 2.0, 0.0)
+    bridge.run(11.0)
+    assert len(pictures(bridge)) == 2
+    for step in range(100):
+        bridge.robot.position = Pose2D(2.0 + 0.02 * step, 2.0, 0.0)
+        bridge.run(0.5)
+    assert 3 <= len(pictures(bridge)) - 2 <= 6, "at most one in ten seconds"
+    (entity,) = (one for one in bridge.announced.values() if one["name"] == "Map")
+    assert (entity["image_topic"], entity["content_type"]) == ("~/map", "image/png")
