@@ -8,6 +8,7 @@ import numpy as np
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
+from trolley.gridmap.wire import map_message
 from trolley.messages import (
     OccupancyGrid,
     Odometry,
@@ -74,7 +75,7 @@ def warm_up() -> None:
     SocialLayer(context.costmap.shape, EDGE_M, 0.1).update(
         [walker], context.costmap.obstacle_layer.grid
     )
-    context.costmap.set_costs([context.grid])
+    context.costmap.set_costs({"warm": map_message(0, context.grid)})
     cell, since = np.zeros(1, dtype=np.int64), (1, 0.0)
     layer, walls = context.costmap.obstacle_layer, context.costmap.static.walls
     seen_lately(layer.grid, walls, cell, cell, since)

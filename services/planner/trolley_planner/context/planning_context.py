@@ -190,7 +190,9 @@ class CostmapManagerParams:
     """Upkeep of the costmap; by hand."""
 
     fade_s: float = 1.0
-    """Time between two passes that forget old obstacles and take over the costs of programs."""
+    """Time between two passes that forget old obstacles."""
+    costs_s: float = 0.2
+    """Time between two steps of taking over the costs that programs publish."""
     edge_share: float = 0.25
     """In frame `odom` the costmap moves when the robot comes this near to its edge, as a share
     of `odom_size_m`."""
@@ -224,6 +226,7 @@ class CostmapManager:
         self._footprint_problem = ""
         self._suspected: tuple[PlanningContext, Suspects | None] | None = None
         self._faded_ns = 0
+        self._costs_ns = 0
         self._num_jumps = 0
 
     def set_config(self, config: PlannerConfig) -> None:
@@ -324,12 +327,15 @@ class CostmapManager:
 
     def maintain(self, now_ns: int) -> None:
         """Forget what has been out of sight for long, and take over the costs of programs."""
-        if self.context is None or now_ns - self._faded_ns < MANAGER.fade_s * 1e9:
+        if self.context is None:
             return
-        self._faded_ns = now_ns
-        self.context.costmap.forget_old(now_ns)
-        if self._map is not None:
-            self.context.costmap.set_costs(self._inputs.costs.on_map(self._map.name, now_ns))
+        costmap = self.context.costmap
+        if now_ns - self._faded_ns >= MANAGER.fade_s * 1e9:
+            self._faded_ns = now_ns
+            costmap.forget_old(now_ns)
+        if self._map is not None and now_ns - self._costs_ns >= MANAGER.costs_s * 1e9:
+            self._costs_ns = now_ns
+            costmap.set_costs(self._inputs.costs.on_map(self._map.name, now_ns))
 
     def update_position(self, here: Pose2D | None) -> None:
         """Update the robot's position: it may cross keep-out zones that it must leave."""

@@ -1,14 +1,16 @@
 """The costmap layer of costs that programs publish: where the robot would rather not drive."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
+from trolley.gridmap.wire import grid_of
 from trolley.jit import kernel
+from trolley.messages import OccupancyGrid
 from trolley_planner.costmap.inflation import WEIGHT_UNIT
 from trolley_planner.costmap.obstacle_grid import ObstacleGrid, mark_dirty
 
@@ -29,26 +31,50 @@ class CostLayer:
 
     def __init__(self, shape: tuple[int, int], resolution_m: float) -> None:
         self._resolution_m = resolution_m
+        self._by_source: dict[str, tuple[OccupancyGrid, NDArray[np.uint8]]] = {}
         self._changed: list[tuple[int, int, int, int]] = []
-        self.has_costs = False
-        """Whether any cell costs more than without."""
         self.weights = np.zeros(shape, dtype=np.uint8)
         """(rows, cols) the least weight (units: `WEIGHT_UNIT`), 0 = no costs."""
 
-    def update(self, costs: Sequence[tuple[GridMap, Pose2D]], grid: ObstacleGrid) -> None:
-        """Replace the costs; where several lie over a cell, the highest counts.
+    @property
+    def has_costs(self) -> bool:
+        """Whether any program publishes costs."""
+        return bool(self._by_source)
+
+    def update(
+        self, costs: Mapping[str, OccupancyGrid], frame_T_grid: Pose2D, grid: ObstacleGrid
+    ) -> None:
+        """Take over which programs publish costs, and of one of them what is new.
+
+        One at a time, since a large grid takes 30 ms: the commands must not wait for eight. Where
+        several lie over a cell, the highest counts.
 
         Args:
-            costs: grids of costs, 0 or less for none to `HIGHEST_COST`, each with costs_T_grid.
+            costs: by program; cells of 0 or less for none to `HIGHEST_COST`.
+            frame_T_grid: places this grid in the frame of theirs.
             grid: its box of changes is extended.
         """
-        if not costs and not self.has_costs:
-            return
-        weights = np.zeros_like(self.weights)
-        for one, costs_T_grid in costs:
-            self._raise(weights, one, costs_T_grid)
-        rows, cols = np.nonzero(weights != self.weights)
-        self.weights, self.has_costs = weights, bool(weights.any())
+        gone = self._by_source.keys() - costs.keys()
+        for source in gone:
+            del self._by_source[source]
+        new = [source for source in costs if source not in self._by_source]
+        for source in (*new, *self._by_source):
+            kept, message = self._by_source.get(source), costs[source]
+            if kept is None or kept[0] is not message:
+                weights = np.zeros_like(self.weights)
+                given = grid_of(message)
+                self._raise(weights, given, given.origin.inverse() @ frame_T_grid)
+                # At the end, so that each has its turn however often one publishes.
+                self._by_source.pop(source, None)
+                self._by_source[source] = message, weights
+                break
+        else:
+            if not gone:
+                return
+        before, self.weights = self.weights, np.zeros_like(self.weights)
+        for _, weights in self._by_source.values():
+            np.maximum(self.weights, weights, out=self.weights)
+        rows, cols = np.nonzero(self.weights != before)
         if len(rows) == 0:
             return
         box = int(rows.min()), int(rows.max()), int(cols.min()), int(cols.max())

@@ -1,7 +1,7 @@
 """The costmap: map, zones and what the lidar sees, inflated."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from trolley.geometry import Pose2D
 from trolley.geometry.polygon import distance_to_outline
 from trolley.gridmap import GridMap
 from trolley.gridmap.distance import distance_transform
-from trolley.messages import Zone
+from trolley.messages import OccupancyGrid, Zone
 from trolley_planner.costmap.cost_layer import CostLayer
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import (
@@ -121,10 +121,9 @@ class Costmap:
         """
         self._suspects = line_segments(lines, self.grid_T_frame)
 
-    def set_costs(self, costs: Sequence[GridMap]) -> None:
-        """Replace the costs that programs publish (grids in the frame of the goals)."""
-        placed = [(one, one.origin.inverse() @ self.frame_T_grid) for one in costs]
-        self._cost_layer.update(placed, self.obstacle_layer.grid)
+    def set_costs(self, costs: Mapping[str, OccupancyGrid]) -> None:
+        """Take over the costs that programs publish, in the frame of the goals, step by step."""
+        self._cost_layer.update(costs, self.frame_T_grid, self.obstacle_layer.grid)
 
     def set_position(self, x: float, y: float) -> None:
         """Update where the robot is: a keep-out zone around it may be crossed until it has left.

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from trolley.gridmap import GridMap
-from trolley.gridmap.wire import grid_of
 from trolley.messages import OccupancyGrid
 
 
@@ -42,10 +40,10 @@ class PublishedCosts:
         self._grids[source] = grid, now_ns
         return ""
 
-    def on_map(self, name: str, now_ns: int) -> list[GridMap]:
-        """Return the grids that count on a map now."""
+    def on_map(self, name: str, now_ns: int) -> dict[str, OccupancyGrid]:
+        """Return the grids that count on a map now, by program."""
         self._drop_old(now_ns)
-        return [grid_of(grid) for grid, _ in self._grids.values() if grid.name == name]
+        return {source: grid for source, (grid, _) in self._grids.items() if grid.name == name}
 
     def _drop_old(self, now_ns: int) -> None:
         # Robot time begins anew with base: what came later than now is of another run.
