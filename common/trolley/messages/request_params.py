@@ -71,10 +71,14 @@ class WhichGoal(Struct, frozen=True, kw_only=True):
 
 
 class StartTour(Struct, frozen=True, kw_only=True):
-    """Start the stored tour `name`, or the one given: exactly one of the two."""
+    """Start the stored tour `name`, or the one given: exactly one of the two.
+
+    It is driven at `speed` [m/s] at most, after a restart of the tour service, too.
+    """
 
     name: str | None = None
     tour: Tour | None = None
+    speed: Positive | None = None
 
     def __post_init__(self) -> None:
         """Refuse two tours or none."""
@@ -117,17 +121,19 @@ class LoadMap(Struct, frozen=True, kw_only=True):
 class MapNamed(Struct, frozen=True, kw_only=True):
     """The map of this name, new or existing.
 
-    With `explore`, the robot explores by itself.
+    With `explore`, the robot explores by itself, at `speed` [m/s] at most.
     """
 
     name: MapName
     explore: bool = False
+    speed: Positive | None = None
 
 
 class ExploreMap(Struct, frozen=True, kw_only=True):
-    """Let the robot explore by itself (`on`), or stop exploring."""
+    """Let the robot explore by itself (`on`), at `speed` [m/s] at most, or stop exploring."""
 
     on: bool = True
+    speed: Positive | None = None
 
 
 class SaveMap(Struct, frozen=True, kw_only=True):

@@ -68,6 +68,7 @@ class ExploreService:
         self._service, self._config, self._mapping = service, config, mapping
         # Whether exploring begins as soon as map and robot are known.
         self._is_wanted = False
+        self._speed_mps: float | None = None
         self._watches: RobotWatches | None = None
         self._home: Anchor | None = None
         self._set_off_ns = 0
@@ -117,14 +118,20 @@ class ExploreService:
         if not params.on:
             self.stop()
         elif explorer is not None and explorer.state == "paused":
+            self._speed_mps = params.speed
             self._set_off(explorer)
         elif explorer is None or explorer.state == "done":
-            self.begin_when_ready()
+            self.begin_when_ready(speed_mps=params.speed)
         return self._mapping.publish_status()
 
-    def begin_when_ready(self, is_wanted: bool = True) -> None:
-        """Begin to explore as soon as map and robot are known, if that is wanted."""
-        self._is_wanted = is_wanted
+    def begin_when_ready(self, is_wanted: bool = True, speed_mps: float | None = None) -> None:
+        """Begin to explore as soon as map and robot are known, if that is wanted.
+
+        Args:
+            is_wanted: whether it is.
+            speed_mps: the highest speed to drive at, None for the planner's own.
+        """
+        self._is_wanted, self._speed_mps = is_wanted, speed_mps
 
     def stop(self) -> None:
         """Stop the robot until exploring is asked for again."""
@@ -138,7 +145,11 @@ class ExploreService:
         self._set_off_ns = self._service.stamp_ns
         goal = None if self._watches is None else self._watches.goal.latest
         base = None if self._watches is None else self._watches.base.latest
-        explorer.begin(None if goal is None else goal.id, None if base is None else base.source)
+        explorer.begin(
+            None if goal is None else goal.id,
+            None if base is None else base.source,
+            self._speed_mps,
+        )
         self._carry_out()
 
     # The map.

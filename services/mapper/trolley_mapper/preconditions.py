@@ -90,11 +90,11 @@ class PendingStart:
     Args:
         service: that was asked.
         session: what is to be begun.
-        explores: whether the robot is to explore then.
+        params: how: whether the robot is to explore then, and how fast.
     """
 
-    def __init__(self, service: Service, session: MapSession, *, explores: bool) -> None:
-        self.session, self.explores = session, explores
+    def __init__(self, service: Service, session: MapSession, params: MapNamed) -> None:
+        self.session, self.params = session, params
         self.preconditions = Preconditions(service, session.extends)
         self.reply: Later[MappingStatus] = service.later()
         self.until_ns = service.monotonic_ns + ANSWER_NS
@@ -106,7 +106,7 @@ class MapStarter:
     Args:
         mapping: which makes the map.
         is_editing: whether a stored map is being changed.
-        explore: called when a map has begun, with whether the robot is to explore.
+        explore: called when a map has begun, with whether the robot is to explore and how fast.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class MapStarter:
         config: RobotConfig,
         mapping: Mapping,
         is_editing: Callable[[], bool],
-        explore: Callable[[bool], None],
+        explore: Callable[[bool, float | None], None],
     ) -> None:
         self._service, self._config, self._mapping = service, config, mapping
         self._is_editing, self._explore = is_editing, explore
@@ -139,7 +139,7 @@ class MapStarter:
             raise Refused(codes.MAPPING, f"{which} is being made; save or cancel it first.")
         if self._is_editing():
             raise Refused(codes.NOT_READY, "A map is being edited; try again when that is done.")
-        pending = PendingStart(self._service, session, explores=params.explore)
+        pending = PendingStart(self._service, session, params)
         self._mapping.listen()
         self._pending = pending
         self._try_to_begin()
@@ -165,6 +165,6 @@ class MapStarter:
             pending.reply.refuse(refused)
             return
         pending.preconditions.apply(pending.session)
-        self._explore(pending.explores)
+        self._explore(pending.params.explore, pending.params.speed)
         pending.reply.reply(self._mapping.begin(pending.session))
         self._mapping.load(pending.session)

@@ -7,8 +7,8 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import Stop
-from trolley.messages.request_params import SendGoal, WhichGoal
+from trolley.messages import Stop, Tour
+from trolley.messages.request_params import SendGoal, StartTour, WhichGoal
 
 if TYPE_CHECKING:
     from .conftest import Home, Plan
@@ -24,6 +24,18 @@ def test_killed_tour_service_adopts_its_goal(home: "Home"):
     assert done.trip == trip
     assert home.results() == [(0, "reached", ""), (1, "reached", "")]
     assert home.planner.ids == [f"tour-{trip}-0-1", f"tour-{trip}-1-1"]
+
+
+def test_a_trip_keeps_the_speed_that_it_was_started_with(home: "Home"):
+    tour = Tour(stops=[Stop(name="corridor"), Stop(name="kitchen")])
+    home.lockstep.ask(requests.TOUR_START, StartTour(tour=tour, speed=0.2))
+    home.lockstep.run(1.0)
+    home.restart_tour()
+    home.run_until("done")
+    assert [goal.speed for goal in home.planner.sent] == [0.2, 0.2]
+    home.start("corridor")
+    home.run_until("done")
+    assert home.planner.sent[-1].speed is None
 
 
 def test_time_out_survives_a_restart(home: "Home", plan: "type[Plan]"):

@@ -193,6 +193,18 @@ def test_a_robot_in_a_box_says_so() -> None:
     assert robot.now_s < 60.0
 
 
+def test_it_is_driven_at_the_speed_that_was_asked_for_when_it_last_set_off() -> None:
+    robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
+    for speed_mps in (0.2, None):
+        explorer.begin(None, None, speed_mps)
+        advance(explorer, robot.scene(), 0.0)
+        (action,) = explorer.take_actions()
+        assert isinstance(action, Send)
+        assert action.goal.speed == speed_mps
+        explorer.pause(codes.PAUSED, "")
+        explorer.take_actions()
+
+
 # What pauses it.
 
 

@@ -148,6 +148,7 @@ class Explorer:
         self._run, self._sees_all_round = run, sees_all_round
         self._visited = VisitedFrontiers()
         self._goal: ExplorationGoal | None = None
+        self._speed_mps: float | None = None
         # The frontier that was driven to last, and how much floor was known then [m^2].
         self._last: tuple[Frontier, float] | None = None
         self._progress = Progress()
@@ -178,13 +179,17 @@ class Explorer:
         return self._visited.num_failed + self._progress.num_unreachable
 
     # People.
-    def begin(self, goal_before: str | None, source: str | None) -> None:
+    def begin(
+        self, goal_before: str | None, source: str | None, speed_mps: float | None = None
+    ) -> None:
         """Set off, or go on after a pause.
 
         Args:
             goal_before: the planner's present goal, which will be replaced.
             source: who drives the robot just now.
+            speed_mps: the highest speed to drive at, None for the planner's own.
         """
+        self._speed_mps = speed_mps
         self._others.goal, self._others.source = goal_before, source
         self._since.clear()
         self._progress.num_failed_in_row = 0
@@ -425,6 +430,7 @@ class Explorer:
             frame="map",
             xy_tolerance=PARAMS.xy_tolerance_m,
             yaw_tolerance=self._yaw_tolerance(frontier),
+            speed=self._speed_mps,
         )
         limit_s = PARAMS.goal_s + PARAMS.goal_s_per_m * distance_m
         self._goal = ExplorationGoal(goal, frontier, now_s, limit_s, self.area_m2, now_s)

@@ -1,7 +1,7 @@
 """What is known of a trip. All of it is saved, so that it can go on after a restart."""
 
 import dataclasses
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 from msgspec import Struct, structs
 
@@ -77,11 +77,23 @@ class TripRecord(Struct, kw_only=True):
     """The charge because of which it drives home; null for a trip that somebody wanted."""
     interrupted: "TripRecord | None" = None
     """The trip that waits, paused, for the end of this one."""
+    speed: float | None = None
+    """It is driven at this speed at most [m/s]; null for as fast as the robot drives."""
+
+    SCHEMA: ClassVar[int] = 2
+
+    @classmethod
+    def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
+        """Return the content of a file of schema 1: it knew no speed."""
+        del schema
+        return plain
 
     def __post_init__(self) -> None:
         """Refuse a file whose parts do not fit together."""
         if len(self.tries) != len(self.tour.stops) or self.state == "idle":
             raise ValueError("TripRecord: tries or state do not fit the tour")
+        if self.speed is not None and not self.speed > 0.0:
+            raise ValueError("TripRecord: a speed is above 0")
         if self.lap < 0 or not 0 <= self.position < len(self.visits):
             raise ValueError("TripRecord: there is no such lap and position")
 

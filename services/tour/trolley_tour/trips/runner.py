@@ -101,7 +101,7 @@ class TripRunner:
             if stop.name is not None and stop.name not in self._places.items:
                 message = f"The tour needs the saved pose {stop.name!r}, which does not exist."
                 raise Refused(codes.UNKNOWN_NAME, message, name=stop.name)
-        return self.begin(tour)
+        return self.begin(tour, params.speed)
 
     @answers(requests.TOUR_STOP)
     def _stop(self, params: Nothing) -> TourStatus:
@@ -131,12 +131,12 @@ class TripRunner:
         self._present.skip(self._moment)
         return self._carry_out()
 
-    def begin(self, tour: Tour) -> TourStatus:
-        """Start a trip in place of the one under way."""
+    def begin(self, tour: Tour, speed: float | None = None) -> TourStatus:
+        """Start a trip in place of the one under way, at `speed` [m/s] at most."""
         if self._trip is not None and self.is_busy:
             self._trip.stop(self._moment, codes.REPLACED, "Another trip was started.")
             self._carry_out()
-        return self._set_off(tour)
+        return self._set_off(tour, speed=speed)
 
     def begin_way_home(self, tour: Tour, charge: float) -> None:
         """Start a trip because the battery is so low; the one under way waits, paused."""
@@ -148,7 +148,11 @@ class TripRunner:
         self._set_off(tour, charge, interrupted)
 
     def _set_off(
-        self, tour: Tour, battery: float | None = None, interrupted: TripRecord | None = None
+        self,
+        tour: Tour,
+        battery: float | None = None,
+        interrupted: TripRecord | None = None,
+        speed: float | None = None,
     ) -> TourStatus:
         record = TripRecord(
             trip=self._service.new_id(),
@@ -157,6 +161,7 @@ class TripRunner:
             epoch_ns=self._epoch_ns,
             battery=battery,
             interrupted=interrupted,
+            speed=speed,
         )
         trip = self._take_up(record)
         self._service.log.info(

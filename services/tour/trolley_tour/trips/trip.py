@@ -371,7 +371,8 @@ class Trip:
             return
         record.visit_pose = pose
         self._attempt.sent(at)
-        self.actions.append(Send(SendGoal(id=record.goal, pose=pose, frame="map", via=record.via)))
+        goal = SendGoal(id=record.goal, pose=pose, frame="map", via=record.via, speed=record.speed)
+        self.actions.append(Send(goal))
 
     def _reach(self, at: Moment) -> None:
         record = self.record
