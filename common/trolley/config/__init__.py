@@ -14,6 +14,7 @@ from trolley.config.load import (
 )
 from trolley.config.localizer import LocalizerConfig
 from trolley.config.mapper import MapperConfig
+from trolley.config.mcp import McpConfig
 from trolley.config.mqtt import MqttConfig
 from trolley.config.planner import PlannerConfig
 from trolley.config.robot import (
@@ -35,6 +36,7 @@ __all__ = [
     "LocalizerConfig",
     "MapSection",
     "MapperConfig",
+    "McpConfig",
     "MqttConfig",
     "PlannerConfig",
     "PoseConfig",

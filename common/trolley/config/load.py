@@ -12,6 +12,7 @@ from msgspec import Struct
 from trolley.config.base import BaseConfig
 from trolley.config.localizer import LocalizerConfig
 from trolley.config.mapper import MapperConfig
+from trolley.config.mcp import McpConfig
 from trolley.config.mqtt import MqttConfig
 from trolley.config.planner import PlannerConfig
 from trolley.config.robot import MapSection, RobotSection, StartSection, ZenohSection
@@ -54,6 +55,7 @@ class HostConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     tour: TourConfig = TourConfig()
     viz: VizConfig = VizConfig()
     mqtt: MqttConfig = MqttConfig()
+    mcp: McpConfig = McpConfig()
     mapper: MapperConfig = MapperConfig()
     folder: str = ""
     """Where the file lies (set on loading): paths in it are relative to this."""

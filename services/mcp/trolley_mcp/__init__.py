@@ -1,0 +1,1 @@
+"""The bridge to chat assistants: the Model Context Protocol in front of the wire."""

@@ -1,0 +1,125 @@
+"""Following a drive or a tour until it has ended, telling how it goes."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
+import anyio
+
+from trolley import codes, requests, topics
+from trolley.cli.show import seconds_text
+from trolley.codes import Refused
+from trolley.messages import GoalStatus, TourStatus
+from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
+from trolley_mcp.robot_link import RobotLink
+
+M = TypeVar("M")
+
+Progress = Callable[[float, float | None, str], Awaitable[None]]
+"""Tells how far it is, of how much (None: unknown), and in a sentence."""
+
+GOING = ("planning", "driving", "recovering")
+"""The states of a goal that is being driven to."""
+TRIP_GOES = ("driving", "dwelling", "waiting")
+"""The states of a trip that goes on by itself."""
+SILENCE_S = 5.0
+"""Silence after which the owner is asked whether it still knows the drive."""
+GIVE_UP_S = 2.0
+"""How long a cancel may take while the session ends."""
+
+
+async def follow_goal(robot: RobotLink, goal: SendGoal, name: str, tell: Progress) -> GoalStatus:
+    """Send a goal and wait until it has ended or stands still, paused.
+
+    Where nobody waits any more, the goal is canceled.
+
+    Raises:
+        Refused: It was refused, replaced or forgotten.
+    """
+    async with robot.heard(topics.GOAL) as statuses:
+        try:
+            status = await robot.ask(requests.GOAL_SEND, goal)
+            sent_ns, longest_m = status.stamp_ns, 0.0
+            while status.state in GOING:
+                left_m = status.distance_remaining
+                longest_m = max(longest_m, left_m or 0.0)
+                await tell(longest_m - (left_m or 0.0), longest_m or None, _goal_text(status, name))
+                heard = await _next(statuses)
+                if heard is None and (heard := await robot.latest(topics.GOAL)) is None:
+                    raise Refused(codes.NOT_READY, "The planner has fallen silent.")
+                if heard.id == goal.id:
+                    status = heard
+                elif heard.id is None and heard.stamp_ns >= sent_ns:
+                    raise Refused(
+                        codes.RESTARTED, "The planner was restarted and the goal is gone."
+                    )
+                elif heard.stamp_ns > sent_ns:
+                    raise Refused(codes.REPLACED)
+        except anyio.get_cancelled_exc_class():
+            with anyio.move_on_after(GIVE_UP_S, shield=True):
+                await _let_go(robot.ask(requests.GOAL_CANCEL, WhichGoal(id=goal.id)))
+            raise
+    return status
+
+
+async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> TourStatus:
+    """Start a tour and wait until it has ended or stands still, paused.
+
+    Where nobody waits any more, the tour is ended.
+
+    Raises:
+        Refused: It was refused, replaced or forgotten.
+    """
+    async with robot.heard(topics.TOUR) as statuses:
+        trip: str | None = None
+        try:
+            status = await robot.ask(requests.TOUR_START, start)
+            trip, sent_ns = status.trip, status.stamp_ns
+            while status.state in TRIP_GOES:
+                stops = None if status.tour is None else float(len(status.tour.stops))
+                await tell(float(len(status.results)), stops, status.message)
+                heard = await _next(statuses)
+                if heard is None and (heard := await robot.latest(topics.TOUR)) is None:
+                    raise Refused(codes.NOT_READY, "The tour service has fallen silent.")
+                if heard.trip == trip:
+                    status = heard
+                elif heard.stamp_ns > sent_ns:
+                    raise Refused(codes.REPLACED, "Another tour took its place.")
+        except anyio.get_cancelled_exc_class():
+            if trip is not None:
+                with anyio.move_on_after(GIVE_UP_S, shield=True):
+                    await _end_trip(robot, trip)
+            raise
+    return status
+
+
+async def _end_trip(robot: RobotLink, trip: str) -> None:
+    now = await robot.latest(topics.TOUR)
+    if now is not None and now.trip == trip:  # not somebody else's
+        await _let_go(robot.ask(requests.TOUR_STOP, Nothing()))
+
+
+async def _let_go(asked: Awaitable[object]) -> None:
+    try:
+        await asked
+    except Refused:
+        pass  # it has ended by itself
+
+
+async def _next(queue: "asyncio.Queue[M]") -> M | None:
+    """The newest that was heard, None after a silence."""
+    with anyio.move_on_after(SILENCE_S):
+        newest = await queue.get()
+        while not queue.empty():
+            newest = queue.get_nowait()
+        return newest
+    return None
+
+
+def _goal_text(status: GoalStatus, name: str) -> str:
+    if status.state == "recovering":
+        return f"On the way to {name}: {status.message or codes.SENTENCES.get(status.reason, '')}"
+    text = f"Driving to {name}"
+    if status.distance_remaining is not None:
+        text += f", {status.distance_remaining:.1f} m to go"
+    return f"{text}, {seconds_text(status.eta)} left." if status.eta is not None else f"{text}."
