@@ -1,4 +1,4 @@
-"""What a tool answers: a sentence, the same as data, perhaps a picture; or a refusal with advice."""
+"""What a tool answers: a sentence, the same as data, a picture; or a refusal with advice."""
 
 import base64
 from typing import Any

@@ -1,6 +1,7 @@
 """Following a drive or a tour until it has ended, telling how it goes."""
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
@@ -100,10 +101,8 @@ async def _end_trip(robot: RobotLink, trip: str) -> None:
 
 
 async def _let_go(asked: Awaitable[object]) -> None:
-    try:
+    with contextlib.suppress(Refused):  # it has ended by itself
         await asked
-    except Refused:
-        pass  # it has ended by itself
 
 
 async def _next(queue: "asyncio.Queue[M]") -> M | None:

@@ -84,13 +84,15 @@ class RobotLink:
         def take(message: M) -> None:
             _tell(loop, lambda: queue.put_nowait(message))
 
+        def close() -> None:
+            for one in opened:
+                self._service.close_watch(one)
+
         self._service.call_soon(lambda: opened.append(self._service.watch(topic, then=take)))
         try:
             yield queue
         finally:
-            self._service.call_soon(
-                lambda: [self._service.close_watch(one) for one in opened] and None
-            )
+            self._service.call_soon(close)
 
     async def _call(
         self, begin: Callable[[Callable[[Any], None]], None], timeout_s: float, urgent: bool

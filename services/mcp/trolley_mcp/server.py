@@ -62,8 +62,7 @@ def make_server(
     ) -> CallToolResult:
         try:
             tool = _tool_of(params.name)
-            if problem := _why_not(tool, settings):
-                raise Refused(NOT_ALLOWED, problem)
+            _check(tool, settings)
             if tool.name == STOP:  # whatever the arguments are, and however much is asked
                 return result_of(await tool.run(Call(robot, settings, _silent), None))
             limits.check(monotonic_s(), is_command=tool.is_command)
@@ -100,6 +99,11 @@ def _why_not(tool: Tool, settings: McpConfig) -> str:
     if tool.role == "operator" and settings.role == "viewer":
         return f"This session may look and stop; `{tool.name}` is for operators."
     return ""
+
+
+def _check(tool: Tool, settings: McpConfig) -> None:
+    if problem := _why_not(tool, settings):
+        raise Refused(NOT_ALLOWED, problem)
 
 
 def _decoded(tool: Tool, arguments: dict[str, Any]) -> Any:

@@ -34,6 +34,14 @@ from trolley_mcp.robot_link import RobotLink
 Role = Literal["viewer", "operator"]
 Name = Annotated[str, Meta(min_length=1, max_length=200)]
 MOST_LISTED = 200
+Speed = Annotated[
+    Annotated[float, Meta(gt=0.0, le=5.0)] | None,
+    Meta(description="Highest speed [m/s]; the settings may limit it further."),
+]
+Wait = Annotated[bool, Meta(description="Whether to answer only when it has ended.")]
+Replace = Annotated[
+    bool, Meta(description="Whether to give up what the robot is doing: ask a person first.")
+]
 STOP_S = 0.7
 STOP_TRIES = 3
 NOT_STOPPED = "NOT STOPPED: the robot does not answer. Tell a person at once."
@@ -80,30 +88,20 @@ class DriveParams(_Params):
     """Where to, and how."""
 
     place: Annotated[Name, Meta(description="The name of a saved place.")]
-    speed: Annotated[
-        float | None, Meta(gt=0.0, le=5.0, description="Highest speed [m/s]; limited by settings.")
-    ] = None
+    speed: Speed = None
     wait: Annotated[bool, Meta(description="Whether to answer only when the drive has ended.")] = (
         True
     )
-    replace: Annotated[
-        bool, Meta(description="Whether to give up what the robot is doing: ask a person first.")
-    ] = False
+    replace: Replace = False
 
 
 class TourParams(_Params):
     """Which tour, and how."""
 
     tour: Annotated[Name, Meta(description="The name of a stored tour.")]
-    speed: Annotated[
-        float | None, Meta(gt=0.0, le=5.0, description="Highest speed [m/s]; limited by settings.")
-    ] = None
-    wait: Annotated[bool, Meta(description="Whether to answer only when the tour has ended.")] = (
-        False
-    )
-    replace: Annotated[
-        bool, Meta(description="Whether to give up what the robot is doing: ask a person first.")
-    ] = False
+    speed: Speed = None
+    wait: Wait = False
+    replace: Replace = False
 
 
 class HistoryParams(_Params):
