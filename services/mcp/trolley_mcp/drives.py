@@ -50,12 +50,8 @@ async def follow_goal(robot: RobotLink, goal: SendGoal, name: str, tell: Progres
                     raise Refused(codes.NOT_READY, "The planner has fallen silent.")
                 if heard.id == goal.id:
                     status = heard
-                elif heard.id is None and heard.stamp_ns >= sent_ns:
-                    raise Refused(
-                        codes.RESTARTED, "The planner was restarted and the goal is gone."
-                    )
-                elif heard.stamp_ns > sent_ns:
-                    raise Refused(codes.REPLACED)
+                elif heard.stamp_ns > sent_ns:  # not an earlier one's last word
+                    raise Refused(codes.RESTARTED if heard.id is None else codes.REPLACED)
         except anyio.get_cancelled_exc_class():
             with anyio.move_on_after(GIVE_UP_S, shield=True):
                 await _let_go(robot.ask(requests.GOAL_CANCEL, WhichGoal(id=goal.id)))
@@ -74,7 +70,7 @@ async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> Tou
     async with robot.heard(topics.TOUR) as statuses:
         trip: str | None = None
         try:
-            status = await robot.ask(requests.TOUR_START, start)
+            status = await _started(robot, start)
             trip, sent_ns = status.trip, status.stamp_ns
             while status.state in TRIP_GOES:
                 stops = None if status.tour is None else float(len(status.tour.stops))
@@ -91,6 +87,15 @@ async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> Tou
                 with anyio.move_on_after(GIVE_UP_S, shield=True):
                     await _end_trip(robot, trip)
             raise
+    return status
+
+
+async def _started(robot: RobotLink, start: StartTour) -> TourStatus:
+    """Start a tour, even if the call is canceled now: else nobody knew which one to end."""
+    status: TourStatus | None = None
+    with anyio.CancelScope(shield=True):
+        status = await robot.ask(requests.TOUR_START, start)
+    assert status is not None
     return status
 
 

@@ -56,7 +56,7 @@ class Call:
     progress: Progress
 
 
-class _Params(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _Params(Struct, kw_only=True, forbid_unknown_fields=True):
     pass
 
 

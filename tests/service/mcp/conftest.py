@@ -47,6 +47,7 @@ from trolley.messages.request_params import (
 )
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
+from trolley_mcp.robot_link import RobotLink
 from trolley_mcp.server import make_server
 from trolley_mcp.service import AssistantService
 
@@ -251,16 +252,16 @@ class Talk:
     others: list[Client] = dataclasses.field(default_factory=list[Client])
     told: list[tuple[float, float | None, str | None]] = dataclasses.field(default_factory=list)
 
-    async def call(self, name: str, client: Client | None = None, **arguments: Any) -> Any:
+    async def call(self, tool: str, client: Client | None = None, /, **arguments: Any) -> Any:
         async def tell(progress: float, total: float | None, message: str | None) -> None:
             self.told.append((progress, total, message))
 
-        return await (client or self.client).call_tool(name, arguments, progress_callback=tell)
+        return await (client or self.client).call_tool(tool, arguments, progress_callback=tell)
 
     async def until(self, happened: Callable[[], object]) -> None:
         with anyio.fail_after(20):
             while not happened():
-                await anyio.sleep(0.001)
+                await anyio.sleep(0)
 
 
 Script = Callable[[Talk], Awaitable[None]]
@@ -271,11 +272,17 @@ def converse(tmp_path: Path) -> Iterator[Callable[..., ScriptedRobot]]:
     """Runs a script of one or two sessions with a fresh robot."""
     opened: list[Lockstep] = []
 
-    def run(script: Script, *, sessions: int = 1, mode: Any = "auto", **mcp: Any) -> ScriptedRobot:
+    def run(
+        script: Script, *, sessions: int = 1, mode: Any = "auto", tick_s: float = TICK_S, **mcp: Any
+    ) -> ScriptedRobot:
         lockstep = Lockstep(robot="robby", state=tmp_path)
         opened.append(lockstep)
         robot = lockstep.add(ScriptedRobot())
-        links = [lockstep.add(AssistantService()).robot_link for _ in range(sessions)]
+        links: list[RobotLink] = []
+        for number in range(sessions):
+            links.append(lockstep.add(AssistantService()).robot_link)
+            # Each has a label of its own, as in processes.
+            lockstep.nodes[f"mcp-{number}"] = lockstep.nodes.pop("mcp")
         lockstep.run(0.5)
         servers = [
             make_server(link, McpConfig(**mcp), lambda: lockstep.now_ns * 1e-9) for link in links
@@ -283,7 +290,7 @@ def converse(tmp_path: Path) -> Iterator[Callable[..., ScriptedRobot]]:
 
         async def pump() -> None:
             while True:
-                lockstep.run(TICK_S)
+                lockstep.run(tick_s)
                 await anyio.sleep(0)
 
         async def main() -> None:
