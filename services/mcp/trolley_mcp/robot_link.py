@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 import anyio
 import msgspec
 
-from trolley import codes
+from trolley import codes, requests
 from trolley.codes import Refused
+from trolley.messages.request_params import Nothing
 from trolley.requests import Request
 from trolley.runtime.receiving import GET_TIMEOUT_S
 from trolley.runtime.service import Service, Watch
@@ -43,6 +44,13 @@ class RobotLink:
     def new_id(self) -> str:
         """A fresh id for a goal."""
         return f"mcp-{self._service.new_id()}"
+
+    def stop_now(self) -> None:
+        """Ask for a stop before everything that waits, on any thread; the tool then tells of it."""
+        self._service.call_soon(
+            lambda: self._service.request(requests.BASE_STOP, Nothing(), lambda _: None),
+            urgent=True,
+        )
 
     async def ask(
         self,

@@ -1,5 +1,8 @@
 """A session over stdin and stdout, from the first word to the last."""
 
+import sys
+from typing import Any
+
 import anyio
 from mcp.server.stdio import stdio_server
 
@@ -7,6 +10,7 @@ from trolley.config.mcp import McpConfig
 from trolley.connection import Target
 from trolley.runtime.guest import guest
 from trolley.runtime.log import set_up_logging
+from trolley_mcp.lines import Lines
 from trolley_mcp.server import make_server
 from trolley_mcp.service import AssistantService
 
@@ -23,7 +27,9 @@ def talk(robot: str, target: Target, settings: McpConfig) -> None:
         server = make_server(service.robot_link, settings)
 
         async def serve() -> None:
-            async with stdio_server() as (reading, writing):
+            # Of a file it wants nothing but its lines.
+            lines: Any = Lines(sys.stdin.buffer, service.robot_link.stop_now)
+            async with stdio_server(stdin=lines) as (reading, writing):
                 await server.run(reading, writing, server.create_initialization_options())
 
         anyio.run(serve)

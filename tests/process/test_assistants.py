@@ -1,0 +1,83 @@
+"""`trolley mcp` as an assistant starts it: a process, stdin and stdout, real Zenoh."""
+
+import os
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import anyio
+from mcp import Client, StdioServerParameters
+from support.waiting import PATIENCE_S, wait_until
+
+if TYPE_CHECKING:
+    from .conftest import ScriptedRobot
+
+
+def talk(endpoint: str, script: Callable[[Client], Awaitable[None]], *options: str) -> None:
+    trolley = str(Path(sys.executable).with_name("trolley"))
+    server = StdioServerParameters(
+        command=trolley, args=["mcp", "--connect", endpoint, *options], env=dict(os.environ)
+    )
+
+    async def run() -> None:
+        with anyio.fail_after(PATIENCE_S):
+            async with Client(server, mode="legacy") as client:
+                await script(client)
+
+    anyio.run(run)
+
+
+def test_an_assistant_drives_and_a_flood_delays_no_stop(
+    add_robot: Callable[..., "ScriptedRobot"], endpoint: str
+) -> None:
+    robot = add_robot()
+
+    async def script(client: Client) -> None:
+        told: list[str] = []
+
+        async def tell(_progress: float, _total: float | None, message: str | None) -> None:
+            told.append(message or "")
+
+        arrived = await client.call_tool("go", {"place": "kitchen"}, progress_callback=tell)
+        assert not arrived.is_error, arrived.content
+        assert told
+        assert robot.sent[0].speed == 0.3
+        answered: list[bool] = []
+
+        async def ask() -> None:
+            answered.append((await client.call_tool("go", {"place": "kitchen"})).is_error is True)
+
+        async with anyio.create_task_group() as tasks:
+            for _ in range(1000):
+                tasks.start_soon(ask)
+            await anyio.sleep(0)
+            assert not (await client.call_tool("stop", {})).is_error
+        assert robot.stopped
+        assert len(answered) == 1000
+        assert len(robot.sent) <= 7
+
+    talk(endpoint, script)
+
+
+def test_a_client_that_goes_away_leaves_no_drive_behind(
+    add_robot: Callable[..., "ScriptedRobot"], endpoint: str
+) -> None:
+    robot = add_robot(script=())
+
+    async def script(client: Client) -> None:
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(lambda: client.call_tool("go", {"place": "kitchen"}))
+            while not robot.sent:
+                await anyio.sleep(0.01)
+            tasks.cancel_scope.cancel()
+
+    talk(endpoint, script)
+    wait_until(lambda: robot.canceled, "the drive is canceled")
+
+
+def test_without_a_robot_it_says_so(trolley: Callable, endpoint: str) -> None:
+    done = trolley("mcp", "--connect", endpoint)
+    assert done.returncode == 3
+    assert done.stdout == ""
+    assert "no robot is on the network" in done.stderr
