@@ -36,7 +36,7 @@ def test_an_assistant_drives_and_a_flood_delays_no_stop(
     async def script(client: Client) -> None:
         told: list[str] = []
 
-        async def tell(_progress: float, _total: float | None, message: str | None) -> None:
+        async def tell(progress: float, total: float | None, message: str | None) -> None:
             told.append(message or "")
 
         arrived = await client.call_tool("go", {"place": "kitchen"}, progress_callback=tell)

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from support.members import MEMBERS, SERVICES, WITHOUT_SERVICE
 
 if TYPE_CHECKING:
     from .conftest import Source
 
-ROOT = Path(__file__).resolve().parents[2]
-SERVICES = tuple(sorted(path.parent.name for path in ROOT.glob("services/*/pyproject.toml")))
 RUNTIME = Path("common/trolley/runtime")
 
 
@@ -32,7 +31,7 @@ def importers(sources: list["Source"], package: str, allowed: Path) -> list[str]
     ]
 
 
-@pytest.mark.parametrize("service", SERVICES)
+@pytest.mark.parametrize("service", MEMBERS)
 def test_nobody_imports_a_service_but_itself(sources: list["Source"], service: str) -> None:
     places = [
         place
@@ -123,7 +122,7 @@ def test_a_pc_that_only_views_installs_neither_serial_nor_the_compiler(root: Pat
 
 
 def test_only_the_viewer_installs_viser(root: Path) -> None:
-    members = ["common", *(f"services/{name}" for name in SERVICES)]
+    members = ["common", *(f"services/{name}" for name in MEMBERS)]
     wanting = [
         member
         for member in members
@@ -132,8 +131,15 @@ def test_only_the_viewer_installs_viser(root: Path) -> None:
     assert wanting == ["services/viz"]
 
 
-@pytest.mark.parametrize("service", [name for name in SERVICES if name != "mcp"])
+@pytest.mark.parametrize("service", SERVICES)
 def test_each_service_is_registered_under_its_name(root: Path, service: str) -> None:
     registered = project_of(root, f"services/{service}")["entry-points"]["trolley.services"]
     assert list(registered) == [service]
     assert registered[service].startswith(f"trolley_{service}.service:")
+
+
+@pytest.mark.parametrize("member", WITHOUT_SERVICE)
+def test_what_is_no_service_is_a_command(root: Path, member: str) -> None:
+    registered = project_of(root, f"services/{member}")["entry-points"]
+    assert "trolley.services" not in registered
+    assert member in registered["trolley.commands"]

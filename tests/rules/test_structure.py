@@ -4,21 +4,17 @@ import ast
 import importlib.metadata
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from support.members import MEMBERS, SERVICES
 
 from trolley.runtime.service import Service
 
 if TYPE_CHECKING:
     from .conftest import Source
 
-ROOT = Path(__file__).resolve().parents[2]
-SERVICES = tuple(sorted(path.parent.name for path in ROOT.glob("services/*/pyproject.toml")))
-STARTED_BY_OTHERS = ("mcp",)
-"""Members that are no service of a robot: `trolley up` does not start them."""
-PACKAGES = ("trolley", *(f"trolley_{name}" for name in SERVICES))
+PACKAGES = ("trolley", *(f"trolley_{name}" for name in MEMBERS))
 APART_IN_BASE = tuple(
     f"trolley_base.{room}"
     for room in ("calibration", "commands", "detection", "emulators", "importers")
@@ -95,7 +91,7 @@ def room_of(module: str) -> str:
     return ".".join(module.split(".")[:2])
 
 
-@pytest.mark.parametrize("name", [name for name in SERVICES if name not in STARTED_BY_OTHERS])
+@pytest.mark.parametrize("name", SERVICES)
 def test_a_service_inherits_service_only(name: str) -> None:
     (entry,) = importlib.metadata.entry_points(group="trolley.services", name=name)
     assert entry.load().__bases__ == (Service,)

@@ -27,10 +27,13 @@ SILENCE_S = 5.0
 """Silence after which the owner is asked whether it still knows the drive."""
 GIVE_UP_S = 2.0
 """How long a cancel may take while the session ends."""
+LONGEST_WAIT_NS = 45_000_000_000
+"""Robot time after which a call is answered although the drive goes on: usual clients give up on a
+call after 60 s whatever progress is told, and giving up ends the drive."""
 
 
 async def follow_goal(robot: RobotLink, goal: SendGoal, name: str, tell: Progress) -> GoalStatus:
-    """Send a goal and wait until it has ended or stands still, paused.
+    """Send a goal and wait until it has ended or stands still, paused, or has taken too long.
 
     Where nobody waits any more, the goal is canceled.
 
@@ -41,10 +44,10 @@ async def follow_goal(robot: RobotLink, goal: SendGoal, name: str, tell: Progres
         try:
             status = await robot.ask(requests.GOAL_SEND, goal)
             sent_ns, longest_m = status.stamp_ns, 0.0
-            while status.state in GOING:
+            while status.state in GOING and status.stamp_ns - sent_ns < LONGEST_WAIT_NS:
                 left_m = status.distance_remaining
                 longest_m = max(longest_m, left_m or 0.0)
-                await tell(longest_m - (left_m or 0.0), longest_m or None, _goal_text(status, name))
+                await tell(longest_m - (left_m or 0.0), longest_m or None, goal_text(status, name))
                 heard = await _next(statuses)
                 if heard is None and (heard := await robot.latest(topics.GOAL)) is None:
                     raise Refused(codes.NOT_READY, "The planner has fallen silent.")
@@ -60,7 +63,7 @@ async def follow_goal(robot: RobotLink, goal: SendGoal, name: str, tell: Progres
 
 
 async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> TourStatus:
-    """Start a tour and wait until it has ended or stands still, paused.
+    """Start a tour and wait until it has ended or stands still, paused, or has taken too long.
 
     Where nobody waits any more, the tour is ended.
 
@@ -72,7 +75,7 @@ async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> Tou
         try:
             status = await _started(robot, start)
             trip, sent_ns = status.trip, status.stamp_ns
-            while status.state in TRIP_GOES:
+            while status.state in TRIP_GOES and status.stamp_ns - sent_ns < LONGEST_WAIT_NS:
                 stops = None if status.tour is None else float(len(status.tour.stops))
                 await tell(float(len(status.results)), stops, status.message)
                 heard = await _next(statuses)
@@ -120,7 +123,8 @@ async def _next(queue: "asyncio.Queue[M]") -> M | None:
     return None
 
 
-def _goal_text(status: GoalStatus, name: str) -> str:
+def goal_text(status: GoalStatus, name: str) -> str:
+    """How far a drive is, in a sentence."""
     if status.state == "recovering":
         return f"On the way to {name}: {status.message or codes.SENTENCES.get(status.reason, '')}"
     text = f"Driving to {name}"

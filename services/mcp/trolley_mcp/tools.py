@@ -27,7 +27,7 @@ from trolley.messages.request_params import (
 )
 from trolley.zones import room_at, room_of
 from trolley_mcp.answers import NOT_ALLOWED, Answer
-from trolley_mcp.drives import GOING, TRIP_GOES, Progress, follow_goal, follow_trip
+from trolley_mcp.drives import GOING, TRIP_GOES, Progress, follow_goal, follow_trip, goal_text
 from trolley_mcp.picture import Scene, draw, seen_points
 from trolley_mcp.robot_link import RobotLink
 
@@ -42,6 +42,7 @@ Wait = Annotated[bool, Meta(description="Whether to answer only when it has ende
 Replace = Annotated[
     bool, Meta(description="Whether to give up what the robot is doing: ask a person first.")
 ]
+GOES_ON = "It goes on: call `status` to see how it ends, `cancel` to end it."
 STOP_S = 0.7
 STOP_TRIES = 3
 NOT_STOPPED = "NOT STOPPED: the robot does not answer. Tell a person at once."
@@ -316,6 +317,8 @@ async def _go(call: Call, params: DriveParams) -> Answer:
         status = await call.robot.ask(requests.GOAL_SEND, goal)
         return Answer(f"On its way to {place.name}: call `status` to see.", {"state": status.state})
     status = await follow_goal(call.robot, goal, place.name, call.progress)
+    if status.state in GOING:
+        return Answer(f"{goal_text(status, place.name)} {GOES_ON}", {"state": status.state})
     if status.state != "arrived":
         code = status.reason or status.state
         raise Refused(code, status.message or codes.SENTENCES.get(code, f"It {status.state}."))
@@ -341,6 +344,8 @@ async def _start_tour(call: Call, params: TourParams) -> Answer:
             for one in status.results
         ],
     }
+    if status.state in TRIP_GOES:
+        return Answer(f"{status.message or 'The tour goes on.'} {GOES_ON}", data)
     if status.state != "done":
         raise Refused(status.reason or status.state, status.message or f"The tour {status.state}.")
     return Answer(status.message or "The tour is done.", data)
@@ -480,8 +485,8 @@ _TABLE = (
     ),
     Tool(
         "go",
-        "Drive to a saved place. Waits until the robot has arrived or says why not; canceling the "
-        "call cancels the drive.",
+        "Drive to a saved place. Waits until the robot has arrived or says why not, 45 s at most; "
+        "canceling the call cancels the drive.",
         DriveParams,
         _go,
         "operator",
@@ -489,7 +494,7 @@ _TABLE = (
     ),
     Tool(
         "start_tour",
-        "Drive a stored tour. With `wait`, answers when it has ended.",
+        "Drive a stored tour. With `wait`, answers when it has ended, after 45 s at most.",
         TourParams,
         _start_tour,
         "operator",

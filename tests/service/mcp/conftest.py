@@ -57,7 +57,7 @@ ROOM = Zone(name="Küche", kind="room", points=[(0.0, 0.0), (4.0, 0.0), (4.0, 4.
 
 
 class ScriptedRobot(Service):
-    """Every service of a robot in one; drives end after 3 s, as `end` says."""
+    """Every service of a robot in one; drives end after `drive_s`, as `end` says."""
 
     name = "base"
 
@@ -65,6 +65,7 @@ class ScriptedRobot(Service):
         self.asked: list[tuple[str, Any]] = []
         self.refuse: Refused | None = None
         self.is_deaf = False
+        self.drive_s = DRIVE_S
         self.end: tuple[Any, str, str] = ("arrived", "", "")
         self.base = BaseState(stamp_ns=0, mode="ok")
         self.goal = GoalStatus(stamp_ns=0, id=None, state="idle")
@@ -159,7 +160,7 @@ class ScriptedRobot(Service):
     @answers(requests.GOAL_SEND)
     def send(self, goal: SendGoal) -> GoalStatus:
         self._note("goal/send", goal)
-        self._ends_ns = self.monotonic_ns + int(DRIVE_S * 1e9)
+        self._ends_ns = self.monotonic_ns + int(self.drive_s * 1e9)
         self.goal = GoalStatus(stamp_ns=self.monotonic_ns, id=goal.id, state="driving")
         return self.goal
 
@@ -177,7 +178,7 @@ class ScriptedRobot(Service):
         self._note("tour/start", params)
         if params.name != "evening":
             raise Refused(codes.UNKNOWN_NAME, "There is no such tour.")
-        self._ends_ns = self.monotonic_ns + int(DRIVE_S * 1e9)
+        self._ends_ns = self.monotonic_ns + int(self.drive_s * 1e9)
         now_ns = self.monotonic_ns
         self.trip = TourStatus(stamp_ns=now_ns, name=params.name, trip="t1", state="driving")
         return self.trip

@@ -171,6 +171,28 @@ def test_a_tour_whose_call_is_canceled_ends(converse: Converse) -> None:
     converse(script)
 
 
+@pytest.mark.parametrize(
+    ("tool", "arguments"),
+    [("go", {"place": "hall"}), ("start_tour", {"tour": "evening", "wait": True})],
+)
+def test_a_long_drive_is_answered_before_clients_give_up_and_goes_on(
+    converse: Converse, tool: str, arguments: dict[str, Any]
+) -> None:
+    async def script(talk: "Talk") -> None:
+        talk.robot.drive_s = 100.0
+        began_ns = talk.lockstep.now_ns
+        answer = await talk.call(tool, **arguments)
+        assert (talk.lockstep.now_ns - began_ns) * 1e-9 < 55.0
+        assert not answer.is_error
+        assert "It goes on: call `status`" in text_of(answer)
+        ended = {"arrived", "done"}
+        await talk.until(lambda: ended & {talk.robot.goal.state, talk.robot.trip.state})
+        assert not {"goal/cancel", "tour/stop"} & set(talk.robot.names_asked())
+        assert (talk.lockstep.now_ns - began_ns) * 1e-9 > 95.0
+
+    converse(script, tick_s=0.5)
+
+
 @pytest.mark.parametrize(("asked", "driven"), [(None, 0.25), (0.1, 0.1), (5.0, 0.25)])
 def test_no_drive_is_faster_than_the_settings_allow(
     converse: Converse, asked: float | None, driven: float
