@@ -15,6 +15,7 @@ from support.pages import PageOf, page_of
 from trolley.config import VizConfig
 from trolley_viz import commands
 from trolley_viz.panels.links import SHOWN_NS
+from trolley_viz.scene.touch import Touched
 from trolley_viz.server.access import AccessTokens
 from trolley_viz.server.links import OUT_OF_REACH, links_of
 from trolley_viz.server.messages import Press, Said
@@ -99,32 +100,45 @@ def letting_in(stage: "Stage", host: str = "192.168.1.7", client_id: int = 0) ->
 def test_an_operator_sees_the_link_that_was_asked_for(
     stage: "Stage", what: str, token: str, other: str
 ) -> None:
-    folder = letting_in(stage)
-    assert not folder.is_shown("Link to copy")
+    folder, page = letting_in(stage), page_of(stage)
+    assert not page.is_shown("Link to copy")
     folder.press(what)
+    card = page.within(what)
     link = f"http://192.168.1.7:8080/?token={token}"
-    assert folder.value("Link to copy") == link
-    assert "password" in folder.text()
-    assert folder.html().count("<img") == 1
-    assert other not in folder.html() + folder.value("Link to copy")
+    assert card.value("Link to copy") == link
+    assert "password" in card.text()
+    assert card.html().count("<img") == 1
+    assert other not in page.html() + card.value("Link to copy")
 
 
-@pytest.mark.parametrize("how", ["hidden", "forgotten"])
+def close_card(stage: "Stage", title: str) -> None:
+    """Press the cross of a card."""
+    controls = stage.page().controls
+    (card,) = [id_ for id_, one in controls.all.items() if one.look.label == title]
+    controls.handle(card, None)
+
+
+@pytest.mark.parametrize("how", ["closed", "forgotten", "touched the map"])
 def test_a_link_does_not_stay_on_the_page(stage: "Stage", how: str) -> None:
-    folder = letting_in(stage)
+    folder, page = letting_in(stage), page_of(stage)
     folder.press("To drive")
-    if how == "hidden":
-        folder.press("Hide")
-    else:
+    if how == "closed":
+        close_card(stage, "To drive")
+    elif how == "forgotten":
         stage.runtime.run(SHOWN_NS * 1e-9 - 1.0)
-        assert folder.is_shown("Link to copy")
+        assert page.is_shown("Link to copy")
         stage.runtime.run(2.0)
-    assert not folder.is_shown("Link to copy")
+    else:
+        stage.session.touching.touch(Touched("floor", "", 0.0, 0.0))
+        stage.runtime.run(0.5)
+        assert page.is_shown("Save place")
+    assert not page.is_shown("Link to copy")
     looks = [one.look for one in stage.page().controls.all.values()]
     assert TOKENS.operator.encode() not in msgspec.json.encode(looks)
     folder.press("To look and stop")
     stage.runtime.run(60.0)
-    assert folder.is_shown("Link to copy")
+    assert page.is_shown("Link to copy")
+    assert not page.is_shown("Save place")
 
 
 def test_where_nobody_else_gets_to_no_code_is_shown(stage: "Stage") -> None:

@@ -320,13 +320,11 @@ const MAKERS = {
   },
 
   card(controls, id) {
-    const title = make("h2"), box = make("div", { className: "inside" });
+    const title = make("h2", { id: `control-${id}` }), box = make("div", { className: "inside" });
     const close = make("button", { type: "button", textContent: "×" });
     const element = make("section", {}, title, close, box);
-    const speak = () => {
-      element.ariaLabel = t("What was touched");
-      close.ariaLabel = t("Close");
-    };
+    const speak = () => { close.ariaLabel = t("Close"); };
+    element.setAttribute("aria-labelledby", title.id);
     close.addEventListener("click", () => controls.press(id));
     return { element, box, speak, show: (look) => setText(title, look.label || "") };
   },

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from trolley_viz.controls.controls import Container, Controls
 from trolley_viz.panels.go_tab import GoTab
-from trolley_viz.panels.links import LinksPanel
+from trolley_viz.panels.links import LinkCard, add_links
 from trolley_viz.panels.map_tab import MapTab
 from trolley_viz.panels.markup import note, row
 from trolley_viz.panels.more_tab import MoreTab
@@ -38,7 +38,7 @@ class Console:
         self._card: TouchCard | None = None
         self._view_bar = ViewBar(gui, session)
         self._settings: SettingsPanel | None = None
-        self._links: LinksPanel | None = None
+        self._link_card: LinkCard | None = None
         self._past_bar = PastBar(gui, session)
         tabs = self._tabs = gui.add_tabs()
         self._unseen_due_ns = 0
@@ -54,13 +54,15 @@ class Console:
             with self._map_tab:
                 self._map = MapTab(gui, session)
             self._card = self._add_card(gui, self._map, self._map_tab)
+            self._link_card = LinkCard(gui, session.hub.links)
         self._more_tab = tabs.add_tab("More", "dots")
         with self._more_tab:
             self._more = MoreTab(gui, session)
             self._people = PeoplePanel(gui, session)
             if session.may_drive:
                 self._settings = SettingsPanel(gui, session)
-                self._links = LinksPanel(gui, session.folder, session.hub.links)
+            if self._link_card is not None:
+                add_links(gui, session.folder, session.hub.links, self._show_link)
             with session.folder("State"):
                 self._state = gui.add_html("")
             with session.folder("Keys"):
@@ -90,8 +92,10 @@ class Console:
             self._people.update(view.now_ns)
             if self._settings is not None:
                 self._settings.update(view)
-        if self._links is not None:
-            self._links.update(view.now_ns)
+        if self._link_card is not None:
+            if session.touching.touched is not None:
+                self._link_card.hide()
+            self._link_card.update(view.now_ns)
 
     def close(self) -> None:
         """Stop following what only this browser shows."""
@@ -115,6 +119,12 @@ class Console:
 
         self._session.take_tap = self._take_tap
         return TouchCard(gui, self._session, Leads(edit_place, edit_zone, add_to_tour))
+
+    def _show_link(self, what: str) -> None:
+        """Show a link, in place of what was touched: one card is seen at a time."""
+        self._session.touching.close()
+        if self._link_card is not None:
+            self._link_card.show(what)
 
     def _take_tap(self, one: Touched) -> bool:
         """While a tour is edited, places and points that are touched are added to it."""

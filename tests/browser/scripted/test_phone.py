@@ -1,0 +1,70 @@
+"""Cards over the map on a phone: seen whole, and without covering the buttons over the map."""
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from trolley_viz.controls.controls import Controls
+from trolley_viz.panels.links import TO_DRIVE, TO_LOOK, LinkCard
+from trolley_viz.server.links import Links
+
+from .viewer import Viewer
+
+pytestmark = pytest.mark.browser
+
+PHONE = {"width": 390, "height": 844}
+LINK = f"http://raspberrypi.fritz.box:8080/?token={'x' * 22}"
+
+
+def box_of(seen: Locator) -> dict[str, float]:
+    box = seen.bounding_box()
+    assert box is not None
+    return dict(box)
+
+
+@pytest.mark.parametrize("what", [TO_DRIVE, TO_LOOK])
+def test_the_code_of_a_link_is_seen_whole_without_scrolling(
+    page: Page, viewer: Viewer, what: str
+) -> None:
+    page.set_viewport_size(PHONE)
+    controls = Controls()
+    card = LinkCard(controls, Links(LINK, LINK, is_reachable=True))
+    card.show(what)
+    viewer.greet()
+    viewer.tell_controls(controls)
+    code = page.get_by_role("img", name="QR code of the link")
+    expect(code).to_be_in_viewport(ratio=1.0)
+    assert box_of(code)["width"] >= 200.0  # a camera reads it from an arm's length
+    for name in ("STOP", "Close"):
+        expect(page.get_by_role("button", name=name)).to_be_in_viewport(ratio=1.0)
+
+
+def test_a_card_leaves_the_buttons_over_the_map_free(page: Page, viewer: Viewer) -> None:
+    page.set_viewport_size(PHONE)
+    controls = Controls()
+    with controls.add_bar():
+        controls.add_button("Show the whole map", icon="maximize")
+    card = controls.add_card()
+    with card:
+        for i in range(7):
+            controls.add_button(f"button {i}")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    bar = page.get_by_role("toolbar")
+    before = box_of(bar)
+    card.visible = True
+    for handle_key in (None, "ArrowDown"):  # the sheet as it is, and down
+        if handle_key is not None:
+            page.locator("#handle").press(handle_key)
+        viewer.tell_controls(controls)
+        region = page.locator("section.card")
+        expect(region).to_be_visible()
+        page.wait_for_timeout(400)  # the sheet takes a fifth of a second to come down
+        top = box_of(region)["y"]
+        assert box_of(bar)["y"] + box_of(bar)["height"] <= top
+        expect(bar).to_be_in_viewport(ratio=1.0)
+    page.locator("#handle").press("ArrowUp")
+    card.visible = False
+    viewer.tell_controls(controls)
+    expect(page.locator("section.card")).to_be_hidden()
+    page.wait_for_timeout(400)
+    assert box_of(bar) == before
