@@ -18,6 +18,7 @@ from trolley.messages import (
     Tour,
     TourStatus,
 )
+from trolley_viz.plain_words import said
 
 Tone = Literal["good", "busy", "warn", "bad", "idle"]
 
@@ -64,12 +65,11 @@ def refusal(reply: Refused) -> str:
         return f"{service} did not answer in time. Check whether it was done before you try again."
     if reply.code == codes.STOPPED and reply.message in ("", codes.SENTENCES[codes.STOPPED]):
         return STOPPED
-    return reply.message or codes.SENTENCES.get(reply.code, reply.code)
+    return said(reply.message, reply.code)
 
 
 UNCONFIRMED = "A stop holds, but the motor board is silent: whether the robot stands is not known."
 STOPPED = "The robot is stopped. Press “Drive on” first."
-"""As the page calls it: “resume” is the word of programs."""
 AWAY = StatusLine("Away", "bad", "No contact with the robot. It is switched off or out of range.")
 
 
@@ -105,7 +105,8 @@ def position_line(estimate: PoseEstimate | None, age_s: float | None) -> StatusL
     if age_s is None or age_s > STALE_S:
         stale = StatusLine("Stale", "bad", "The last position is too old to rely on.")
         return aged(stale, age_s)
-    detail = _join(estimate.message, _where(estimate))
+    why = said(estimate.message)
+    detail = _join(why, _where(estimate))
     match estimate.state:
         case "localized":
             return StatusLine(f"Localized {percent(estimate.match)}", "good", detail)
@@ -115,9 +116,9 @@ def position_line(estimate: PoseEstimate | None, age_s: float | None) -> StatusL
             places = len(estimate.candidates)
             could = f"It could be in {places} places." if places > 1 else ""
             turn = "A turn on the spot would help." if estimate.wants_turn else ""
-            return StatusLine("Searching", "busy", _join(estimate.message, could, turn))
+            return StatusLine("Searching", "busy", _join(why, could, turn))
         case "lost":
-            return StatusLine("Lost", "bad", _join(estimate.message) or codes.SENTENCES[codes.LOST])
+            return StatusLine("Lost", "bad", said(estimate.message, codes.LOST))
         case "mapping":
             return StatusLine("Mapping", "busy", detail)
 
@@ -126,41 +127,40 @@ def mapping_line(mapping: MappingStatus | None) -> StatusLine | None:
     """Say how mapping is going, or what came of it."""
     if mapping is None:
         return None
+    why = said(mapping.message)
     if mapping.state == "idle":
-        return (
-            StatusLine("No map is being made", "idle", mapping.message) if mapping.message else None
-        )
+        return StatusLine("No map is being made", "idle", why) if why else None
     loops = f", {mapping.loops} loops closed" if mapping.loops else ""
-    detail = f"{duration(mapping.seconds // 1.0)}, {mapping.scans} scans{loops}."
+    scans = "1 scan" if mapping.scans == 1 else f"{mapping.scans} scans"
+    detail = f"{duration(mapping.seconds // 1.0)}, {scans}{loops}."
     name = mapping.name or ""
     match mapping.state:
         case "starting":
-            return StatusLine("Getting ready", "busy", mapping.message)
+            return StatusLine("Getting ready", "busy", why)
         case "saving":
-            return StatusLine(f"Saving “{name}”", "busy", mapping.message)
+            return StatusLine(f"Saving “{name}”", "busy", why)
         case "paused":
-            return StatusLine(f"“{name}” is paused", "warn", _join(detail, mapping.message))
+            return StatusLine(f"“{name}” is paused", "warn", _join(detail, why))
         case _:
             what = f"Extending “{name}”" if mapping.extends else f"Mapping “{name}”"
             goes_well = mapping.exploring in EXPLORES_WELL
-            tone: Tone = "warn" if mapping.message and not goes_well else "busy"
-            return StatusLine(what, tone, _join(detail, mapping.message))
+            tone: Tone = "warn" if why and not goes_well else "busy"
+            return StatusLine(what, tone, _join(detail, why))
 
 
 def base_line(base: BaseState | None) -> StatusLine | None:
     """Say what keeps the robot from driving; None where nothing does."""
     if base is None or (base.mode == "ok" and not base.reason):
         return None
-    why = base.message or codes.SENTENCES.get(base.reason, base.reason)
+    why = said(base.message, base.reason)
     match base.mode:
         case "ok":
             return StatusLine("Creeping", "warn", why)
         case "stopped" if base.is_stop_unconfirmed:
             return StatusLine("Stop not confirmed", "bad", why)
         case "stopped":
-            return StatusLine(
-                "Stopped", "bad", _join(why, "Press “Drive on” to let it drive again.")
-            )
+            remedy = "" if "“Drive on”" in why else "Press “Drive on” to let it drive again."
+            return StatusLine("Stopped", "bad", _join(why, remedy))
         case "held":
             return StatusLine("Held", "warn", _join(why, "It will continue by itself."))
         case _:
@@ -172,15 +172,15 @@ def goal_line(goal: GoalStatus | None, places: list[SavedPose]) -> StatusLine:
     if goal is None:
         return StatusLine("No planner", "idle", "The planner is still starting.")
     to = goal_name(goal, places)
-    why = goal.message or codes.SENTENCES.get(goal.reason, goal.reason)
+    why = said(goal.message, goal.reason)
     match goal.state:
         case "idle":
             return StatusLine("Standing by", "idle", why)
         case "planning":
             return StatusLine(f"Planning a path to {to}", "busy", why)
         case "driving":
-            careful = codes.SENTENCES.get(goal.warning, goal.warning)
-            rest = _join(_remaining(goal), goal.message, careful)
+            careful = said("", goal.warning)
+            rest = _join(_remaining(goal), said(goal.message), careful)
             return StatusLine(f"Driving to {to}", "busy", rest)
         case "recovering":
             return StatusLine(
@@ -202,7 +202,7 @@ def trip_line(trip: TourStatus | None, tour: Tour | None) -> StatusLine | None:
         return None
     name = f"“{trip.name}”" if trip.name else "Tour"
     stop = _stop_text(trip, tour)
-    why = trip.message or codes.SENTENCES.get(trip.reason, trip.reason)
+    why = said(trip.message, trip.reason)
     if trip.state in ("driving", "dwelling") and not trip.reason:
         why = ""  # it only says again where the trip is
     match trip.state:
@@ -225,7 +225,7 @@ def trip_line(trip: TourStatus | None, tour: Tour | None) -> StatusLine | None:
 def result_line(result: StopResult) -> StatusLine:
     """Say how one stop of the trip ended."""
     name = result.name or f"stop {result.stop + 1}"
-    why = result.message or codes.SENTENCES.get(result.code, result.code)
+    why = said(result.message, result.code)
     match result.state:
         case "reached":
             return StatusLine(f"{name} reached", "good", duration(result.seconds))

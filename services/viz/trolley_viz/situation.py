@@ -18,6 +18,7 @@ from trolley.messages import (
 )
 from trolley.teleop import SOURCE as BY_HAND
 from trolley.topics import Topic
+from trolley_viz.plain_words import said
 from trolley_viz.robots.ages import Ages
 from trolley_viz.sentences import (
     DRIVING,
@@ -100,12 +101,12 @@ def _base(known: RobotState) -> StatusLine | None:
     if base is None or base.mode in ("ok", "held"):
         return None
     if base.is_stop_unconfirmed:
-        return StatusLine(base.message or UNCONFIRMED, "bad")
+        return StatusLine(said(base.message) or UNCONFIRMED, "bad")
     if base.mode == "stopped":
         why = STOPPED_REASONS.get(base.reason) or f"Stopped: {_reason_of(base)}"
         return StatusLine(f"{why}. Press “Drive on” to let it {_what_then(known)}.", "bad")
     if base.reason == codes.DOES_NOT_OBEY:
-        return StatusLine(base.message, "bad")
+        return StatusLine(said(base.message, base.reason), "bad")
     return StatusLine(f"The robot cannot drive: {_reason_of(base)}.", "bad")
 
 
@@ -219,7 +220,7 @@ def _trip(known: RobotState) -> StatusLine | None:
     if is_elsewhere and (is_over or (goal is not None and goal.state in DRIVING)):
         return None  # something else was driven since
     if trip.reason == codes.LOW_BATTERY and trip.state in ("driving", "done"):
-        return StatusLine(trip.message, "warn")
+        return StatusLine(said(trip.message, trip.reason), "warn")
     match trip.state:
         case "paused":
             why = PAUSE_REASONS.get(trip.reason)
@@ -285,7 +286,7 @@ def _goal(known: RobotState) -> StatusLine | None:
 
 def _idle(known: RobotState) -> StatusLine | None:
     if known.trip is not None and known.trip.reason == codes.LOW_BATTERY:
-        return StatusLine(known.trip.message, "warn")
+        return StatusLine(said(known.trip.message, known.trip.reason), "warn")
     if known.estimate is not None and known.estimate.off_map is not None:
         return StatusLine("It has left its map. Send it to a place on the map.", "warn")
     if _is_unsure(known):
@@ -356,7 +357,7 @@ def _is_unsure(known: RobotState) -> bool:
 def _reason_of(status: BaseState | GoalStatus | TourStatus | MappingStatus) -> str:
     """The reason in words, to be put behind a colon."""
     reason = "" if isinstance(status, MappingStatus) else status.reason
-    why = status.message or codes.SENTENCES.get(reason, reason)
+    why = said(status.message, reason)
     return why[:1].lower() + why[1:].rstrip(".") if why else "no reason was given"
 
 

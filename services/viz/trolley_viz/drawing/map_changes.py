@@ -18,6 +18,7 @@ from trolley_viz.actions.map_edits import request_map_edit
 from trolley_viz.actions.robot_actions import RobotActions
 from trolley_viz.drawing.suspected_mirrors import dashes
 from trolley_viz.editing.undo import Step
+from trolley_viz.plain_words import said
 from trolley_viz.pointing.picture import Picture
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL
@@ -144,7 +145,7 @@ class ChangeRequests:
         def finish(reply: MapEdited | Refused) -> None:
             self.is_busy = False
             if not isinstance(reply, Refused):
-                self._actions.tell("The map was changed", reply.message, "good")
+                self._actions.tell("The map was changed", said(reply.message), "good")
                 if robot == self._robot():
                     self._remember(reply.name)
             elif may_rename and reply.code == codes.EXISTS:

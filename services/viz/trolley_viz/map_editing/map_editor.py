@@ -33,6 +33,7 @@ from trolley_viz.drawing.canvas import Canvas, Phase, PointerHandlers
 from trolley_viz.drawing.sketch import Point
 from trolley_viz.map_editing.map_draft import Draft, Drawn, draw
 from trolley_viz.map_editing.map_preview import MapPreview, model_of
+from trolley_viz.plain_words import said
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapModel
 from trolley_viz.sentences import Tell, refusal
@@ -214,7 +215,7 @@ class MapEditor:
         def placed(reply: MapEdited) -> None:
             if self.is_open and self.draft is draft and reply.placed is not None:
                 self._put(draft.add_merged(Merge(name=name, pose=reply.placed), reply.walls))
-                self._tell("It fits", reply.message, "good")
+                self._tell("It fits", said(reply.message), "good")
 
         self._ask(params, placed)
 
@@ -236,7 +237,7 @@ class MapEditor:
 
         def stored(reply: MapEdited) -> None:
             self.leave()
-            self._tell("Saved", reply.message, "good")
+            self._tell("Saved", said(reply.message), "good")
 
         self._ask(params, stored)
 
@@ -246,7 +247,7 @@ class MapEditor:
         if grid is not None and not self.is_busy:
             self.leave()
             params = EditMap(name=grid.name, ops=[TakeBack()])
-            self._ask(params, lambda reply: self._tell("Undone", reply.message, "good"))
+            self._ask(params, lambda reply: self._tell("Undone", said(reply.message), "good"))
 
     # What the pointer does.
     def _tapped(self, point: Point, _reach_m: float) -> None:
@@ -333,7 +334,7 @@ class MapEditor:
             if not self.is_open or self._message is not message:
                 return
             if isinstance(result, Refused):
-                self._tell("Not done", result.message, "warn")
+                self._tell("Not done", said(result.message), "warn")
                 if self.draft is draft:
                     self.draft = Draft() if before is None else _cut(draft, len(before.ops))
             elif not draft.ops:

@@ -4,6 +4,7 @@ from trolley.messages import MapChange
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.controls import show_undo
 from trolley_viz.panels.markup import note, sentence
+from trolley_viz.plain_words import said
 from trolley_viz.sentences import StatusLine, aged
 from trolley_viz.session.session import Session
 
@@ -59,7 +60,7 @@ def card(offered: list[MapChange], age_s: float | None = None) -> str:
     """What has changed and how old [s] that is, as HTML."""
     count = len(offered)
     headline = "1 thing has changed" if count == 1 else f"{count} things have changed"
-    lines = [note(f"{one.id}: {one.message}") for one in offered[:MAX_LISTED]]
+    lines = [note(f"{one.id}: {said(one.message)}") for one in offered[:MAX_LISTED]]
     if count > MAX_LISTED:
         lines.append(note(f"and {count - MAX_LISTED} more, see the map"))
     words = aged(StatusLine(f"{headline} since the map was made.", "warn"), age_s)

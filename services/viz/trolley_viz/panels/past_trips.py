@@ -3,10 +3,10 @@
 import datetime
 from collections.abc import Callable, Sequence
 
-from trolley import codes
 from trolley.messages import PastTrip, StopResult, TourStatus
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import details, lead, note, row
+from trolley_viz.plain_words import said
 from trolley_viz.robots.past_trips import PastTrips, has_failed
 from trolley_viz.sentences import StatusLine, Tone, duration, result_line
 
@@ -130,7 +130,7 @@ def tone_of(trip: PastTrip) -> Tone:
 def summary(trip: PastTrip) -> str:
     """Say how far it got, how long it took, and why it ended if it did not come to its end."""
     of = f" of {trip.planned}" if trip.planned else ""
-    why = trip.message or codes.SENTENCES.get(trip.reason, trip.reason)
+    why = said(trip.message, trip.reason)
     parts = [f"{trip.reached}{of} stops", duration(trip.seconds)]
     return " · ".join([*parts, why] if trip.state != "done" and why else parts)
 

@@ -4,6 +4,7 @@ from trolley import topics
 from trolley.messages import Health
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import note, row, table
+from trolley_viz.plain_words import said
 from trolley_viz.robots.view import View
 from trolley_viz.sentences import StatusLine, Tone, age_text
 
@@ -63,5 +64,6 @@ def service_line(name: str, health: Health, age_s: float) -> StatusLine:
         return StatusLine(
             f"{name}: silent", "bad", f"last heard {heard} ago, when it said: {health.state}"
         )
-    detail = f"{health.message.rstrip('.')}. {takes}" if health.message else takes
+    why = said(health.message)
+    detail = f"{why.rstrip('.')}. {takes}" if why else takes
     return StatusLine(f"{name}: {health.state}", TONES[health.state], detail)

@@ -13,6 +13,7 @@ from trolley.messages import Tour, TourStatus
 from trolley_viz.editing.tour_draft import Draft, Find
 from trolley_viz.graphics.pictures import pin_picture
 from trolley_viz.graphics.shapes import circle, flat, open_segments
+from trolley_viz.plain_words import said
 from trolley_viz.robots.past_trips import Spot, trouble_spots
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Layer
@@ -282,7 +283,7 @@ def spot_text(spot: Spot) -> str:
     """Say what happened last at a spot: "kitchen: There is no path there."."""
     result = spot.newest
     name = result.name or f"stop {result.stop + 1}"
-    why = codes.SENTENCES.get(result.code) or result.message or result.code
+    why = said("" if result.code in codes.SENTENCES else result.message, result.code)
     return f"{name}: {why}"
 
 
