@@ -26,6 +26,8 @@ Tell = Callable[[str, str, Tone], None]
 """Shows a person a title and a sentence."""
 
 STALE_S = 1.0
+SPOT = "the place on the map"
+"""What a goal is called that is none of the places."""
 SAME_PLACE_M = 0.1
 """A goal this near to a saved pose is called by its name."""
 
@@ -171,7 +173,7 @@ def goal_line(goal: GoalStatus | None, places: list[SavedPose]) -> StatusLine:
     """Say where the robot is going and how far it still is."""
     if goal is None:
         return StatusLine("No planner", "idle", "The planner is still starting.")
-    to = goal_name(goal, places)
+    to = where_to(goal, places)
     why = said(goal.message, goal.reason)
     match goal.state:
         case "idle":
@@ -246,6 +248,12 @@ def goal_name(goal: GoalStatus, places: list[SavedPose]) -> str:
         if near:
             return min(near, key=lambda one: one.pose.distance_to(goal.pose or one.pose)).name
     return f"({goal.pose.x:.2f}, {goal.pose.y:.2f})"
+
+
+def where_to(goal: GoalStatus, places: list[SavedPose]) -> str:
+    """Call the goal as people do, who know no coordinates."""
+    name = goal_name(goal, places)
+    return SPOT if name.startswith("(") else name
 
 
 def pose_text(pose: Pose2D) -> str:

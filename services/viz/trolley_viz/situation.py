@@ -23,6 +23,7 @@ from trolley_viz.robots.ages import Ages
 from trolley_viz.sentences import (
     DRIVING,
     EXPLORES_WELL,
+    SPOT,
     STALE_S,
     UNCONFIRMED,
     UNDER_WAY,
@@ -30,8 +31,8 @@ from trolley_viz.sentences import (
     age_text,
     aged,
     duration,
-    goal_name,
     no_contact,
+    where_to,
 )
 
 AWAY = StatusLine("No contact with the robot. It is switched off or out of range.", "bad")
@@ -116,8 +117,8 @@ def _what_then(known: RobotState) -> str:
     if trip is not None and (trip.state, trip.reason) == ("paused", codes.STOPPED):
         return "continue the tour"
     if goal is not None and (goal.state, goal.reason) == ("paused", codes.STOPPED):
-        to = goal_name(goal, list(known.places))
-        return "go on" if to.startswith("(") else f"go on to {to}"
+        to = where_to(goal, list(known.places))
+        return "go on" if to == SPOT else f"go on to {to}"
     return "drive again"
 
 
@@ -165,7 +166,10 @@ def _mapping(known: RobotState) -> StatusLine | None:
         )
     if mapping.message:
         goes_well = mapping.exploring in EXPLORES_WELL
-        return StatusLine(f"Making a map: {_reason_of(mapping)}.", "busy" if goes_well else "warn")
+        why = _reason_of(mapping)
+        is_exploring = why.startswith("the robot is exploring")
+        words = f"{why[:1].upper()}{why[1:]}." if is_exploring else f"Making a map: {why}."
+        return StatusLine(words, "busy" if goes_well else "warn")
     if mapping.state == "paused":
         return StatusLine(f"The map “{mapping.name}” is paused. Press “Continue”.", "warn")
     if known.goal is not None and known.goal.state in DRIVING:
@@ -250,8 +254,7 @@ def _goal(known: RobotState) -> StatusLine | None:
     goal = known.goal
     if goal is None or goal.state == "idle" or has_left(known):
         return None
-    to = goal_name(goal, list(known.places))
-    to = "the place on the map" if to.startswith("(") else to
+    to = where_to(goal, list(known.places))
     why = _reason_of(goal)
     match goal.state:
         case "planning":

@@ -1,7 +1,7 @@
 """Cards over the map on a phone: seen whole, and without covering the buttons over the map."""
 
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import FloatRect, Locator, Page, ViewportSize, expect
 
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.links import TO_DRIVE, TO_LOOK, LinkCard
@@ -11,14 +11,14 @@ from .viewer import Viewer
 
 pytestmark = pytest.mark.browser
 
-PHONE = {"width": 390, "height": 844}
+PHONE: ViewportSize = {"width": 390, "height": 844}
 LINK = f"http://raspberrypi.fritz.box:8080/?token={'x' * 22}"
 
 
-def box_of(seen: Locator) -> dict[str, float]:
+def box_of(seen: Locator) -> FloatRect:
     box = seen.bounding_box()
     assert box is not None
-    return dict(box)
+    return box
 
 
 @pytest.mark.parametrize("what", [TO_DRIVE, TO_LOOK])

@@ -33,6 +33,7 @@ from trolley.messages import (
     Transform,
     floats_to_bytes,
 )
+from trolley.messages.mapping import PoseState
 from trolley.messages.request_params import (
     FollowPerson,
     Nothing,
@@ -73,6 +74,7 @@ class PretendRobot(Service):
     def __init__(self) -> None:
         self.epoch = 0
         self.mode = "ok"
+        self.pose_state: PoseState = "localized"
         self.deaf = False
         self.stops = 0
         self.goals: list[SendGoal] = []
@@ -142,7 +144,7 @@ class PretendRobot(Service):
                 map="room",
                 pose=Pose2D(1.5 + self.driven_m, 0.0, 0.0),
                 covariance=None,
-                state="localized",
+                state=self.pose_state,
                 match=0.93,
                 spread=0.05,
             ),

@@ -190,6 +190,19 @@ def test_match_particles_and_error_are_numbers(stage: "Stage") -> None:
     assert rows["age"] == "now"
 
 
+def test_particles_of_the_map_before_are_gone_while_a_map_is_made(stage: "Stage") -> None:
+    stage.browse()
+    poses = floats_to_bytes(np.zeros((400, 3)))
+    cloud = ParticleCloud(stamp_ns=0, poses=poses, weights=floats_to_bytes(np.ones(400)))
+    stage.robot.publish(topics.PARTICLES, cloud)
+    stage.runtime.run(1.0)
+    arrows = stage.layer("particles")._arrows
+    assert arrows.visible
+    stage.robot.pose_state = "mapping"
+    stage.runtime.run(1.0)
+    assert not arrows.visible
+
+
 def test_ellipse_and_truth_are_drawn(stage: "Stage") -> None:
     stage.browse()
     for key in ("covariance", "truth"):

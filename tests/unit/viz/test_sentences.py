@@ -100,7 +100,7 @@ def test_a_goal_is_called_by_its_place() -> None:
     assert goal_line(goal, [KITCHEN]) == StatusLine(
         "Driving to kitchen", "busy", "2.3 m to go, about 8.2 s"
     )
-    assert goal_line(goal, []).headline == "Driving to (2.02, 1.00)"
+    assert goal_line(goal, []).headline == "Driving to the place on the map"
     careful = msgspec.structs.replace(goal, warning="in_passage")
     assert goal_line(careful, [KITCHEN]).detail == (
         "2.3 m to go, about 8.2 s. That is a narrow passage: while the robot stands there, nobody "

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 from support.pages import page_of
 
 from trolley import topics
@@ -18,7 +19,7 @@ from trolley.runtime.lockstep import Lockstep
 from trolley_viz.graphics.camera import INITIAL_ASPECT, UNKNOWN_MAP, Bounds, stand
 from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.robots.view import View
-from trolley_viz.scene.map_layers import map_bounds
+from trolley_viz.scene.map_layers import OLD_NS, map_bounds
 from trolley_viz.server.messages import Said, Stop
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.service import VizService
@@ -65,11 +66,31 @@ def test_robot_and_scan_are_drawn_where_they_are(stage: "Stage") -> None:
 
 def test_the_map_is_drawn_once_with_its_walls(stage: "Stage") -> None:
     stage.browse()
-    floor, walls = stage.layer("map")._nodes
+    floor, walls = stage.layer("map")._map.nodes
     assert walls.vertices.max(axis=0)[:2] == pytest.approx([6.0, 0.1])
     assert floor.position == pytest.approx([-3.0, -2.0, 0.0])
     stage.runtime.run(2.0)
-    assert stage.layer("map")._nodes == [floor, walls]
+    assert stage.layer("map")._map.nodes == [floor, walls]
+
+
+def test_a_map_that_grows_stays_until_it_is_drawn_anew_under_a_name_of_its_own(
+    stage: "Stage",
+) -> None:
+    """A glb that replaces one of its name is shown late, and where the scene begins."""
+    stage.browse()
+    drawn = stage.layer("map")._map
+    before = drawn.nodes
+    grid = stage.session.view.streams.latest(topics.MAP)
+    assert grid is not None
+    stage.robot.publish(topics.MAP, structs.replace(grid))
+    stage.runtime.run(1.0)
+    assert drawn._old == before
+    assert not {one.name for one in before} & {one.name for one in drawn.nodes}
+    stage.runtime.run(OLD_NS * 1e-9)
+    assert drawn._old == []
+    stage.robot.publish(topics.MAP, structs.replace(grid, name="other"))
+    stage.runtime.run(1.0)
+    assert drawn._old == []
 
 
 def test_only_places_of_this_map_are_shown(stage: "Stage") -> None:

@@ -2,6 +2,7 @@
 import { t } from "./words.js";
 
 const SENDING_MS = 400;
+const LONG = 66; // characters that fit into two lines on a phone
 
 export class Status {
   constructor(line) {
@@ -69,6 +70,7 @@ export class Status {
 
   tell(sentence) {
     say(this.sentence, sentence);
+    this.sentence.dataset.length = sentence.length > LONG ? "long" : "short";
     this.announce(sentence);
   }
 

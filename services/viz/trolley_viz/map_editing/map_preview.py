@@ -8,10 +8,9 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.gridmap.wire import map_message
 from trolley_viz.drawing.sketch import Point
-from trolley_viz.graphics.shapes import place
 from trolley_viz.pointing.picture import Picture
 from trolley_viz.scene.layer import WALL_HEIGHT
-from trolley_viz.scene.map_layers import WALL_SIDE, MapModel
+from trolley_viz.scene.map_layers import DrawnMap, MapModel
 
 MERGED_COLOUR = (150, 60, 190)
 STROKE_COLOURS = {"erase": (214, 30, 30), "wall": (0, 140, 40), "crop": (30, 100, 255)}
@@ -28,13 +27,14 @@ class MapPreview:
 
     def __init__(self, picture: Picture) -> None:
         self._picture = picture
-        self._nodes: list[viser.SceneNodeHandle] = []
+        self._map: DrawnMap | None = None
+        self._merged: viser.PointCloudHandle | None = None
         self._stroke: viser.LineSegmentsHandle | None = None
 
     @property
     def is_shown(self) -> bool:
         """Whether it stands in place of the stored map."""
-        return bool(self._nodes)
+        return self._map is not None and bool(self._map.nodes)
 
     def show(self, model: MapModel, origin: Pose2D, merged: NDArray[np.float64]) -> None:
         """Show a map, and points of the walls that a merge brings along."""
@@ -44,32 +44,15 @@ class MapPreview:
         scene = client.scene
         with client.atomic():
             self.clear()
-            floor = scene.add_glb(
-                "/map_editing/floor", model.floor, cast_shadow=False, receive_shadow=False
-            )
-            place(floor, origin, 0.0)
-            self._nodes.append(floor)
-            if model.walls is not None:
-                walls = scene.add_mesh_simple(
-                    "/map_editing/walls",
-                    *model.walls,
-                    color=WALL_SIDE,
-                    flat_shading=True,
-                    side="double",
-                    cast_shadow=False,
-                    receive_shadow=False,
-                )
-                place(walls, origin, 0.0)
-                self._nodes.append(walls)
+            self._map = self._map or DrawnMap(scene, "/map_editing")
+            self._map.show(model, origin)
             if len(merged):
                 points = np.column_stack([merged, np.full(len(merged), Z_STROKE)])
-                self._nodes.append(
-                    scene.add_point_cloud(
-                        "/map_editing/merged",
-                        points.astype(np.float32),
-                        MERGED_COLOUR,
-                        point_size=0.06,
-                    )
+                self._merged = scene.add_point_cloud(
+                    "/map_editing/merged",
+                    points.astype(np.float32),
+                    MERGED_COLOUR,
+                    point_size=0.06,
                 )
 
     def show_stroke(self, points: list[Point], width: float, kind: str) -> None:
@@ -90,7 +73,9 @@ class MapPreview:
 
     def clear(self) -> None:
         """Take everything away."""
-        for node in self._nodes:
-            node.remove()
-        self._nodes.clear()
+        if self._map is not None:
+            self._map.clear()
+        if self._merged is not None:
+            self._merged.remove()
+            self._merged = None
         self.show_stroke([], 0.0, "")

@@ -30,6 +30,8 @@ def flat_quaternion(yaw: float) -> tuple[float, float, float, float]:
 
 WALL_SIDE = (44, 50, 62)
 """Darker than on the picture, as the scene is lit."""
+OLD_NS = 2_000_000_000
+"""How long a map stays below the one that takes its place: by then that is loaded everywhere."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,60 @@ class MapModel:
         return cls(floor_glb(image, *picture_size(grid, factor)), walls)
 
 
+class DrawnMap:
+    """A map's floor and walls in a scene, while another map takes its place, too.
+
+    Each map has nodes of its own names: where a glb replaces one of the same name, viser shows
+    nothing until it is loaded, and then shows it at the origin, not where it was placed.
+
+    Args:
+        scene: of all browsers, or of one.
+        path: above its nodes.
+    """
+
+    def __init__(self, scene: viser.SceneApi, path: str) -> None:
+        self._scene, self._path = scene, path
+        self._count = 0
+        self._old: list[viser.SceneNodeHandle] = []
+        self.nodes: list[viser.SceneNodeHandle] = []
+        """Of the newest map."""
+
+    def show(self, model: MapModel, world_T_grid: Pose2D) -> None:
+        """Draw a map over the one before, which stays until `drop_old`."""
+        self.drop_old()
+        self._count += 1
+        path = f"{self._path}/{self._count}"
+        floor = self._scene.add_glb(
+            f"{path}/floor", model.floor, cast_shadow=False, receive_shadow=False
+        )
+        self._old, self.nodes = self.nodes, [floor]
+        if model.walls is not None:
+            walls = self._scene.add_mesh_simple(
+                f"{path}/walls",
+                *model.walls,
+                color=WALL_SIDE,
+                flat_shading=True,
+                side="double",
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+            self.nodes.append(walls)
+        for node in self.nodes:
+            place(node, world_T_grid, 0.0)
+
+    def drop_old(self) -> None:
+        """Take away the map before."""
+        for node in self._old:
+            node.remove()
+        self._old = []
+
+    def clear(self) -> None:
+        """Take everything away."""
+        self.drop_old()
+        self._old, self.nodes = self.nodes, []
+        self.drop_old()
+
+
 class MapLayer(Layer):
     """The floor plan: floor light, walls raised."""
 
@@ -63,52 +119,38 @@ class MapLayer(Layer):
 
     def __init__(self, server: viser.ViserServer, above: str) -> None:
         super().__init__(server, above)
-        self._nodes: list[viser.SceneNodeHandle] = []
+        self._map = DrawnMap(self.scene, self.root)
+        self._where: tuple[str, Pose2D] | None = None
+        self._old_until_ns: int | None = None
 
     def draw(self, view: View) -> None:
         """Draw the map when another one arrived."""
+        if self._old_until_ns is not None and view.now_ns >= self._old_until_ns:
+            self._old_until_ns = None
+            self._map.drop_old()
         grid = view.streams.latest(topics.MAP)
         world_T_map = None if grid is None else view.placement.world_T(grid.frame)
         if not self.changed(grid, world_T_map):
             return
-        self._clear()
         if grid is None or world_T_map is None or grid.width * grid.height == 0:
+            self._where = None
+            self._map.clear()
             return
+        # What grows while it is made stays until it is drawn anew; another map does not.
+        where = (grid.name, world_T_map)
+        if where != self._where:
+            self._where = where
+            self._map.clear()
         # A large map takes about a second, and Stop must not wait for it.
         inputs, world_T_grid = self._drawn, world_T_map @ grid.origin
 
         def show(model: MapModel) -> None:
             if self._drawn is inputs:  # no other map came meanwhile
-                self._show(model, world_T_grid)
+                with self.server.atomic():
+                    self._map.show(model, world_T_grid)
+                self._old_until_ns = view.now_ns + OLD_NS
 
         view.work(lambda: MapModel.of(grid), show)
-
-    def _clear(self) -> None:
-        for node in self._nodes:
-            node.remove()
-        self._nodes.clear()
-
-    def _show(self, model: MapModel, world_T_grid: Pose2D) -> None:
-        self._clear()
-        with self.server.atomic():
-            self._nodes.append(
-                self.scene.add_glb(
-                    self.path("floor"), model.floor, cast_shadow=False, receive_shadow=False
-                )
-            )
-            if model.walls is not None:
-                walls = self.scene.add_mesh_simple(
-                    self.path("walls"),
-                    *model.walls,
-                    color=WALL_SIDE,
-                    flat_shading=True,
-                    side="double",
-                    cast_shadow=False,
-                    receive_shadow=False,
-                )
-                self._nodes.append(walls)
-            for node in self._nodes:
-                place(node, world_T_grid, 0.0)
 
 
 class CostmapLayer(Layer):

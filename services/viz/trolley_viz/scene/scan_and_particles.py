@@ -96,7 +96,10 @@ class ParticleLayer(Layer):
 
     def draw(self, view: View) -> None:
         """Draw the newest cloud, thinned evenly where it is very large."""
-        cloud = view.streams.latest(topics.PARTICLES) if not view.is_away else None
+        estimate = view.streams.latest(topics.POSE)
+        # While a map is made there are none, and the last ones are of another map.
+        is_over = view.is_away or (estimate is not None and estimate.state == "mapping")
+        cloud = None if is_over else view.streams.latest(topics.PARTICLES)
         world_T_map = view.placement.world_T("map")
         if not self.changed(cloud, world_T_map):
             return
