@@ -29,7 +29,9 @@ def test_demo_reaches_all_stops(tmp_path: Path, speed: int, seed: int) -> None:
     assert "0 collisions" in demo.process.log
 
 
-@pytest.mark.parametrize("board", ["linorobot", "waveshare_ugv", "create2", "hoverboard"])
+@pytest.mark.parametrize(
+    "board", ["linorobot", "linorobot2", "waveshare_ugv", "create2", "hoverboard"]
+)
 def test_demo_reaches_all_stops_over_emulated_ports(tmp_path: Path, board: str) -> None:
     demo = Demo(tmp_path, "--headless", "--tour", "--emulate", f"{board},ld19")
     try:

@@ -22,7 +22,7 @@ from trolley_base.world.world_file import load_world
 
 Trolley = Callable[..., subprocess.CompletedProcess[str]]
 
-BOARDS_AT_115200 = ("waveshare_ugv", "create2", "hoverboard")
+BOARDS_AT_115200 = ("linorobot2", "waveshare_ugv", "create2", "hoverboard")
 BAUDS = {
     "linorobot": 57600,
     "rplidar_a1": 115200,

@@ -38,7 +38,7 @@ def test_each_cause_sends_a_zero_for_good(linorobot: Metal) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("board", ["waveshare_ugv", "create2", "hoverboard"])
+@pytest.mark.parametrize("board", ["linorobot2", "waveshare_ugv", "create2", "hoverboard"])
 def test_each_cause_sends_a_zero_to_other_boards(
     make_metal: Callable[..., Metal], board: str
 ) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from trolley.config.hardware import ChassisConfig
 from trolley.geometry import Pose2D, Twist2D
@@ -13,6 +14,7 @@ from trolley_base.drivers.dialogue import BoardDialogue
 from trolley_base.emulators.create2 import Create2
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.hoverboard import Hoverboard
+from trolley_base.emulators.linorobot2 import Linorobot2, Linorobot2Options
 from trolley_base.emulators.waveshare_ugv import WaveshareUgv
 from trolley_base.world import STEP_NS, Simulation
 
@@ -21,12 +23,14 @@ START_NS = 1_790_000_000 * 10**9
 SETTINGS: dict[str, dict[str, Any]] = {
     "create2": {},
     "hoverboard": {"hoverboard": {"diameter_m": 0.165, "track_m": 0.34}},
+    "linorobot2": {},
     "waveshare_ugv": {"waveshare_ugv": {"type": "ugv_rover"}},
 }
 """What `[base.chassis]` says besides the board's name."""
 EMULATORS: dict[str, Callable[[], Board]] = {
     "create2": lambda: Create2(is_asleep=False),
     "hoverboard": lambda: Hoverboard(is_tank=False, is_voltage=False),
+    "linorobot2": lambda: Linorobot2(Linorobot2Options(), np.random.default_rng(1)),
     "waveshare_ugv": lambda: WaveshareUgv("ugv_rover", is_general=False),
 }
 
@@ -71,13 +75,23 @@ class EmulatedTalk:
         data = b"".join(frame.data for frame in self.board.take_frames())
         self._came += b"" if self.is_cut else data
 
-    def tick(self) -> ChassisReading:
-        """Let 20 ms go by, and give the dialogue its turn."""
+    def hear(self) -> None:
+        """Let 20 ms go by, and let the dialogue hear what came."""
         self.step()
         self.step()
         data, self._came = self.spoil(self._came), b""
-        if data:
-            self.dialogue.receive(data, self.now_ns)
+        if not data:
+            return
+        responder = self.dialogue.line.responder
+        answer = b"" if responder is None else responder(data)
+        if answer and not self.is_cut:
+            self.board.receive(answer, self.now_ns)
+            self._collect()
+        self.dialogue.receive(data, self.now_ns)
+
+    def tick(self) -> ChassisReading:
+        """Let 20 ms go by, and give the dialogue its turn."""
+        self.hear()
         reading = self.dialogue.take(self.now_ns)
         self.readings.append(reading)
         for motion in reading.motions:

@@ -6,7 +6,9 @@ from msgspec import Meta, Struct
 
 from trolley.config.robot import PoseConfig
 
-Board = Literal["linorobot", "arduino_bridge", "waveshare_ugv", "create2", "hoverboard"]
+Board = Literal[
+    "linorobot", "linorobot2", "arduino_bridge", "waveshare_ugv", "create2", "hoverboard"
+]
 LidarModel = Literal[
     "rplidar_a1",
     "rplidar_a2",
@@ -100,10 +102,10 @@ class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     battery_volts_per_count: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.0049
     """Battery voltage per count of that pin, including the voltage divider."""
     battery_empty_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.5
-    """Voltage below which, after 2 s, the robot does not drive (`waveshare_ugv` and `hoverboard`
-    too)."""
+    """Voltage below which, after 2 s, the robot does not drive (`waveshare_ugv`, `hoverboard` and
+    `linorobot2` too)."""
     battery_full_v: Annotated[float, Meta(gt=0.0, le=100.0)] = 12.6
-    """Voltage of a fully charged battery (`waveshare_ugv` and `hoverboard` too)."""
+    """Voltage of a fully charged battery (`waveshare_ugv`, `hoverboard` and `linorobot2` too)."""
 
     def __post_init__(self) -> None:
         """Refuse a battery that is empty when it is full."""

@@ -8,7 +8,7 @@ meant for:
 - 57600: boards. A board may reboot when its port is opened, so it is asked until some seconds have
   passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
   by the CR that follows; to rosserial, letters are noise between frames.
-- The boards of `board_questions.py`, at 115200; a hoverboard talks unasked.
+- The boards of `board_questions.py`, at 115200; a hoverboard and a linorobot2 talk unasked.
 - From 115200 to 1000000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead
   program has left streaming. Bits at 57600 are two at 115200 and more at the others, so the
   questions before cannot be read as A5, with which every command to these lidars begins; and a
@@ -49,7 +49,6 @@ BOARD_TRIES = 2
 ROSSERIAL_S = 0.35
 TOPICS_S = 0.5
 LINE_S = 0.2
-BOARD_S = 0.25
 LIDAR_S = (0.15, 0.3, 0.5)
 """How long an answer is waited for at each speed, in one round after another."""
 QUIET_TRIES = 2
@@ -213,10 +212,11 @@ class Probe:
             for part in question.ask:
                 self._port.write(part)
                 self._pause(POLL_S)
-            found = self._read(BOARD_S, question.recognise)
+            found = self._read(question.wait_s, question.recognise)
             if found is not None:
-                self._port.write(question.leave)
-                time.sleep(POLL_S)  # closing drops what has not left
+                if question.leave:
+                    self._port.write(question.leave)
+                    time.sleep(POLL_S)  # closing drops what has not left
                 return found
         return None
 

@@ -8,11 +8,15 @@ from trolley.config.describe import to_toml
 from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port
 from trolley_base.detection.results import FoundDevice, PortResult
+from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.lidars import MODELS
 
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
-USUAL_BAUDS: dict[str | None, int] = {name: driver.facts.baud for name, driver in MODELS.items()}
-"""What a driver takes where the settings name no speed; boards have one only."""
+USUAL_BAUDS: dict[str | None, int] = {
+    **{name: driver.facts.baud for name, driver in MODELS.items()},
+    **{name: facts.baud for name, facts in BOARDS.items()},
+}
+"""What a driver takes where the settings name no speed."""
 
 
 class Missing(NamedTuple):

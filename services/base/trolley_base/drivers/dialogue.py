@@ -9,6 +9,7 @@ Nothing raises on bytes: what is wrong is counted, and the next good frame is ta
 keeps is bounded.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -37,6 +38,10 @@ class Line:
             asked again as soon as it has answered.
         restarts: the device reboots when its port is opened, as an Arduino does.
         clears_rts: RTS, which Linux sets on opening, is cleared after `settle_s`.
+        leaves_standing: whoever leaves goes on with the dialogue until the wheels stand, for a
+            board that drives on when nobody answers it.
+        responder: is given what arrives, on the port's thread, and returns what is answered at
+            once, for a device that does not wait; it has nothing to do with the dialogue's state.
     """
 
     baud: int
@@ -46,6 +51,8 @@ class Line:
     is_prompt: bool = False
     restarts: bool = False
     clears_rts: bool = False
+    leaves_standing: bool = False
+    responder: Callable[[bytes], bytes] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,9 @@ from trolley_base.drivers.serial_device import SerialDevice
 from trolley_base.drivers.serial_link import SerialLink
 
 STANDING_PERIOD_NS = 50_000_000
+LEAVE_WITHIN_S, LEAVE_STEP_S = 2.0, 0.01
+"""How long whoever leaves waits until the wheels stand, at most, and how often it looks."""
+STANDING_MPS, STANDING_RADPS = 0.01, 0.02
 
 Explain = Callable[[str, OSError], str]
 
@@ -57,6 +60,29 @@ class SerialChassis:
         """Hear what has arrived up to now, and go on with the dialogue."""
         self.advance(now_ns)
         self._conversation.speak(now_ns)
+
+    def leave(self, clock: Callable[[], int]) -> None:
+        """Stop the wheels, and wait until they stand where nothing would stop them later.
+
+        Args:
+            clock: robot time [ns].
+        """
+        self.drive(Twist2D.zero())
+        if not self._conversation.dialogue.line.leaves_standing:
+            return
+        told_ns = self._now_ns
+        until_s = time.monotonic() + LEAVE_WITHIN_S
+        while time.monotonic() < until_s:
+            reading = self.read()
+            if reading.link.state != "up" or any(
+                motion.stamp_ns > told_ns
+                and motion.twist.speed < STANDING_MPS
+                and abs(motion.twist.wz) < STANDING_RADPS
+                for motion in reading.motions
+            ):
+                return
+            time.sleep(LEAVE_STEP_S)
+            self.respond(clock())
 
 
 class NoChassis:
@@ -169,7 +195,8 @@ class RealHardware:
 
     def close(self) -> None:
         """Stop the wheels and the lidar, and let go of the ports; may be called more than once."""
-        self._chassis.drive(Twist2D.zero())
+        if self._conversations and isinstance(self._chassis, SerialChassis):
+            self._chassis.leave(lambda: self._robot_ns(time.monotonic_ns()))
         for conversation in self._conversations:
             conversation.close()
         self._conversations.clear()

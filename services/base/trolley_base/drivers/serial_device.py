@@ -1,8 +1,8 @@
 """Keeps a serial port open: a thread that opens, reads and stores, and nothing else.
 
-The thread never touches a dialogue or the service; what it met waits in a bounded store until the
-service's own thread takes it. A port that is lost or cannot be opened is tried again, with pauses
-that grow.
+The thread never touches a dialogue or the service (a line's `responder` is apart from both); what
+it met waits in a bounded store until the service's own thread takes it. A port that is lost or
+cannot be opened is tried again, with pauses that grow.
 """
 
 import threading
@@ -165,9 +165,17 @@ class SerialDevice:
                 self._drop_backlog(port, len(data))
                 continue
             self._store(Arrived(data, time.monotonic_ns()))
+            self._respond(data)
             if self._line.is_prompt:
                 self._wake()
             time.sleep(GATHER_S)
+
+    def _respond(self, data: bytes) -> None:
+        if self._line.responder is None:
+            return
+        answer = self._line.responder(data)
+        if answer:
+            self.write(answer)
 
     def _drop_backlog(self, port: SerialPort, dropped: int) -> None:
         """Forget what waits in a full port: nobody has read it for long, or it is a flood.

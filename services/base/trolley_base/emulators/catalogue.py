@@ -12,6 +12,7 @@ from trolley_base.emulators.device import Board, Device, DeviceError
 from trolley_base.emulators.hoverboard import Hoverboard
 from trolley_base.emulators.lidar import MakeLidar, Mount
 from trolley_base.emulators.linorobot import Linorobot, LinorobotOptions
+from trolley_base.emulators.linorobot2 import Linorobot2, Linorobot2Options
 from trolley_base.emulators.waveshare_ugv import WaveshareUgv
 from trolley_base.world import LidarSpec
 
@@ -25,6 +26,13 @@ BOARDS = {
         "exact": "its wheel speeds are not rounded to whole revolutions per minute",
         "quiet": "built without DEBUG: no log lines",
         "no-imu": "no inertial unit answers",
+    },
+    "linorobot2": {
+        "uart": "an ESP32 behind a serial adapter at 115200 baud; else on USB of its own",
+        "fast": "the same at 921600 baud, as a fork has it",
+        "stops": "it stops its motors when it has lost its agent, as a fork does",
+        "no-wdt": "nothing restarts it when it has given up",
+        "2021": "the first version, whose reports are not acknowledged",
     },
     "arduino_bridge": {"no-base": "built without USE_BASE, as the sketch ships"},
     "waveshare_ugv": {
@@ -101,6 +109,15 @@ def _make(kind: str, options: str, surroundings: Surroundings, rng: np.random.Ge
                 has_imu="no-imu" not in given,
             )
             return Linorobot(built, rng)
+        case "linorobot2":
+            build = Linorobot2Options(
+                is_uart="uart" in given,
+                is_fast="fast" in given,
+                stops="stops" in given,
+                is_of_2021="2021" in given,
+                has_wdt="no-wdt" not in given,
+            )
+            return Linorobot2(build, rng)
         case "arduino_bridge":
             return ArduinoBridge(surroundings.wheels, use_base="no-base" not in given)
         case "waveshare_ugv":

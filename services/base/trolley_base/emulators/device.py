@@ -41,6 +41,9 @@ class Device:
         baud: the speed of its line.
     """
 
+    is_usb = False
+    """Whether it has USB of its own: any speed that the host sets will do."""
+
     def __init__(self, baud: int) -> None:
         self.baud = baud
         self.is_stuck = False

@@ -41,7 +41,8 @@ KINDS = {
     "gyro": "linorobot: its gyro reads =TIMES the truth, else -1: the wrong way round",
     "reset": "the device restarts once a second",
     "refuse": "the port accepts nothing that the host writes",
-    "md5": "linorobot: other firmware, with a different `raw_vel`",
+    "md5": "linorobot: other firmware, with a different `raw_vel` (linorobot2: `cmd_vel`)",
+    "session": "linorobot2: it is in a session with another agent, which has gone",
     "pin": "arduino_bridge: =d4:0 or =a0:700, what a pin reads",
     "feels": "create2: =bump, =cliff, =drop (of a wheel), =dock or =clean (its button)",
     "ok": "all faults of the device end",
@@ -72,7 +73,7 @@ _RANGES = {
     "gyro": (-100.0, 100.0),
 }
 SIDES = {"left": frozenset(("left",)), "right": frozenset(("right",)), "both": BOTH}
-BOARDS = ("linorobot", "arduino_bridge", "waveshare_ugv", "create2", "hoverboard")
+BOARDS = ("linorobot", "linorobot2", "arduino_bridge", "waveshare_ugv", "create2", "hoverboard")
 OF_BOARDS = ("deaf", "drives", "factor", "motor", "encoder", "swapped", "lifted", "pushed", "jump")
 OF_LIDARS = ("blind", "fail", "cover")
 OF_LINOROBOT = ("md5", "nan", "gyro")
@@ -129,6 +130,8 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
         raise FaultError(f"{text!r}: there is no fault {kind}, only {', '.join(KINDS)}")
     if kind in OF_LINOROBOT and not device.startswith("linorobot"):
         raise FaultError(f"{text!r}: only linorobot knows {kind}")
+    if kind == "session" and not device.startswith("linorobot2"):
+        raise FaultError(f"{text!r}: only linorobot2 has sessions")
     if kind in OF_BOARDS and not device.startswith(BOARDS):
         raise FaultError(f"{text!r}: only motor boards know {kind}")
     if kind == "pin" and not device.startswith("arduino_bridge"):

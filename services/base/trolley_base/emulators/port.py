@@ -14,12 +14,15 @@ from trolley_base.emulators.faults import Damage, Fault, trouble_of
 from trolley_base.emulators.lidar import BadView, SpinningLidar
 from trolley_base.emulators.line import Line, misheard
 from trolley_base.emulators.linorobot import Linorobot
+from trolley_base.emulators.linorobot2 import Linorobot2
 from trolley_base.emulators.pseudo_terminal import PseudoTerminal
 from trolley_base.world import Simulation
 
 MOST_WRITES = 20_000
 RESET_NS = 1_000_000_000
 """A board whose supply breaks down restarts about so often [ns]."""
+USB_BAUD = 4_000_000
+"""As fast as a small board on USB of its own."""
 BAUD_TOLERANCE = 0.03
 """Two ends of a line understand each other up to this difference, as a share."""
 
@@ -48,8 +51,9 @@ class DevicePort:
         self.terminal = PseudoTerminal(link, device.baud)
         self.writes: deque[tuple[int, bytes]] = deque(maxlen=MOST_WRITES)
         """What the host wrote: monotonic time [ns], bytes."""
-        self._line = Line(device.baud)
-        self._damage = Damage(device.baud, rng)
+        pace = USB_BAUD if device.is_usb else device.baud
+        self._line = Line(pace)
+        self._damage = Damage(pace, rng)
         self._faults: dict[str, Fault] = {}
         self._tell = tell
         self._reset_ns = 0
@@ -72,17 +76,13 @@ class DevicePort:
                 self.terminal.unplug()
             else:
                 self.terminal.plug()
-        if isinstance(device, Linorobot) and device.has_wrong_md5 != ("md5" in faults):
-            device.has_wrong_md5 = not device.has_wrong_md5
-            device.restart(now_ns)  # it has been flashed
+        if isinstance(device, Linorobot | Linorobot2):
+            self._change_firmware(device, before, now_ns)
         if isinstance(device, Board):
             trouble = trouble_of(faults)
             if trouble != device.motors.trouble:
                 device.motors.trouble = trouble
             device.leaps = "jump" in faults
-        if isinstance(device, Linorobot):
-            device.says_nan = "nan" in faults
-            device.gyro_factor = faults["gyro"].amount if "gyro" in faults else 1.0
         self.terminal.refuse(is_refused="refuse" in faults)
         if isinstance(device, SpinningLidar):
             amounts = {kind: fault.amount for kind, fault in faults.items()}
@@ -95,6 +95,18 @@ class DevicePort:
             device.wired = dict(fault.pin for fault in faults.values() if fault.kind == "pin")
         if isinstance(device, Create2):
             device.felt = frozenset(one.pin[0] for one in faults.values() if one.kind == "feels")
+
+    def _change_firmware(
+        self, device: Linorobot | Linorobot2, before: dict[str, Fault], now_ns: int
+    ) -> None:
+        faults = self._faults
+        device.says_nan = "nan" in faults
+        device.gyro_factor = faults["gyro"].amount if "gyro" in faults else 1.0
+        if device.has_wrong_md5 != ("md5" in faults):
+            device.has_wrong_md5 = not device.has_wrong_md5
+            device.restart(now_ns)  # it has been flashed
+        if isinstance(device, Linorobot2) and "session" in faults and "session" not in before:
+            device.join_another_agent()
 
     def look(self, now_ns: int) -> None:
         """Notice a host that opens the port or lets go of it."""
@@ -149,7 +161,7 @@ class DevicePort:
     def _host_baud(self) -> int | None:
         """The host's speed where it is another than the device's, else None."""
         baud = self.terminal.host_baud()
-        if abs(baud / self.device.baud - 1.0) < BAUD_TOLERANCE:
+        if self.device.is_usb or abs(baud / self.device.baud - 1.0) < BAUD_TOLERANCE:
             return None
         if baud != self._reported_baud:
             self._reported_baud = baud

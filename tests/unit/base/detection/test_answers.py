@@ -15,6 +15,7 @@ from trolley_base.drivers.boards.lino_messages import TOPICS
 from trolley_base.drivers.boards.rosserial import PUBLISHER, SUBSCRIBER, encode
 from trolley_base.drivers.lidars import MODELS
 from trolley_base.emulators.line import misheard
+from trolley_base.emulators.micro_ros import framed
 
 LD19 = bytes.fromhex(
     "54 2C 68 08 AB 7E E0 00 E4 DC 00 E2 D9 00 E5 D5 00 E3 D3 00 E4 D0 00 E9 CD 00 E4 CA 00 E2"
@@ -213,3 +214,22 @@ def test_a_hoverboard_is_known_by_its_feedback() -> None:
     assert (found.model, found.details) == ("hoverboard", ("battery at 38.0 V",))
     assert board_questions.recognise_talking(frame * 5, 230400) is None
     assert board_questions.recognise_talking(frame * 4, 115200) is None
+
+
+def test_a_linorobot2_is_known_by_its_pings_at_its_two_speeds() -> None:
+    ping = bytes.fromhex("7E00001000 80000000 02010800 000AFFFD 02000000 CF12")
+    for baud in (115200, 921600):
+        found = board_questions.recognise_talking(b"boot\r\n" + ping, baud)
+        assert found is not None
+        assert (found.model, found.baud, found.problems) == ("linorobot2", baud, ())
+    assert board_questions.recognise_talking(ping, 230400) is None
+    assert board_questions.recognise_linorobot2(ping[:-1], 115200) is None
+
+
+def test_a_linorobot2_that_talks_to_an_agent_is_known_too() -> None:
+    frame = framed(bytes.fromhex("81010000 07010800 0000 0015 0000803F"))
+    found = board_questions.recognise_linorobot2(frame * 3, 115200)
+    assert found is not None
+    assert found.model == "linorobot2"
+    assert "restart it" in found.problems[0]
+    assert board_questions.recognise_linorobot2(frame * 2, 115200) is None

@@ -40,6 +40,8 @@ def test_board_and_lidar_cannot_claim_one_port_by_whatever_name(tmp_path: Path) 
     [
         ({}, 0.4, 0.5),
         ({"board": "create2"}, math.inf, UNWATCHED_SPEED),
+        ({"board": "linorobot2"}, math.inf, UNWATCHED_SPEED),
+        ({"board": "linorobot2", "watchdog_s": 0.5}, 0.5, 0.5),
         ({"board": "create2", "watchdog_s": 0.4}, 0.4, 0.5),
         (
             {"board": "hoverboard", "hoverboard": {"diameter_m": 0.165, "track_m": 0.34}},

@@ -147,6 +147,23 @@ def test_bytes_arrive_in_order_with_their_time(device: SerialDevice, terminal: T
     assert stamps == sorted(stamps)
 
 
+def test_what_must_be_answered_at_once_is_though_nobody_takes_anything(terminal: Terminal) -> None:
+    line = Line(115_200, responder=lambda data: b"pong" if data.endswith(b"ping") else b"")
+    device = SerialDevice(str(terminal.link), line, explain)
+    device.start()
+    heard = bytearray()
+
+    def answered() -> bool:
+        terminal.send(b"a ping")
+        heard.extend(terminal.received())
+        return b"pong" in heard
+
+    wait_until(answered, "the answer")
+    assert set(heard) == set(b"pong")
+    Heard(device).until(lambda h: b"a ping" in h.data)
+    device.close()
+
+
 def test_a_lost_port_is_opened_again_when_it_is_back(
     device: SerialDevice, terminal: Terminal
 ) -> None:

@@ -10,6 +10,7 @@ from trolley_base.drivers.boards.arduino_bridge import ArduinoBridgeDialogue
 from trolley_base.drivers.boards.create2 import Create2Dialogue
 from trolley_base.drivers.boards.hoverboard import HoverboardDialogue
 from trolley_base.drivers.boards.linorobot import LinorobotDialogue
+from trolley_base.drivers.boards.linorobot2 import Linorobot2Dialogue
 from trolley_base.drivers.boards.waveshare_ugv import WATCHDOG_MS, WaveshareUgvDialogue
 from trolley_base.drivers.dialogue import BoardDialogue
 from trolley_base.drivers.interface import DriverError
@@ -39,6 +40,9 @@ class BoardFacts:
 
 BOARDS: dict[Board, BoardFacts] = {
     "linorobot": BoardFacts("linorobot (Teensy)", 57600, 0.4, has_imu=True, has_inputs=False),
+    "linorobot2": BoardFacts(
+        "linorobot2 (micro-ROS)", 115200, math.inf, has_imu=True, has_inputs=False
+    ),
     "arduino_bridge": BoardFacts(
         "ROSArduinoBridge (Arduino)", 57600, 2.0, has_imu=False, has_inputs=True
     ),
@@ -72,6 +76,8 @@ def make_board(config: ChassisConfig, drive: Drive) -> BoardDialogue:
         )
     if config.board == "linorobot":
         return LinorobotDialogue(config, baud, can_drive_sideways=drive == "mecanum")
+    if config.board == "linorobot2":
+        return Linorobot2Dialogue(config, baud, can_drive_sideways=drive == "mecanum")
     if drive == "mecanum":
         raise DriverError(
             f'[robot] drive = "mecanum" has four motors, and {facts.title} drives two; use '

@@ -84,12 +84,13 @@ def parse_imu(payload: bytes, axes: tuple[Axis, Axis, Axis], stamp_ns: int) -> I
         return None
     return Imu(
         stamp_ns=stamp_ns,
-        linear_acceleration=_turned(values[0:3], axes),
-        angular_velocity=_turned(values[3:6], axes),
+        linear_acceleration=turned(values[0:3], axes),
+        angular_velocity=turned(values[3:6], axes),
     )
 
 
-def _turned(chip: tuple[float, ...], axes: tuple[Axis, Axis, Axis]) -> Vector:
+def turned(chip: tuple[float, ...], axes: tuple[Axis, Axis, Axis]) -> Vector:
+    """Turn a vector from the chip's axes into `base_link`."""
     x, y, z = (
         -chip["xyz".index(axis[-1])] if axis.startswith("-") else chip["xyz".index(axis)]
         for axis in axes

@@ -1,4 +1,4 @@
-"""Motions from the velocities that a board reports without stamps."""
+"""Motions from the velocities that a board reports, with or without stamps."""
 
 from collections.abc import Callable
 
@@ -50,3 +50,39 @@ class VelocityIntegrator:
             return None
         motion = exp_twist(twist, (self._stamp_ns - before_ns) * 1e-9)
         return MotionSample(self._stamp_ns, motion, twist)
+
+
+class StampedVelocities:
+    """Makes motions of velocities with stamps, each of which holds since the one before.
+
+    Args:
+        longest_ns: for how long a board knows what its wheels did.
+        count: adds to a counter: `gaps`, velocities without a usable interval before them.
+    """
+
+    def __init__(self, longest_ns: int, count: Callable[[str, int], None]) -> None:
+        self._longest_ns = longest_ns
+        self._count = count
+        self._stamp_ns: int | None = None
+
+    def reset(self) -> None:
+        """Forget the board: the next velocity only begins an interval."""
+        self._stamp_ns = None
+
+    def add(self, twist: Twist2D, stamp_ns: int) -> MotionSample | None:
+        """Return the motion along an arc since the velocity before, None if there is none.
+
+        Args:
+            twist: mean velocity since the report before.
+            stamp_ns: robot time of the measurement.
+        """
+        before_ns = self._stamp_ns
+        if before_ns is not None and not 0 < stamp_ns - before_ns <= self._longest_ns:
+            self._count("gaps", 1)
+            self._stamp_ns = stamp_ns if stamp_ns > before_ns else before_ns
+            return None
+        self._stamp_ns = stamp_ns
+        if before_ns is None:
+            return None
+        motion = exp_twist(twist, (stamp_ns - before_ns) * 1e-9)
+        return MotionSample(stamp_ns, motion, twist)

@@ -1,0 +1,272 @@
+"""A board with linorobot2's firmware: micro-ROS over a serial line, unchanged.
+
+The firmware pings until an agent answers. It then opens a session, creates its topics
+(`odom/unfiltered`, `imu/data`, `battery`, `cmd_vel`), asks for the time, and reports up to 50 times
+a second, as fast as each report is acknowledged. It stops its motors 0.2 s after the last
+`cmd_vel` while it has an agent. **When an agent does not answer within 0.1 s, most versions give
+the session up with their motors as they are**, and stop them only when they have an agent again.
+So a ping is answered whatever else is wrong, and who leaves waits until the wheels stand.
+
+Counts, below `chassis/`: `bad_checksum`, `skipped_bytes`, those of the agent, `gaps`, `sessions`
+(opened after the first: the board has lost us, or restarted), `not_taken` (commands that found no
+room, since the board acknowledges nothing), `sessions_given_up`.
+
+Source:
+    linorobot2_hardware 8a95745, 7f78317 and firmware/src/firmware.ino; hippo5329's fork, 26f553f.
+"""
+
+import msgspec
+
+from trolley.config.hardware import ChassisConfig
+from trolley.geometry import Twist2D
+from trolley_base.drivers.boards import linorobot2_messages as messages
+from trolley_base.drivers.boards.battery import BatteryGauge
+from trolley_base.drivers.boards.command_pace import CommandPace
+from trolley_base.drivers.boards.device_clock import DeviceClock
+from trolley_base.drivers.boards.linorobot2_messages import NoMessageError
+from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.velocities import StampedVelocities
+from trolley_base.drivers.boards.xrce_agent import Delivery, XrceAgent, matches
+from trolley_base.drivers.boards.xrce_frames import FrameDecoder, encode
+from trolley_base.drivers.boards.xrce_pings import PingResponder
+from trolley_base.drivers.dialogue import Line, Status
+from trolley_base.drivers.interface import ChassisReading
+
+CREATES_WITHIN_NS = 5_000_000_000
+"""By then a board has created its topics: some twenty objects, one after the other."""
+SENSELESS_NS = 6_000_000_000
+"""A session in which the board sends but reports nothing for this long is given up, and the board
+opens another: it has been told to stand meanwhile."""
+COUNTS_FOR_NS = 3_000_000_000
+"""While it waits for an acknowledgement, or for an agent, its encoders count on: the next speed is
+the mean since the last one."""
+LEAST_VOLTAGE = 1.0
+"""Firmware without a battery's pin reports less [V]."""
+NO_SPEED = (
+    "The motor board reports speeds that no robot can have; they are not used. Restart it, and "
+    "look at its encoders' cables."
+)
+STRANGER = (
+    "The motor board talks in a session of another agent. It comes over within a second; if it "
+    "does not, its firmware was built with USE_STAY_CONNECTED: restart it."
+)
+INCOMPATIBLE = (
+    "The motor board's micro-ROS speaks another version of XRCE than 1: flash a firmware of "
+    "linorobot2 for ROS 2 Humble or later."
+)
+
+
+class Linorobot2Dialogue:
+    """Talks to the firmware: it is the agent that the firmware looks for.
+
+    Args:
+        baud: bits per second; a board on native USB ignores it.
+        can_drive_sideways: it has mecanum wheels.
+    """
+
+    def __init__(self, config: ChassisConfig, baud: int, *, can_drive_sideways: bool) -> None:
+        self._config = config
+        self._baud = baud
+        self._can_drive_sideways = can_drive_sideways
+        self._report = Report()
+        self._decoder = FrameDecoder(self._report.count)
+        self._agent = XrceAgent(self._report.count)
+        self._pings = PingResponder()
+        self._clock = DeviceClock()
+        self._wheels = StampedVelocities(COUNTS_FOR_NS, self._report.count)
+        self._gauge = BatteryGauge(config.inputs)
+        self._pace = CommandPace()
+        self.begin(0)
+
+    @property
+    def line(self) -> Line:
+        """The board waits for answers; who leaves it waits until it stands."""
+        return Line(self._baud, is_prompt=True, leaves_standing=True, responder=self._pings.respond)
+
+    def begin(self, now_ns: int) -> None:
+        """The port has been opened: wait for the board, command nothing."""
+        self._decoder.reset()
+        self._agent.reset()
+        self._set_pings()
+        self._clock.reset()
+        self._wheels.reset()
+        self._gauge.reset()
+        self._pace.reset()
+        self._wanted = Twist2D.zero()
+        self._address = 0
+        self._byte_ns = now_ns
+        self._session_ns = now_ns
+        self._odometry_ns: int | None = None
+        self._no_speed_ns: int | None = None
+        self._has_bytes = self._has_frames = False
+        self._num_sessions = self._num_synchronized = 0
+
+    # What arrives.
+    def receive(self, data: bytes, arrived_ns: int) -> None:
+        """Take bytes."""
+        if not data:
+            return
+        self._byte_ns, self._has_bytes = arrived_ns, True
+        for frame in self._decoder.feed(data):
+            self._has_frames = True
+            self._address = frame.source
+            deliveries = self._agent.take(frame.message, arrived_ns)
+            self._set_pings()
+            self._note_session(arrived_ns)
+            for delivery in deliveries:
+                try:
+                    self._take(delivery, arrived_ns)
+                except NoMessageError:
+                    self._report.count("bad_messages")
+
+    def _set_pings(self) -> None:
+        self._pings.has_session = self._agent.has_session
+        self._pings.is_silent = self._agent.is_estranged
+
+    def _note_session(self, now_ns: int) -> None:
+        """Notice that the board has opened a session, or set its clock."""
+        if self._agent.num_sessions != self._num_sessions:
+            if self._num_sessions:
+                self._report.count("sessions")
+            self._num_sessions = self._agent.num_sessions
+            self._session_ns = now_ns
+            self._odometry_ns = None
+            self._pace.reset()
+        if self._agent.num_synchronized != self._num_synchronized:
+            self._num_synchronized = self._agent.num_synchronized
+            self._clock.note_set()
+
+    def _take(self, delivery: Delivery, arrived_ns: int) -> None:
+        name = self._known(delivery.topic.name)
+        if name == messages.ODOMETRY:
+            self._take_odometry(delivery.body, arrived_ns)
+        elif name in (messages.IMU, messages.RAW_IMU):
+            imu = messages.parse_imu(delivery.body, self._config.imu_axes)
+            stamp_ns = self._clock.stamp(imu.stamp_ns, arrived_ns)
+            self._report.add_imu(msgspec.structs.replace(imu, stamp_ns=stamp_ns))
+        elif name == messages.BATTERY:
+            voltage = messages.parse_voltage(delivery.body)
+            if voltage >= LEAST_VOLTAGE:
+                self._gauge.take_voltage(voltage, arrived_ns)
+
+    def _take_odometry(self, body: bytes, arrived_ns: int) -> None:
+        try:
+            odometry = messages.parse_odometry(body)
+        except NoMessageError:
+            self._report.note("warning", NO_SPEED)
+            self._no_speed_ns = arrived_ns
+            raise
+        self._odometry_ns = arrived_ns
+        twist = odometry.twist
+        if not self._can_drive_sideways:
+            twist = Twist2D(twist.vx, 0.0, twist.wz)
+        motion = self._wheels.add(twist, self._clock.stamp(odometry.stamp_ns, arrived_ns))
+        if motion is not None:
+            self._report.add_motion(motion)
+
+    @staticmethod
+    def _known(topic: str) -> str | None:
+        return next((name for name in messages.TYPES if matches(topic, name)), None)
+
+    # What is sent.
+    def drive(self, twist: Twist2D) -> None:
+        """Set the wanted velocity."""
+        self._wanted = twist
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Return answers to the board, and a command if one is due."""
+        if self._is_senseless(now_ns) and not self._fault(now_ns):
+            self._report.count("sessions_given_up")
+            self._agent.give_up()
+            self._set_pings()
+        self._command(now_ns)
+        return b"".join(encode(one, self._address) for one in self._agent.outgoing(now_ns))
+
+    def _is_senseless(self, now_ns: int) -> bool:
+        """Whether the board's streams and ours have come apart, as with two agents on a port."""
+        sensible_ns = max(self._session_ns, self._odometry_ns or 0, self._no_speed_ns or 0)
+        is_sending = now_ns - self._byte_ns <= SILENCE_NS
+        has_reader = self._agent.reader_of(messages.CMD_VEL) is not None
+        return has_reader and is_sending and now_ns - sensible_ns > SENSELESS_NS
+
+    def _command(self, now_ns: int) -> None:
+        """Send a command: stops and starts at once, zeros too, so that its watchdog rests."""
+        reader = self._agent.reader_of(messages.CMD_VEL)
+        if reader is None or self._fault(now_ns):
+            return
+        wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
+        if not self._pace.is_due(now_ns, stands=wanted.is_zero):
+            return
+        vy = wanted.vy if self._can_drive_sideways else 0.0
+        body = messages.encode_twist(Twist2D(wanted.vx, vy, wanted.wz))
+        if self._agent.send(reader, body, now_ns):
+            self._pace.note(now_ns, stands=wanted.is_zero)
+        else:
+            self._report.count("not_taken")
+
+    def goodbye(self) -> tuple[bytes, ...]:
+        """Stop the wheels; `Line.leaves_standing` has seen to it that they stand."""
+        reader = self._agent.reader_of(messages.CMD_VEL)
+        if reader is None:
+            return ()
+        self._agent.send(reader, messages.encode_twist(Twist2D.zero()), self._byte_ns)
+        return (
+            b"".join(encode(one, self._address) for one in self._agent.outgoing(self._byte_ns)),
+        )
+
+    # How it goes.
+    def _is_reporting(self, now_ns: int) -> bool:
+        return self._odometry_ns is not None and now_ns - self._odometry_ns <= SILENCE_NS
+
+    def _fault(self, now_ns: int) -> str:
+        """Say why this is no firmware that can be driven, "" where it may be."""
+        if self._agent.is_incompatible:
+            return INCOMPATIBLE
+        topics = {self._known(topic.name): topic for topic in self._agent.topics}
+        for name in (messages.ODOMETRY, messages.CMD_VEL):
+            topic = topics.get(name)
+            if topic is not None and topic.type_name not in ("", messages.TYPES[name]):
+                return (
+                    f"The motor board has {name} as {topic.type_name}, not as "
+                    f"{messages.TYPES[name]}: flash linorobot2's firmware unchanged."
+                )
+            is_late = now_ns - self._session_ns > CREATES_WITHIN_NS
+            if topic is None and self._agent.has_session and is_late:
+                return (
+                    f"The motor board speaks micro-ROS but has no {name}: does it run "
+                    "linorobot2's firmware?"
+                )
+        return ""
+
+    def status(self, now_ns: int) -> Status:
+        """Say how it goes."""
+        if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
+            return Status(
+                "down",
+                "The motor board is silent. Is it powered, and does it run linorobot2's firmware? "
+                "If its LED blinks twice at a time it has given up: restart it.",
+                reopen=True,
+            )
+        if fault := self._fault(now_ns):
+            return Status("down", fault)
+        if self._agent.is_estranged:
+            return Status("down", STRANGER)
+        if self._is_reporting(now_ns) and self._agent.reader_of(messages.CMD_VEL) is not None:
+            return Status("up")
+        if self._no_speed_ns is not None and now_ns - self._no_speed_ns <= SILENCE_NS:
+            return Status("down", NO_SPEED)
+        if self._odometry_ns is not None:
+            return Status("down", "The motor board has stopped reporting; it is waited for.")
+        if self._has_bytes and not self._has_frames:
+            return Status(
+                "searching",
+                "What arrives is not micro-ROS: is this the motor board's port, does it run "
+                f"linorobot2's firmware, and is {self._baud} its baud rate (115200 or 921600)?",
+            )
+        if self._agent.has_session:
+            return Status("searching", "The motor board is creating its topics.")
+        return Status("searching", "The motor board is being waited for: it pings twice a second.")
+
+    def take(self, now_ns: int) -> ChassisReading:
+        """Hand over what was reported."""
+        return self._report.take(self.status(now_ns), self._gauge.alarms(), self._gauge.battery)
