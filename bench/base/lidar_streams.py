@@ -142,6 +142,29 @@ def xv11_stream(hz: float = 5.0) -> Iterator[Frame]:
     return degree_stream(4, lambda i, rpm, mm: xv11_frame(i, rpm, [(one, 100) for one in mm]), hz)
 
 
+def camsense_frame(angle_deg: float, step_deg: float, hz: float, samples: list[int]) -> bytes:
+    """Make a frame of 8 distances [mm]."""
+    first, last = (
+        0xA000 + round(deg % 360.0 * 64) % 23040 for deg in (angle_deg, angle_deg + 7 * step_deg)
+    )
+    body = struct.pack("<4BHH", 0x55, 0xAA, 3, 8, round(hz * 3840), first)
+    body += b"".join(struct.pack("<HB", mm, 50) for mm in samples) + struct.pack("<H", last)
+    total = 0
+    for (word,) in struct.iter_unpack("<H", body):
+        total = (total << 1) + word & 0xFFFF_FFFF
+    return body + struct.pack("<H", ((total & 0x7FFF) + (total >> 15)) & 0x7FFF)
+
+
+def camsense_stream() -> Iterator[Frame]:
+    """2080 samples a second, 400 a turn."""
+    hz, index = 5.2, 0
+    while True:
+        angles = [(index + i) * 0.9 % 360.0 for i in range(8)]
+        index += 8
+        samples = [round(1000 * distance_m(angle)) for angle in angles]
+        yield Frame((index - 1) / 2080.0, camsense_frame(angles[0], 0.9, hz, samples))
+
+
 def lds01_stream(hz: float = 5.0) -> Iterator[Frame]:
     """60 frames a turn."""
     return degree_stream(6, lambda i, rpm, mm: lds01_frame(i, rpm, [(200, one) for one in mm]), hz)
@@ -302,6 +325,7 @@ STREAMS: dict[str, tuple[str, int, Callable[[], Iterator[Frame]]]] = {
     "LD14P": ("ld14p", 230400, ld14p_stream),
     "XV11": ("xv11", 115200, xv11_stream),
     "LDS-01": ("lds01", 230400, lds01_stream),
+    "Camsense X1": ("camsense_x1", 115200, camsense_stream),
 }
 """Model, baud and stream by title."""
 TURNS_HZ = {
@@ -321,6 +345,7 @@ TURNS_HZ = {
     "LD14P": 6.0,
     "XV11": 5.0,
     "LDS-01": 5.0,
+    "Camsense X1": 5.2,
 }
 """How fast the heads turn in these."""
 

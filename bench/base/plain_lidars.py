@@ -44,6 +44,23 @@ def xv11_check(frame: bytes) -> bool:
     return ((total & 0x7FFF) + (total >> 15)) & 0x7FFF == frame[20] | frame[21] << 8
 
 
+def camsense_length(data: bytes) -> int | None:
+    """55 AA 03 08, 36 bytes."""
+    head = b"\x55\xaa\x03\x08"
+    if not head.startswith(data[:4]):
+        return 0
+    return None if len(data) < 4 else 36
+
+
+def camsense_check(frame: bytes) -> bool:
+    """The sum of an XV11, and two angles that are some."""
+    total = 0
+    for (word,) in struct.iter_unpack("<H", frame[:34]):
+        total = (total << 1) + word & 0xFFFFFFFF
+    is_right = ((total & 0x7FFF) + (total >> 15)) & 0x7FFF == frame[34] | frame[35] << 8
+    return is_right and frame[7] >= 0xA0 and frame[33] >= 0xA0
+
+
 def lds01_length(data: bytes) -> int | None:
     """FA and A0...DB, 42 bytes."""
     if data[0] != 0xFA:
@@ -223,6 +240,7 @@ PLAIN: dict[str, Callable[[], PlainFrames | PlainSamples]] = {
     "LD14P": lambda: PlainFrames(ld19_length, ld19_check),
     "XV11": lambda: PlainFrames(xv11_length, xv11_check),
     "LDS-01": lambda: PlainFrames(lds01_length, lds01_check),
+    "Camsense X1": lambda: PlainFrames(camsense_length, camsense_check),
 }
 """Decoders by the titles of `lidar_streams.STREAMS`."""
 
@@ -259,6 +277,17 @@ def xv11_samples(frame: bytes) -> Polar:
     words = struct.unpack_from("<8H", frame, 4)
     first = 4 * (frame[1] - 0xA0)
     return [(first + i, 0 if one & 0x8000 else one & 0x3FFF) for i, one in enumerate(words[::2])]
+
+
+def camsense_samples(frame: bytes) -> Polar:
+    """Eight, evenly between two angles."""
+    first, last = (struct.unpack_from("<H", frame, at)[0] for at in (6, 32))
+    step = (last - first) % 23040 / 7
+    distances = [frame[8 + 3 * i] | frame[9 + 3 * i] << 8 for i in range(8)]
+    return [
+        ((first - 0xA000 + i * step) / 64 % 360, 0 if mm >= 0x8000 else mm)
+        for i, mm in enumerate(distances)
+    ]
 
 
 def lds01_samples(frame: bytes) -> Polar:
@@ -450,5 +479,6 @@ SAMPLES: dict[str, Callable[[], Callable[[bytes], Polar]]] = {
     "LD14P": lambda: ld14p_samples,
     "XV11": lambda: xv11_samples,
     "LDS-01": lambda: lds01_samples,
+    "Camsense X1": lambda: camsense_samples,
 }
 """Readers of frames by the same titles."""

@@ -9,7 +9,7 @@ from bench.base.plain_lidars import PLAIN, PlainFrames
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley_base.drivers.lidars import ld19, lds01, rplidar_capsules, xv11, ydlidar
+from trolley_base.drivers.lidars import camsense, ld19, lds01, rplidar_capsules, xv11, ydlidar
 from trolley_base.drivers.lidars.frames import FrameFinder, FrameFormat
 
 FORMATS: dict[str, FrameFormat] = {
@@ -22,6 +22,7 @@ FORMATS: dict[str, FrameFormat] = {
     "LD19": ld19.FORMAT,
     "XV11": xv11.FORMAT,
     "LDS-01": lds01.FORMAT,
+    "Camsense X1": camsense.FORMAT,
 }
 FRAMES = {title: [one.data for one in islice(STREAMS[title][2](), 40)] for title in FORMATS}
 HEADERS = {
@@ -34,6 +35,7 @@ HEADERS = {
     "LD19": b"\x54\x54\x2c",
     "XV11": b"\xfa\xa0",
     "LDS-01": b"\xfa\xdb",
+    "Camsense X1": b"\x55\xaa\x03\x08",
 }
 
 

@@ -11,7 +11,7 @@ from bench.base.plain_lidars import PLAIN, SAMPLES
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D
-from trolley_base.emulators import ld19, lds01, rplidar, xv11, ydlidar
+from trolley_base.emulators import camsense, ld19, lds01, rplidar, xv11, ydlidar
 from trolley_base.emulators.catalogue import LIDARS
 from trolley_base.emulators.lidar import BadView, Mount, SpinningLidar
 from trolley_base.world import STEP_NS, LidarSpec, Simulation
@@ -33,6 +33,13 @@ def test_ld19_packet_matches_the_manual():
         "3a1a50"
     )
     assert ld19.encode(2152, (32427, 33470), manual[6:42], 6714) == manual
+
+
+def test_camsense_packet_matches_the_vector():
+    points = b"".join(struct.pack("<HB", 1000 + i, 50) for i in range(8))
+    assert camsense.encode(5.2, (90.0, 96.0), points) == bytes.fromhex(
+        "55AA0308 004E80B6 E80332 E90332 EA0332 EB0332 EC0332 ED0332 EE0332 EF0332 00B8 8021"
+    )
 
 
 def test_xv11_packet_matches_the_vector():
@@ -122,6 +129,25 @@ def decode_ld14p(data: bytes) -> NDArray[np.float64]:
             shift = math.atan((119.23 * row[1] - 18.975571) / (1000 * row[1] + 5.9))
             row[0] -= math.degrees(shift)
     return rows
+
+
+def decode_camsense(data: bytes) -> NDArray[np.float64]:
+    rows = []
+    for at in range(0, len(data), 36):
+        frame = data[at : at + 36]
+        words = struct.unpack("<18H", frame)
+        total = 0
+        for word in words[:17]:
+            total = (total << 1) + word & 0xFFFFFFFF
+        assert (words[0], words[1]) == (0xAA55, 0x0803)
+        assert words[17] == ((total & 0x7FFF) + (total >> 15)) & 0x7FFF
+        if words[3] < 0xA000:
+            continue
+        step = (words[16] - words[3]) % 23040 / 7
+        for i in range(8):
+            mm = frame[8 + 3 * i] + 256 * frame[9 + 3 * i]
+            rows.append((((words[3] - 0xA000) + i * step) / 64, mm / 1000))
+    return np.array(rows)
 
 
 def decode_xv11(data: bytes) -> NDArray[np.float64]:
@@ -222,6 +248,7 @@ KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
     "ld14p": ("ld14p", decode_ld14p, b"", 4000.0),
     "xv11": ("xv11", decode_xv11, b"", 1800.0),
     "lds01": ("lds01", decode_lds01, b"", 1800.0),
+    "camsense": ("camsense_x1", decode_camsense, b"", 2080.0),
     "standard": ("rplidar_a1", decode_standard, b"\xa5\x20", 1 / 508e-6),
     "express": ("rplidar_a1", decode_express, EXPRESS, 1 / 254e-6),
     "ultra": ("rplidar_a3", plainly("RPLIDAR A3"), PWM + TYPICAL, 16000.0),

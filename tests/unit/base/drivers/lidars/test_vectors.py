@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bench.base.lidar_streams import capsule
 
+from trolley_base.drivers.lidars.camsense import CamsenseDecoder
 from trolley_base.drivers.lidars.decoding import Decoded, Decoder
 from trolley_base.drivers.lidars.ld19 import FACTS, LdDecoder
 from trolley_base.drivers.lidars.ld19 import triangulation_deg as ld14p_deg
@@ -52,6 +53,18 @@ def test_xv11() -> None:
     assert result.samples.range_m == pytest.approx([1.0, 1.001, 1.002, 1.003])
     assert result.samples.intensity.tolist() == [100] * 4
     assert result.turns_hz == pytest.approx(5.0)
+
+
+def test_camsense_x1() -> None:
+    frame = bytes.fromhex(
+        "55 AA 03 08 00 4E 80 B6 E8 03 32 E9 03 32 EA 03 32 EB 03 32 EC 03 32 ED 03 32 EE 03 32"
+        "EF 03 32 00 B8 80 21"
+    )
+    result = decoded(CamsenseDecoder(Counter()), frame)
+    assert result.samples.angle_deg[[0, -1]] == pytest.approx([90.0, 96.0])
+    assert result.samples.range_m == pytest.approx(np.arange(1.0, 1.0075, 0.001))
+    assert result.samples.intensity.tolist() == [50] * 8
+    assert result.turns_hz == pytest.approx(5.2)
 
 
 def test_lds01() -> None:
