@@ -86,6 +86,7 @@ function isFirstFor(build) {
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const sayLook = () => line.say("say", { prefers_dark: dark.matches });
 dark.addEventListener("change", sayLook);
+document.documentElement.dataset.look = dark.matches ? "dark" : "light"; // until the viewer says
 addEventListener("languagechange", () => line.say("say", { language: deviceLanguage() }));
 
 function changed(state) {

@@ -10,7 +10,7 @@ from trolley_viz.graphics.shapes import arrow_outline, closed_segments, flat, op
 from trolley_viz.robots.placement import Placement
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Z_FOOTPRINT, Z_LABEL, Z_PATH, Z_TRAJECTORY, Layer
-from trolley_viz.sentences import DRIVING, goal_name
+from trolley_viz.sentences import DRIVING
 
 Colour = tuple[int, int, int]
 
@@ -99,8 +99,6 @@ class GoalLayer(Layer):
             cast_shadow=False,
         )
         self._arrow.position = (0.0, 0.0, Z_FOOTPRINT)
-        self._label = self.scene.add_label(self.path("pose/name"), "", anchor="bottom-center")
-        self._label.position = (0.0, 0.0, Z_LABEL)
         self._footprint: viser.LineSegmentsHandle | None = None
         self._blocked: viser.PointCloudHandle | None = None
 
@@ -122,9 +120,6 @@ class GoalLayer(Layer):
         self._show_blocked(blocked, world_T_frame)
         if not shown or goal is None or goal.pose is None or world_T_frame is None:
             return
-        poses = view.streams.latest(topics.POSES)
-        name = goal_name(goal, [] if poses is None else poses.poses)
-        self._label.text = name if name.startswith("(") else ""  # a place shows its own name
         self._arrow.color = FAILED_COLOUR if goal.state == "failed" else GOAL_COLOUR
         place(self._frame, world_T_frame @ goal.pose, 0.0)
         if view.robot is not None:
