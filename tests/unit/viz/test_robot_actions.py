@@ -223,7 +223,7 @@ def test_a_service_that_falls_silent_is_missed(stage: "Stage", session: Session)
     assert "the planner is not running" in said()
     lines = [line.headline for line in state_lines(robot_state(session.view))]
     assert "No planner" in lines
-    assert lines[-1].startswith("Driving to (1.50, 0.00) · ")
+    assert lines[-1].startswith("Driving to the place on the map · ")
     assert tile.button("kitchen").is_disabled
 
 

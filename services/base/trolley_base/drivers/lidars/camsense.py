@@ -6,7 +6,7 @@ words before it. An angle below A000 says that its head does not yet turn evenly
 left out. A distance of 0, or with its highest bit set, is none.
 
 Source:
-    kaiaai/LDS, LDS_CAMSENSE_X1; Vidicon/camsense-X1.
+    kaiaai/LDS, LDS_CAMSENSE_X1.
 """
 
 from collections import Counter
