@@ -5,6 +5,7 @@ from playwright.sync_api import Page, expect
 from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
+from trolley_viz.robots.stop_presses import StopLine
 
 from .viewer import Viewer
 
@@ -99,3 +100,13 @@ def test_what_ends_an_edit_is_always_in_view(page: Page, viewer: Viewer) -> None
         assert field is not None
         assert row is not None
         assert field["y"] + field["height"] <= row["y"]
+
+
+def test_nothing_flashes_or_slides_for_who_asks_for_less_motion(page: Page, viewer: Viewer) -> None:
+    viewer.greet()
+    viewer.tell_state(stop=StopLine("NOT STOPPED: no connection", is_alarm=True))
+    expect(page.locator("#stop-line")).to_be_visible()
+    running = "() => document.getAnimations().filter((one) => one.playState === 'running').length"
+    assert page.evaluate(running) > 0
+    page.emulate_media(reduced_motion="reduce")
+    assert page.evaluate(running) == 0

@@ -7,8 +7,11 @@ import struct
 import imageio.v3 as iio
 import numpy as np
 
+from trolley.geometry import Pose2D
+from trolley.messages import OccupancyGrid
 from trolley_viz.graphics.glb import floor_glb, png
 from trolley_viz.graphics.pictures import FLOOR, UNKNOWN, WALL, costmap_picture, map_picture, shrink
+from trolley_viz.scene.map_layers import MapModel
 
 
 def test_a_map_is_drawn_with_north_up() -> None:
@@ -36,6 +39,24 @@ def test_shrinking_keeps_every_wall() -> None:
     small, factor = shrink(cells, max_side=100)
     assert (small.shape, factor) == ((25, 76), 4)
     assert np.argwhere(small == 100).tolist() == [[1, 75]]
+
+
+def test_a_huge_map_is_small_enough_for_a_phone() -> None:
+    values = np.array([-1, 0, 100], np.int8)
+    cells = np.random.default_rng(1).choice(values, (4000, 4000))  # nothing packs worse
+    grid = OccupancyGrid(
+        stamp_ns=0,
+        name="huge",
+        frame="map",
+        resolution=0.05,
+        width=4000,
+        height=4000,
+        origin=Pose2D(0.0, 0.0, 0.0),
+        cells=memoryview(cells.tobytes()),
+    )
+    model = MapModel.of(grid)
+    assert len(model.floor) < 1_000_000
+    assert model.walls is None
 
 
 def test_png_is_read_back_the_same() -> None:
