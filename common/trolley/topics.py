@@ -8,6 +8,7 @@ import dataclasses
 import enum
 import re
 import unicodedata
+from functools import cached_property
 from typing import Any, Generic, TypeVar, cast
 
 import msgspec
@@ -79,12 +80,12 @@ class Topic(Generic[M]):
     max_kept_bytes: int = 256 << 20
     """How large these may be together, as they came over the wire."""
 
-    @property
+    @cached_property
     def chunks(self) -> tuple[str, ...]:
         """The name's chunks."""
         return tuple(self.name.split("/"))
 
-    @property
+    @cached_property
     def num_parts(self) -> int:
         """How many chunks vary."""
         return sum(chunk.startswith("{") for chunk in self.chunks)
@@ -94,7 +95,7 @@ class Topic(Generic[M]):
         """The service that usually publishes it."""
         return self.owner.partition(",")[0]
 
-    @property
+    @cached_property
     def is_exclusive(self) -> bool:
         """Whether one service publishes each key, seldom: nobody else's message may stand there."""
         is_state = self.qos is Qos.STATE and self.kind is Kind.STREAM
@@ -106,6 +107,8 @@ class Topic(Generic[M]):
 
     def key(self, robot: str, *parts: str) -> str:
         """The full key for these varying chunks ("*" for any); missing ones become "*"."""
+        if not self.num_parts:
+            return f"{ROOT}/{robot}/{self.name}"
         rest = list(parts) + ["*"] * (self.num_parts - len(parts))
         filled = [rest.pop(0) if chunk.startswith("{") else chunk for chunk in self.chunks]
         return "/".join((ROOT, robot, *filled))
@@ -114,6 +117,8 @@ class Topic(Generic[M]):
         """The robot and the varying chunks (NFC) of a key of this topic, None for another key."""
         root, _, rest = key.partition("/")
         robot, _, name = rest.partition("/")
+        if name == self.name and root == ROOT and not self.num_parts:
+            return robot, ()
         found = name.split("/")
         if root != ROOT or len(found) != len(self.chunks):
             return None
