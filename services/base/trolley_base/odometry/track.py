@@ -47,11 +47,11 @@ class OdometryTrack:
 
         Interpolated; outside what is kept the nearest pose that is.
         """
-        track = np.array(self._track)
+        track_ns, *coordinates = zip(*self._track, strict=True)
         # Relative to now: nanoseconds since 1970 do not fit a float.
-        times = np.array([entry[0] - self.stamp_ns for entry in self._track], dtype=np.float64)
+        times = (np.array(track_ns, dtype=np.int64) - self.stamp_ns).astype(np.float64)
         wanted = (stamps_ns - self.stamp_ns).astype(np.float64)
-        return np.stack([np.interp(wanted, times, track[:, i]) for i in (1, 2, 3)], axis=1)
+        return np.stack([np.interp(wanted, times, one) for one in coordinates], axis=1)
 
     def _keep(self) -> None:
         pose = self.odom_T_base

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D, Twist2D
+from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley.gridmap import GridMap
 from trolley_base.drivers.interface import LidarScan, MotionSample
 from trolley_base.world.body import move_into
@@ -252,7 +252,8 @@ class Simulation:
             (self._walls, things),
             MAX_CLEARANCE,
         )
-        self._pose = Pose2D.from_array(pose)
+        x, y, yaw = pose.tolist()
+        self._pose = Pose2D(x, y, wrap_angle(yaw))
         return part, clearance
 
     def truth(self) -> TrueState:

@@ -84,18 +84,26 @@ class Rotation:
         """
         if self._last_deg is None:
             self._last_deg = self._farthest_deg = float(angle_deg[0])
-        step = np.diff(angle_deg, prepend=self._last_deg)
+        step = _steps(angle_deg, self._last_deg)
         # Whole turns, so that no sum of many angles drifts.
         turns = np.cumsum(-np.floor((step + STEP_BACK_DEG) / 360.0))
         unwrapped = angle_deg + 360.0 * turns
         farthest = np.maximum.accumulate(np.maximum(unwrapped, self._farthest_deg))
-        advance = np.diff(farthest, prepend=self._farthest_deg)
+        advance = _steps(farthest, self._farthest_deg)
         turn = np.floor(farthest / 360.0)
         self._last_deg = float(unwrapped[-1] - 360.0 * turn[-1])
         self._farthest_deg = float(farthest[-1] - 360.0 * turn[-1])
         is_known = (rate_dps >= SLOWEST_DPS) & (rate_dps <= FASTEST_DPS)
         elapsed_s = advance / np.where(is_known, rate_dps, self._usual_dps)
-        return unwrapped - 360.0 * turn, elapsed_s, np.diff(turn, prepend=0.0) > 0.0
+        return unwrapped - 360.0 * turn, elapsed_s, _steps(turn, 0.0) > 0.0
+
+
+def _steps(values: Floats, before: float) -> Floats:
+    """Return the difference of each value from the one before, as `np.diff`, but sooner."""
+    steps = np.empty_like(values)
+    steps[0] = values[0] - before
+    np.subtract(values[1:], values[:-1], out=steps[1:])
+    return steps
 
 
 class _Crossing(NamedTuple):
