@@ -13,6 +13,7 @@ breaks is one motor or one encoder.
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Generic, NamedTuple, TypeVar
 
@@ -114,10 +115,21 @@ T = TypeVar("T")
 
 
 class _Moved(NamedTuple):
-    """What was measured of one interval."""
+    """What was measured of one interval.
+
+    Attributes:
+        stamp_ns: when it ended.
+        since_ns: when it began.
+        seconds: how long it was.
+        lately_s: how long it was together with those just before, within `PARAMS.smooth_ns`.
+        twist: the mean velocity.
+        gyro: the mean turn rate by the gyro, without bias [rad/s].
+    """
 
     stamp_ns: int
+    since_ns: int
     seconds: float
+    lately_s: float
     twist: Twist2D
     gyro: float | None
 
@@ -140,7 +152,7 @@ class _Excess:
             tick: what one tick of an encoder amounts to.
         """
         if self._value == 0.0:
-            self.since_ns = moved.stamp_ns - round(moved.seconds * 1e9)
+            self.since_ns = moved.since_ns
         most = self.most + PARAMS.ticks * tick
         # One reading alone proves nothing.
         beyond = self._value + min(rate * moved.seconds, 0.5 * most)
@@ -271,7 +283,8 @@ class _Standing:
         moved: "_Moved",
         measured: float,
         other: float,
-        told: list[tuple[float, float]],
+        told: Sequence[float],
+        other_told: Sequence[float],
         tick: float,
     ) -> list[_Excess]:
         """Return what says that it does not turn.
@@ -280,13 +293,17 @@ class _Standing:
             moved: the interval.
             measured: how fast it was.
             other: how fast the other side was.
-            told: how fast both were told to be of late, the newest first.
+            told: how fast it was told to be of late, the newest first.
+            other_told: the same of the other side.
             tick: what one tick of an encoder amounts to.
         """
         # What was told a moment ago, and still is: a robot follows late, and stops late.
-        slowest = min(abs(told[0][0]), abs(told[-1][0]))
+        slowest = min(abs(told[0]), abs(told[-1]))
         # It may follow now whatever was told in between, and be told less than is thought.
-        surely_told = min(abs(one) - WRONG_TRACK * abs(another) for one, another in told)
+        surely_told = min(
+            abs(one) - WRONG_TRACK * abs(another)
+            for one, another in zip(told, other_told, strict=True)
+        )
         surely_turned = max(0.0, abs(measured) - WRONG_TRACK * abs(other))
         rates = (
             slowest - PARAMS.still_slack - abs(measured) / PARAMS.still_share,
@@ -306,7 +323,7 @@ class _Part:
         self._braking = braking
         self._forward, self._backward = _Ceiling(braking), _Ceiling(braking)
         self._told = _InForce[float]()
-        self._ways, self._seconds, self._means = _Recent(), _Recent(), _Recent()
+        self._ways, self._means = _Recent(), _Recent()
         self._excused_ns: int | None = None
 
     @property
@@ -359,10 +376,8 @@ class _Part:
     def _mean_lately(self, moved: "_Moved", measured: float) -> deque[float]:
         """Return how fast it was of late, each time the mean over a while."""
         now_ns = moved.stamp_ns
-        oldest_ns = now_ns - PARAMS.smooth_ns + 1
-        self._ways.add(now_ns, measured * moved.seconds, oldest_ns)
-        self._seconds.add(now_ns, moved.seconds, oldest_ns)
-        mean = math.fsum(self._ways.values) / math.fsum(self._seconds.values)
+        self._ways.add(now_ns, measured * moved.seconds, now_ns - PARAMS.smooth_ns + 1)
+        mean = math.fsum(self._ways.values) / moved.lately_s
         self._means.add(now_ns, mean, now_ns - self._braking.delay_ns)
         return self._means.values
 
@@ -399,6 +414,7 @@ class MotionSupervision:
         self._commands: deque[tuple[int, Twist2D]] = deque()
         self._told_sides = _InForce[tuple[float, float]]()
         self._moved: deque[_Moved] = deque()
+        self._seconds = _Recent()
         self._last_ns: int | None = None
         self._zero_ns: int | None = None
         self._rest_ns: int | None = None
@@ -474,7 +490,10 @@ class MotionSupervision:
             return
         seconds = (motion.stamp_ns - last_ns) * 1e-9
         twist = log_pose(motion.previous_T_base).scaled(1.0 / seconds)
-        moved = _Moved(motion.stamp_ns, seconds, twist, gyro)
+        began_ns = motion.stamp_ns - round(seconds * 1e9)
+        self._seconds.add(motion.stamp_ns, seconds, motion.stamp_ns - PARAMS.smooth_ns + 1)
+        lately_s = math.fsum(self._seconds.values)
+        moved = _Moved(motion.stamp_ns, began_ns, seconds, lately_s, twist, gyro)
         self._moved.append(moved)
         while motion.stamp_ns - self._moved[0].stamp_ns > PARAMS.kept_ns:
             self._moved.popleft()
@@ -546,22 +565,23 @@ class MotionSupervision:
         now_ns, tick = moved.stamp_ns, self._tick_m
         told = self._told_sides.between(now_ns - self._following_ns - 1, now_ns)
         told = told or [sides_of(self._commands[0][1], self._half_track_m)]
+        of_sides = tuple(zip(*told, strict=True))
         speeds = sides_of(moved.twist, self._half_track_m)
         beyond: list[_Excess] = []
         for index, speed in enumerate(speeds):
             beyond += self._sides[index].measure(moved, speed, tick)
             forward, backward = self._floors[index]
-            least = min(one[index] for one in told), min(-one[index] for one in told)
-            if forward.measure(moved, speed, least[0], tick):
+            if forward.measure(moved, speed, min(of_sides[index]), tick):
                 beyond.append(forward.excess)
-            if backward.measure(moved, -speed, least[1], tick):
+            if backward.measure(moved, -speed, -max(of_sides[index]), tick):
                 beyond.append(backward.excess)
         stands = [
             standing.measure(
                 moved,
                 speeds[side],
                 speeds[1 - side],
-                [(one[side], one[1 - side]) for one in told],
+                of_sides[side],
+                of_sides[1 - side],
                 tick,
             )
             for side, standing in enumerate(self._stands)
