@@ -198,6 +198,32 @@ class _Newest:
         self._subscriber.undeclare()
 
 
+class _Heard:
+    """Whether anybody hears a publisher; asking Zenoh each time costs as much as to publish.
+
+    Args:
+        publisher: of the stream.
+        handler: makes what the library calls back.
+    """
+
+    def __init__(
+        self,
+        publisher: "zenoh.Publisher",
+        handler: "Callable[[Callable[[Any], object]], zenoh.handlers.Callback[Any]]",
+    ) -> None:
+        self._told: bool | None = None
+        self._listener = publisher.declare_matching_listener(handler(self._take))
+        status: Any = publisher.matching_status  # its stub says bool
+        self._began = bool(status.matching)
+
+    def _take(self, status: Any) -> None:
+        self._told = bool(status.matching)
+
+    @property
+    def is_heard(self) -> bool:
+        return self._began if self._told is None else self._told
+
+
 class ZenohBus:
     """A session with the router; use `open_bus`.
 
@@ -218,6 +244,7 @@ class ZenohBus:
         self._puts_directly = calls_directly and not puts_apart
         self._served: dict[str, list[_Served]] = {}
         self._publishers: dict[tuple[str, str], zenoh.Publisher] = {}
+        self._heard: dict[tuple[str, str], _Heard] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
 
     def close(self) -> None:
@@ -242,11 +269,13 @@ class ZenohBus:
 
     def is_heard(self, key: str, encoding: str) -> bool:
         """Whether the router told of anybody who hears a sensor stream."""
-        publisher = self._publisher(key, encoding)
-        if publisher is None:
-            return True
-        status: Any = publisher.matching_status  # its stub says bool
-        return bool(status.matching)
+        heard = self._heard.get((key, encoding))
+        if heard is None:
+            publisher = self._publisher(key, encoding)
+            if publisher is None:
+                return True
+            heard = self._heard[key, encoding] = _Heard(publisher, self._handler)
+        return heard.is_heard
 
     def _publisher(self, key: str, encoding: str) -> "zenoh.Publisher | None":
         """What knows whether anybody hears a stream; None where there are too many."""
