@@ -18,7 +18,8 @@ from trolley.runtime.state import StateFolder
 from trolley.security.certificates import read_certificates
 from trolley.security.host_keys import KeysError
 from trolley_base.drivers import DriverError
-from trolley_base.importers.linorobot.launch_files import Launch, LaunchReader, read_parameters
+from trolley_base.importers.linorobot.launch_files import Launch, LaunchReader
+from trolley_base.importers.parameters import read_parameters
 from trolley_base.recording.npz_file import load_npz
 from trolley_base.world.world_file import WorldError, load_world
 from trolley_localizer.zone_rules import read_seeds
