@@ -1,5 +1,6 @@
 """A picture of the map from above, with what is on it; for notebooks, reports and chat."""
 
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -30,6 +31,8 @@ MARGIN_M = 0.5
 """What is shown around the part of the map that is known [m]."""
 MIN_SIDE, MAX_SIDE = 64, 4096
 """What the longer side of a picture may be [pixels]."""
+NUM_COLOURS, MOST_BYTES = 64, 1_000_000
+"""Of a PNG file; 64 colours are enough for what is drawn here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +82,20 @@ class MapPicture:
         if self.pose is not None:
             _draw_robot(on, view, self.pose, self.footprint)
         return picture
+
+    def png(self, side: int, most_bytes: int = MOST_BYTES) -> bytes:
+        """Draw it as a PNG file; smaller where the file would be too large.
+
+        Args:
+            side: the longer side [pixels].
+            most_bytes: what the file may have.
+        """
+        while True:
+            file = io.BytesIO()
+            self.draw(side).quantize(NUM_COLOURS).save(file, "PNG", optimize=True)
+            if file.tell() <= most_bytes or side < 2 * MIN_SIDE:
+                return file.getvalue()
+            side //= 2
 
 
 @dataclass(frozen=True, slots=True)

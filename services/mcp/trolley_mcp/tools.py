@@ -5,6 +5,7 @@ import math
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from msgspec import Meta, Struct, to_builtins
 
 from trolley import codes, requests, topics
@@ -14,6 +15,7 @@ from trolley.client import STALE_AFTER_S
 from trolley.codes import Refused
 from trolley.config.mcp import McpConfig
 from trolley.gridmap.wire import grid_of
+from trolley.laser_scan import LaserScan
 from trolley.messages import MappingStatus, PoseEstimate, SavedPose
 from trolley.messages.request_params import (
     AskHistory,
@@ -25,15 +27,17 @@ from trolley.messages.request_params import (
     StartTour,
     WhichGoal,
 )
+from trolley.picture import MapPicture
 from trolley.zones import room_at, room_of
 from trolley_mcp.answers import NOT_ALLOWED, Answer
 from trolley_mcp.drives import GOING, TRIP_GOES, Progress, follow_goal, follow_trip, goal_text
-from trolley_mcp.picture import Scene, draw, seen_points
 from trolley_mcp.robot_link import RobotLink
 
 Role = Literal["viewer", "operator"]
 Name = Annotated[str, Meta(min_length=1, max_length=200)]
 MOST_LISTED = 200
+MOST_PLACES, MOST_BYTES = 100, 1_000_000
+"""Of a picture: places that are drawn, and how large its file may be."""
 Speed = Annotated[
     Annotated[float, Meta(gt=0.0, le=5.0)] | None,
     Meta(description="Highest speed [m/s]; the settings may limit it further."),
@@ -267,9 +271,18 @@ async def _map(call: Call, params: MapParams) -> Answer:
     mount = await robot.latest(topics.TF, "laser")
     places = [one for one in await _known_places(call) if one.map == message.name]
     at = None if pose is None or _age_s(call, pose) > STALE_AFTER_S else pose.pose
-    scene = Scene(grid, places, at)
+    about, zones = await robot.latest(topics.ROBOT), await robot.latest(topics.ZONES)
+    points = np.empty((0, 2))
     if at is not None and scan is not None and mount is not None:
-        scene = scene._replace(seen_map=seen_points(scan, at @ mount.pose))
+        points = (at @ mount.pose).transform_points(LaserScan.of(scan).points())
+    picture = MapPicture(
+        grid,
+        at,
+        () if about is None else about.footprint,
+        points,
+        places=places[:MOST_PLACES],
+        zones=() if zones is None else zones.zones,
+    )
     width_m, height_m = grid.size_m
     text = (
         f"The map {message.name}, {width_m:.1f} x {height_m:.1f} m: walls black, floor white, "
@@ -277,7 +290,7 @@ async def _map(call: Call, params: MapParams) -> Answer:
         + ("the robot green." if at is not None else "and it is not known where the robot is.")
     )
     data = {"map": message.name, "width_m": width_m, "height_m": height_m}
-    return Answer(text, data, draw(scene, params.pixels))
+    return Answer(text, data, picture.png(params.pixels, MOST_BYTES))
 
 
 # Stopping.

@@ -1,7 +1,5 @@
 """The map from above with the robot on it, as a picture at the broker."""
 
-import io
-
 import numpy as np
 
 from trolley.gridmap.wire import grid_of
@@ -48,7 +46,7 @@ class MapImage:
             return
         self._shown, self._is_drawing = seen, True
         self._next_ns = now_ns + round(self._every_s * 1e9)
-        self._service.work(lambda: png_of(picture), self._send)
+        self._service.work(lambda: picture.png(SIDE), self._send)
 
     def repeat(self) -> None:
         """Draw anew at the next `update`: the broker may have forgotten."""
@@ -93,10 +91,3 @@ class MapImage:
             zones=() if robot.zones.latest is None else robot.zones.latest.zones,
         )
         return picture, seen
-
-
-def png_of(picture: MapPicture) -> bytes:
-    """The picture as a PNG file."""
-    file = io.BytesIO()
-    picture.draw(SIDE).quantize(64).save(file, "PNG", optimize=True)
-    return file.getvalue()

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import anyio
 import pytest
 from msgspec import structs
-from PIL import Image
+from PIL import Image, ImageColor
 
 from trolley import codes, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, Battery, GoalStatus, SavedPose, TourStatus
+from trolley.picture import BLUE, GREEN, RED
 
 if TYPE_CHECKING:
     from .conftest import ScriptedRobot, Talk
@@ -334,7 +335,7 @@ def test_the_map_is_a_picture_of_a_bounded_size(converse: Converse) -> None:
         assert max(image.size) <= 300
         assert len(png) < 100_000
         colours = {colour for _, colour in image.convert("RGB").getcolors() or []}
-        assert {(220, 40, 40), (0, 140, 60), (20, 90, 200)} <= colours
+        assert {ImageColor.getrgb(one) for one in (RED, GREEN, BLUE)} <= colours
 
     converse(script)
 
