@@ -98,6 +98,17 @@ def test_what_lies_under_the_finger_is_found(
     assert (found.x, found.y) == pytest.approx(at, abs=1e-6)
 
 
+def test_a_place_can_be_touched_while_the_robot_stands_on_it(stage: "Stage", page: PageOf) -> None:
+    """It is to be edited or added to a tour; of its robot the card has less to offer."""
+    here = SavedPose(name="dock", map="room", pose=Pose2D(*ROBOT, 0.0))
+    stage.robot.publish(topics.POSES, SavedPoses(stamp_ns=1, poses=[here]))
+    stage.runtime.run(0.5)
+    eye = eye_over(0.0, 0.0)
+    found = touched(stage.session.view, eye, seen_at(eye, *ROBOT))
+    assert found is not None
+    assert (found.what, found.name) == ("place", "dock")
+
+
 def test_a_finger_reaches_as_far_on_the_screen_from_wherever_one_looks(
     stage: "Stage", page: PageOf
 ) -> None:

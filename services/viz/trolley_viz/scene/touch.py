@@ -50,7 +50,9 @@ class Touched:
 
 
 def touched(view: View, eye: Eye, at: Point) -> Touched | None:
-    """Return what is touched: a robot before a place, a place before a zone, else the floor.
+    """Return what is touched: another robot, a place, this robot, a zone, else the floor.
+
+    Where this robot stands on a place, the place is meant: it has more to offer.
 
     Args:
         view: the robot that is followed.
@@ -72,8 +74,9 @@ def touched(view: View, eye: Eye, at: Point) -> Touched | None:
     depth = float((np.array([*point, 0.0]) - eye.position) @ turn.apply(np.array([0.0, 0.0, 1.0])))
     reach = REACH_PX * 2.0 * up * depth / max(height, 1.0)
     finders: tuple[tuple[What, Iterator[tuple[str, float]]], ...] = (
-        ("robot", _robots(view, point)),
+        ("robot", _other_robots(view, point)),
         ("place", _places(view, point)),
+        ("robot", _this_robot(view, point)),
         ("zone", _zones_near(view, point)),
     )
     for what, found in finders:
@@ -83,13 +86,17 @@ def touched(view: View, eye: Eye, at: Point) -> Touched | None:
     return Touched("floor", "", *point, room=room_at(_zones(view), *point) or "")
 
 
-def _robots(view: View, point: Point) -> Iterator[tuple[str, float]]:
-    """The robots on this map by name, and how far from each the point is [m]."""
+def _this_robot(view: View, point: Point) -> Iterator[tuple[str, float]]:
+    """The robot that is followed, and how far from it the point is [m]."""
     here = view.placement.world_T_base
     if here is not None:
         outline = [] if view.robot is None else view.robot.footprint
         radius = max((math.hypot(x, y) for x, y in outline), default=ROBOT_M)
         yield view.robot_name, max(math.dist((here.x, here.y), point) - radius, 0.0)
+
+
+def _other_robots(view: View, point: Point) -> Iterator[tuple[str, float]]:
+    """The others on this map by name, and how far from each the point is [m]."""
     for one in view.fleet:
         told, grid = one.pose, view.map
         if one.name == view.robot_name or told is None or told.pose is None or grid is None:
