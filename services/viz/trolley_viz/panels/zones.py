@@ -16,6 +16,32 @@ YES, NO = "Yes, add it", "No"
 SUSPECT_TEXT = "There seems to be a mirror where the map says “mirror?”."
 
 
+class MirrorQuestion:
+    """Asks whether a mirror that the localizer suspects is one, one at a time."""
+
+    def __init__(self, gui: Controls, session: Session) -> None:
+        self._session = session
+        self._offer: SuspectLine | None = None
+        self._text = gui.add_html(note(SUSPECT_TEXT), visible=False)
+        self._answer = gui.add_choice("Mirror?", (YES, NO), visible=False)
+        self._answer.on_press(self._answered)
+
+    def update(self) -> None:
+        """Ask where something is suspected and no zone is being drawn."""
+        suspects = self._session.suspected_mirrors.offered
+        is_free = self._session.zone_editor.mode == "idle"
+        self._offer = suspects[0] if suspects and is_free else None
+        self._text.visible = self._answer.visible = self._offer is not None
+
+    def _answered(self, answer: str) -> None:
+        if self._offer is None:
+            return
+        if answer == NO:
+            self._session.dismiss(self._offer)
+        else:
+            self._session.zone_editor.accept(self._offer)
+
+
 class ZonePanel:
     """The zones of the map, and the controls of their editor."""
 
@@ -23,14 +49,12 @@ class ZonePanel:
         self._gui = gui
         self._session = session
         self._editor = session.zone_editor
-        self._offer: SuspectLine | None = None
         self._filled = -1
         self._mode: Mode = "idle"
         self._commands: list[Button] = []
         self.folder = session.folder("Zones", is_open=True)
         with self.folder:
-            self._suspect = gui.add_html(note(SUSPECT_TEXT), visible=False)
-            self._answer = gui.add_choice("Mirror?", (YES, NO), visible=False)
+            self._question = MirrorQuestion(gui, session)
             self._lines = gui.add_choice("Draw a line", tuple(LINES))
             self._areas = gui.add_choice("Draw an area", tuple(AREAS))
             self._choice = gui.add_list("Change", (CHOOSE,), words=(CHOOSE,))
@@ -48,9 +72,8 @@ class ZonePanel:
 
     def update(self) -> None:
         """Show what there is to choose, and what is under way."""
-        editor, suspects = self._editor, self._session.suspected_mirrors.offered
-        self._offer = suspects[0] if suspects and editor.mode == "idle" else None
-        self._suspect.visible = self._answer.visible = self._offer is not None
+        editor = self._editor
+        self._question.update()
         self._show_choice()
         show_undo(self._undo, self._session.actions.history, "zone")
         if self._mode != editor.mode:
@@ -79,7 +102,6 @@ class ZonePanel:
 
     def _bind(self) -> None:
         editor = self._editor
-        self._answer.on_press(self._answered)
         for choice in (self._lines, self._areas):
             choice.on_press(lambda label: editor.start(KINDS[label]))
         self._choice.on_change(editor.select)
@@ -91,14 +113,6 @@ class ZonePanel:
         self._delete.on_press(editor.delete)
         self._leave.on_press(editor.leave)
         self._undo.on_press(lambda: self._session.actions.history.undo("zone"))
-
-    def _answered(self, answer: str) -> None:
-        if self._offer is None:
-            return
-        if answer == NO:
-            self._session.dismiss(self._offer)
-        else:
-            self._editor.accept(self._offer)
 
     def _set_hotkeys(self) -> None:
         """Listen to keys that mean something only while a zone is drawn."""
