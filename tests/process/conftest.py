@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.waiting import PATIENCE_S
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -262,12 +262,16 @@ ARRIVES = tuple(
 
 @pytest.fixture
 def add_robot(endpoint: str, tmp_path: Path) -> Iterator[Callable[..., ScriptedRobot]]:
-    """Start scripted robots: `add_robot("one", script)`."""
+    """Start scripted robots, which others see from then on: `add_robot("one", script)`."""
     with ExitStack() as stack:
+        onlooker = stack.enter_context(open_bus([endpoint], PATIENCE_S))
 
         def add(name: str = "one", script: tuple[GoalStatus, ...] = ARRIVES) -> ScriptedRobot:
             robot = ScriptedRobot(name, script)
             stack.enter_context(running(robot, name, endpoint, tmp_path / name))
+            # The robot has declared its token; the router may come round to it later.
+            alive = topics.ALIVE.key(name)
+            wait_until(lambda: onlooker.alive(alive, PATIENCE_S), f"the router knows {name}")
             return robot
 
         yield add
