@@ -76,17 +76,6 @@ def test_a_pc_with_uplink_only_has_no_problem_but_its_keys(
     assert "has no [robot]" in refused.stderr
 
 
-def test_doctor_tries_no_service_that_the_settings_leave_out(
-    port: int, trolley: Callable, tmp_path: Path
-) -> None:
-    """Every robot.toml without a broker had the problem that `mqtt` cannot use it."""
-    path = tmp_path / "robot.toml"
-    path.write_text(SETTINGS.format(f"tcp/127.0.0.1:{port}"))
-    done = trolley("doctor", "--config", str(path), "--json", "--seconds", "1")
-    assert not [one for one in findings(done.stdout, "problem") if "mqtt" in one]
-    assert any("base" in one and "can use" in one for one in findings(done.stdout, "ok"))
-
-
 def test_doctor_finds_what_is_wrong_with_a_robot(
     add_robot: Callable, endpoint: str, trolley: Callable
 ) -> None:

@@ -23,7 +23,7 @@ from trolley.doctor.endpoints import (
     knock,
 )
 from trolley.doctor.finding import Finding, looked_at, note
-from trolley.doctor.trial import Running, Trial, check_trial
+from trolley.doctor.trial import Running, Trial, check_trial, try_services
 from trolley.doctor.users import User
 from trolley.runtime.supervision import PARENT_VARIABLE
 from trolley.security.certificates import make_authority, make_certificate
@@ -116,6 +116,21 @@ def test_trials() -> None:
     refused, uncompiled = check_trial(Trial({"base": "no world"}, ("base",), 9, missing=2))
     assert (refused.level, uncompiled.level) == (Level.PROBLEM, Level.WARNING)
     assert "2 of 9" in uncompiled.sentence
+
+
+def test_no_service_is_tried_that_the_settings_leave_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every robot.toml without a broker had the problem that `mqtt` cannot use it."""
+    monkeypatch.setenv("TROLLEY_STATE", str(tmp_path))
+    path = tmp_path / "robot.toml"
+    text = '[robot]\nname = "one"\nfootprint = { radius_m = 0.2 }\n'
+    path.write_text(text)
+    tried = try_services(path)
+    assert "mqtt" not in tried
+    assert set(tried.values()) == {""}
+    path.write_text(f'{text}[mqtt]\nbroker = "broker.local"\npassword_file = "nowhere"\n')
+    assert "nowhere" in try_services(path)["mqtt"]
 
 
 def test_a_trial_ends_with_whoever_asked_for_it() -> None:
