@@ -36,6 +36,22 @@ def test_what_the_viewer_before_offered_cannot_be_pressed(page: Page, viewer: Vi
     assert viewer.pressed() == second[1:]
 
 
+def test_a_robot_that_was_stopped_meanwhile_may_drive_on(page: Page, viewer: Viewer) -> None:
+    """It was told before the page knew that the connection is back; the button stayed grey."""
+    viewer.greet()
+    viewer.tell_state()
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    expect(page.locator("#resume")).to_be_disabled()
+    viewer.said.clear()
+    come_back_as_another(page, viewer)
+    viewer.tell_state(is_stopped=True)
+    expect(page.locator("#stop-line")).to_contain_text("Stopped")
+    expect(page.locator("#resume")).to_be_enabled()
+    viewer.lines[-1].close()
+    expect(page.locator("body")).to_have_attribute("data-line", "lost")
+    expect(page.locator("#resume")).to_be_disabled()
+
+
 def test_stop_does_not_wait_for_what_the_viewer_has_to_tell(page: Page, viewer: Viewer) -> None:
     viewer.greet()
     viewer.tell("start")

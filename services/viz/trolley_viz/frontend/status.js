@@ -38,8 +38,8 @@ export class Status {
     say(this.hint, state.hint || "");
     this.hint.hidden = !state.hint;
     document.documentElement.dataset.look = state.dark ? "dark" : "light";
-    this.resume.disabled = !state.is_stopped;
     this.resume.dataset.lit = String(Boolean(state.is_stopped));
+    this.offerResume(this.line().state);
     this.tick();
   }
 
@@ -63,9 +63,14 @@ export class Status {
     } else if (state === "loading") {
       this.tell(t("The viewer does not answer. Is it running?"));
     }
-    if (state !== "open") this.resume.disabled = true;
+    this.offerResume(state);
     this.lost.hidden = state !== "lost";
     this.tick();
+  }
+
+  // What the robot is and whether it can be told to go on come in any order.
+  offerResume(line) {
+    this.resume.disabled = line !== "open" || !this.state?.is_stopped;
   }
 
   tell(sentence) {
