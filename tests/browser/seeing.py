@@ -67,9 +67,10 @@ def wait_for_frames(page: Page) -> None:
 def undrawn(page: Page) -> Generator[None]:
     """Hardly draw the scene meanwhile: without a graphics card that takes most of a processor."""
     frame = scene(page)
+    before = frame.evaluate("framePeriod")
     frame.evaluate("framePeriod = 1000")
     yield
-    frame.evaluate("framePeriod = 100")
+    frame.evaluate(f"framePeriod = {before}")
 
 
 def picture(page: Page) -> Pixels:
