@@ -33,6 +33,8 @@ class MqttConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The beginning of all topics of this robot; `trolley/<robot>` if empty."""
     discovery_prefix: TopicName = "homeassistant"
     """Where Home Assistant looks for devices; empty to announce nothing."""
+    start_tour: str = ""
+    """The tour that *Start* begins; the only one that there is if empty."""
     map_every_s: Annotated[float, Meta(ge=0.0, le=3600.0)] = 10.0
     """Shortest time between two pictures of the map; 0 for none."""
 

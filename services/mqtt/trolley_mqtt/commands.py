@@ -1,7 +1,8 @@
 """What may be asked for over MQTT, and which request it becomes.
 
 `<base topic>/do/go` and `…/do/tour` carry the name of a place or tour; the others ignore their
-payload.
+payload. `…/do/vacuum` carries the name of one of them: Home Assistant has one topic for all that a
+vacuum cleaner can do.
 """
 
 import dataclasses
@@ -16,8 +17,11 @@ from trolley.requests import Request
 from trolley_mqtt.robot_view import GOING
 
 GO, TOUR, STOP, PAUSE, RESUME, CANCEL = "go", "tour", "stop", "pause", "resume", "cancel"
-VERBS = (GO, TOUR, STOP, PAUSE, RESUME, CANCEL)
+START, HOME, LOCATE = "start", "home", "locate"
+VERBS = (GO, TOUR, STOP, PAUSE, RESUME, CANCEL, START, HOME, LOCATE)
 NAMED = (GO, TOUR)
+VACUUM = "vacuum"
+VACUUM_VERBS = (START, PAUSE, HOME, LOCATE)
 MAX_PAYLOAD = 512
 """A name has 64 characters of 4 bytes at most."""
 
@@ -65,6 +69,7 @@ def order_of(
     known: tuple[GoalStatus | None, TourStatus | None],
     names: tuple[list[str], list[str]],
     new_id: str,
+    start_tour: str,
 ) -> Order:
     """What a command other than stop asks the robot.
 
@@ -74,27 +79,56 @@ def order_of(
         known: The present goal and trip.
         names: Of the places and tours that there are.
         new_id: For a new goal.
+        start_tour: The tour that `START` begins; "": the only one.
 
     Raises:
         Refused: There is no such place or tour, or nothing is under way.
     """
     places, tours = names
-    if verb == GO:
-        if name not in places:
-            raise Refused(codes.UNKNOWN_NAME, f"There is no place {name!r} on this map.")
-        params = SendGoal(id=new_id, name=name)
-        return Order(f"Go to {name}", "on its way", requests.GOAL_SEND, params)
-    if verb == TOUR:
-        if name not in tours:
-            raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}.")
-        return Order(f"Tour {name}", "on its way", requests.TOUR_START, StartTour(name=name))
     goal, trip = known
+    if verb == START:
+        verb, name = (RESUME, "") if _is_paused(goal, trip) else (TOUR, start_tour or _only(tours))
+    if verb in (GO, HOME):
+        return _go(HOME if verb == HOME else name, places, new_id)
+    if verb == TOUR:
+        return _tour(name, tours)
     title = {PAUSE: "Pause", RESUME: "Continue", CANCEL: "Cancel"}[verb]
     if _is_trip_meant(goal, trip):
         return Order(title, "done", TRIP_REQUESTS[verb], Nothing())
     if goal is not None and goal.state in (*GOING, "paused"):
         return Order(title, "done", GOAL_REQUESTS[verb], WhichGoal(id=goal.id))
     raise Refused(codes.NOT_DRIVING, "The robot is not going anywhere.")
+
+
+def _go(place: str, places: list[str], new_id: str) -> Order:
+    if place not in places:
+        raise Refused(codes.UNKNOWN_NAME, f"There is no place {place!r} on this map.")
+    params = SendGoal(id=new_id, name=place)
+    return Order(f"Go to {place}", "on its way", requests.GOAL_SEND, params)
+
+
+def _tour(tour: str, tours: list[str]) -> Order:
+    if tour not in tours:
+        raise Refused(codes.UNKNOWN_NAME, f"There is no tour {tour!r}.")
+    return Order(f"Tour {tour}", "on its way", requests.TOUR_START, StartTour(name=tour))
+
+
+def _only(tours: list[str]) -> str:
+    """The tour that is meant where none is named."""
+    if not tours:
+        raise Refused(codes.UNKNOWN_NAME, "There is no tour to start: make one in the viewer.")
+    if len(tours) > 1:
+        raise Refused(
+            codes.UNKNOWN_NAME,
+            "There are several tours: name the one to start in robot.toml, [mqtt] start_tour.",
+        )
+    return tours[0]
+
+
+def _is_paused(goal: GoalStatus | None, trip: TourStatus | None) -> bool:
+    """Whether what is under way can go on."""
+    one = trip if _is_trip_meant(goal, trip) else goal
+    return one is not None and one.state == "paused"
 
 
 def _is_trip_meant(goal: GoalStatus | None, trip: TourStatus | None) -> bool:

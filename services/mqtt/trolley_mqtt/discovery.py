@@ -70,6 +70,18 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
             "event_types": list(EVENT_TYPES),
             "icon": "mdi:bell",
         },
+        # No name of its own: it is the device. "Stop" is a button, for it takes effect in any case.
+        ("vacuum", "vacuum"): {
+            "name": None,
+            "state_topic": "~/vacuum",
+            "command_topic": f"~/do/{commands.VACUUM}",
+            "supported_features": ["start", "pause", "return_home", "locate"],
+            "payload_start": commands.START,
+            "payload_pause": commands.PAUSE,
+            "payload_return_to_base": commands.HOME,
+            "payload_locate": commands.LOCATE,
+            "icon": "mdi:robot",
+        },
         (binary, "problem"): _flag("Problem", "problem"),
         # A stop is always worth a try, so it does not depend on the robot being heard of.
         (button, "stop"): _button("Stop", commands.STOP, "mdi:hand-back-right")

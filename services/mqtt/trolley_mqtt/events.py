@@ -6,7 +6,7 @@ from msgspec import Struct
 
 from trolley import codes
 from trolley_mqtt.robot_view import RobotView
-from trolley_mqtt.sentences import activity_of
+from trolley_mqtt.sentences import activity_of, where
 from trolley_mqtt.state import MAX_TEXT
 
 LOW, NO_LONGER_LOW = 0.2, 0.3
@@ -17,7 +17,9 @@ TRIP_TURNS = {"done": "tour_done", "failed": "tour_failed", "waiting": "waiting"
 """A trip that waits does so for a person."""
 ALARMS = ("stopped", "lost", "fault")
 BATTERY_LOW = "battery_low"
-EVENT_TYPES = (*ENDS.values(), *TRIP_TURNS.values(), *ALARMS, BATTERY_LOW)
+LOCATED = "located"
+"""Somebody asked where the robot is."""
+EVENT_TYPES = (*ENDS.values(), *TRIP_TURNS.values(), *ALARMS, BATTERY_LOW, LOCATED)
 
 
 class Happened(Struct, frozen=True, kw_only=True):
@@ -58,20 +60,20 @@ class Events:
             is_new = before is not None and before != self._goal
             if is_new and goal.state in ENDS:
                 words = goal.message or f"The robot has {goal.state}."
-                yield self._of(ENDS[goal.state], words, goal.reason, view)
+                yield _event(ENDS[goal.state], words, goal.reason, view)
         if trip is not None:
             before, self._trip = self._trip, (trip.trip, trip.state)
             is_new = before is not None and before != self._trip
             if is_new and trip.state in TRIP_TURNS:
                 words = trip.message or f"The tour is {trip.state}."
-                yield self._of(TRIP_TURNS[trip.state], words, trip.reason, view, trip.name)
+                yield _event(TRIP_TURNS[trip.state], words, trip.reason, view, trip.name)
 
     def _alarms(self, view: RobotView) -> Iterator[Happened]:
         activity, message = activity_of(view)
         before, self._activity = self._activity, activity
         if activity in ALARMS and before not in ("", "away", activity):
             reason = codes.LOST if activity == "lost" or view.base is None else view.base.reason
-            yield self._of(activity, message, reason, view)
+            yield _event(activity, message, reason, view)
 
     def _battery(self, view: RobotView) -> Iterator[Happened]:
         battery = None if view.base is None else view.base.battery
@@ -81,15 +83,17 @@ class Events:
         was_low = self._is_low
         self._is_low = charge < LOW or (was_low and charge < NO_LONGER_LOW)
         if self._is_low and not was_low and not (battery and battery.charging):
-            yield self._of(BATTERY_LOW, f"The battery is at {round(100.0 * charge)} %.", "", view)
+            yield _event(BATTERY_LOW, f"The battery is at {round(100.0 * charge)} %.", "", view)
 
-    def _of(
-        self, kind: str, message: str, reason: str, view: RobotView, tour: str | None = None
-    ) -> Happened:
-        return Happened(
-            event_type=kind,
-            message=message[:MAX_TEXT],
-            reason=reason,
-            place=view.place,
-            tour=tour,
-        )
+
+def located_of(view: RobotView) -> Happened:
+    """Where the robot is."""
+    return _event(LOCATED, where(view), "", view)
+
+
+def _event(
+    kind: str, message: str, reason: str, view: RobotView, tour: str | None = None
+) -> Happened:
+    return Happened(
+        event_type=kind, message=message[:MAX_TEXT], reason=reason, place=view.place, tour=tour
+    )

@@ -1,8 +1,20 @@
 """Carries out commands that arrive over MQTT, and drops those that must not be carried out."""
 
+from collections.abc import Callable
+
 from trolley.codes import Refused
 from trolley.runtime.service import Service
-from trolley_mqtt.commands import NAMED, STOP, VERBS, Order, name_in, order_of
+from trolley_mqtt.commands import (
+    LOCATE,
+    NAMED,
+    STOP,
+    VACUUM,
+    VACUUM_VERBS,
+    VERBS,
+    Order,
+    name_in,
+    order_of,
+)
 from trolley_mqtt.connection import Arrived
 from trolley_mqtt.freshness import Freshness
 from trolley_mqtt.remote_stop import RemoteStop
@@ -23,12 +35,16 @@ class RemoteControl:
         report: StateReport,
         stop: RemoteStop,
         freshness: Freshness,
+        start_tour: str,
+        locate: Callable[[], None],
     ) -> None:
         self._service = service
         self._robot = robot
         self._report = report
         self._stop = stop
         self._freshness = freshness
+        self._start_tour = start_tour
+        self._locate = locate
         self._num_this_second = 0
 
     def begin_second(self) -> None:
@@ -37,6 +53,9 @@ class RemoteControl:
 
     def execute(self, verb: str, message: Arrived) -> None:
         """Carry out a command, or drop it and say why."""
+        if verb == VACUUM:
+            word = message.payload.decode(errors="replace")
+            verb = word if word in VACUUM_VERBS else f"{VACUUM}: {word}"
         if verb not in VERBS:
             self._drop("unknown", verb[:40], "there is no such command")
         elif verb == STOP:
@@ -57,11 +76,16 @@ class RemoteControl:
         self._service.log.limited(f"command/{reason}", "Command dropped", command=verb, why=why)
 
     def _ask(self, verb: str, payload: bytes) -> None:
+        if verb == LOCATE:
+            self._locate()
+            return
         robot = self._robot
         try:
             name = name_in(payload) if verb in NAMED else ""
             known = (robot.goal.latest, robot.trip.latest)
-            order = order_of(verb, name, known, robot.names, self._service.new_id())
+            order = order_of(
+                verb, name, known, robot.names, self._service.new_id(), self._start_tour
+            )
         except Refused as refused:
             self._service.count("command/refused")
             self._report.answer(f"Not done: {refused.message}")

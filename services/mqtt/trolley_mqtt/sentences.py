@@ -30,6 +30,20 @@ def activity_of(view: RobotView) -> Activity:
     return next(found for find in _BY_URGENCY if (found := find(view)) is not None)
 
 
+def where(view: RobotView) -> str:
+    """Where the robot is, as a sentence."""
+    if view.is_away:
+        return "The robot is switched off or out of reach."
+    pose = None if view.estimate is None else view.estimate.pose
+    if not view.is_placed or pose is None:
+        return "The robot does not know where it is."
+    if view.place is not None:
+        return f"The robot is at {view.place}."
+    if view.room is not None:
+        return f"The robot is in {view.room}."
+    return f"The robot is at x {pose.x:.1f} m, y {pose.y:.1f} m on the map."
+
+
 def _away(view: RobotView) -> Activity | None:
     return ("away", "The robot is switched off or out of reach.") if view.is_away else None
 

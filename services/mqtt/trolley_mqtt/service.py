@@ -20,7 +20,7 @@ from trolley_mqtt.connection import (
     broker_of,
 )
 from trolley_mqtt.discovery import Device
-from trolley_mqtt.events import Events
+from trolley_mqtt.events import Events, Happened, located_of
 from trolley_mqtt.freshness import Freshness
 from trolley_mqtt.home_assistant import HomeAssistant
 from trolley_mqtt.map_image import MapImage
@@ -69,7 +69,15 @@ class MqttService(Service):
         self._map_image = MapImage(self, self.robot_inputs, self._outbox, config.mqtt.map_every_s)
         self._freshness = Freshness()
         stop = RemoteStop(self, self._report)
-        self._remote = RemoteControl(self, self.robot_inputs, self._report, stop, self._freshness)
+        self._remote = RemoteControl(
+            self,
+            self.robot_inputs,
+            self._report,
+            stop,
+            self._freshness,
+            config.mqtt.start_tour,
+            self._locate,
+        )
         self.parts = (stop,)
 
     def start(self) -> None:
@@ -135,8 +143,17 @@ class MqttService(Service):
         if self._outbox.is_open:
             self._speak()
             for one in happened:
-                self._outbox.send(self._outbox.topic("event"), msgspec.json.encode(one))
+                self._tell(one)
             self._map_image.update()
+
+    def _tell(self, event: Happened) -> None:
+        self._outbox.send(self._outbox.topic("event"), msgspec.json.encode(event))
+
+    def _locate(self) -> None:
+        """Say where the robot is."""
+        located = located_of(self.robot_inputs.view)
+        self._tell(located)
+        self._report.answer(located.message)
 
     def _speak(self) -> None:
         """Prove that the connection is alive, and say what is new."""

@@ -2,6 +2,7 @@
 
 from msgspec import Struct
 
+from trolley_mqtt.commands import HOME
 from trolley_mqtt.robot_view import RobotView
 from trolley_mqtt.sentences import activity_of
 
@@ -50,3 +51,17 @@ def state_of(view: RobotView, answer: str | None = None) -> State:
         problem=activity in PROBLEMS,
         answer=None if answer is None else answer[:MAX_TEXT],
     )
+
+
+def vacuum_of(state: State) -> dict[str, str]:
+    """The same in the words that Home Assistant has for vacuum cleaners."""
+    match state.activity:
+        case activity if activity in PROBLEMS:
+            word = "error"
+        case "driving" | "by_hand" | "dwelling" | "waiting":
+            word = "returning" if state.destination == HOME else "cleaning"
+        case "paused":
+            word = "paused"
+        case _:
+            word = "docked" if state.charging else "idle"
+    return {"state": word}

@@ -5,7 +5,7 @@ from msgspec import structs
 
 from trolley_mqtt.outbox import OFFLINE, ONLINE, Outbox
 from trolley_mqtt.robot_inputs import RobotInputs
-from trolley_mqtt.state import state_of
+from trolley_mqtt.state import state_of, vacuum_of
 
 NOT_STOPPED = "NOT STOPPED: no connection to the robot."
 
@@ -43,3 +43,6 @@ class StateReport:
         is_away = state.activity == "away"
         self._outbox.keep(self._outbox.topic("robot"), OFFLINE if is_away else ONLINE)
         self._outbox.keep(self._outbox.topic("state"), msgspec.json.encode(state))
+        if not is_away:
+            vacuum = vacuum_of(state)
+            self._outbox.keep(self._outbox.topic("vacuum"), msgspec.json.encode(vacuum))

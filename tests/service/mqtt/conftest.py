@@ -107,6 +107,11 @@ class ScriptedRobot(Service):
         self._note("tour/pause", None)
         return self.trip
 
+    @answers(requests.TOUR_RESUME)
+    def resume_tour(self, params: Nothing) -> TourStatus:
+        self._note("tour/resume", None)
+        return self.trip
+
     @answers(requests.BASE_STOP)
     def halt(self, params: Nothing) -> BaseState:
         if self.is_deaf:

@@ -1,8 +1,14 @@
 """What Home Assistant is told there is."""
 
 import json
+import os
+import subprocess
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+import pytest
+import support
 
 from trolley.messages import BaseState, Battery
 
@@ -125,3 +131,24 @@ def test_every_announcement_is_json_of_a_reasonable_size(bridge: "Bridge") -> No
         if topic.startswith("homeassistant/"):
             assert json.loads(payload)["origin"]["name"] == "Trolley"
             assert len(payload) < 1024
+
+
+def test_home_assistants_own_schemas_have_nothing_against_it(bridge: "Bridge") -> None:
+    python = os.environ.get("TROLLEY_HOME_ASSISTANT")
+    if not python:
+        pytest.skip("TROLLEY_HOME_ASSISTANT names no Python that has Home Assistant")
+    bridge.robot.base = BaseState(
+        stamp_ns=0, mode="ok", battery=Battery(fraction=0.5, charging=False)
+    )
+    bridge.run(1.5)
+    kinds = {address.split("/")[0] for address in bridge.announced}
+    assert kinds == {"sensor", "binary_sensor", "event", "vacuum", "button", "image"}
+    judge = Path(support.__path__[0]) / "home_assistant_schema.py"
+    words = subprocess.run(
+        [python, str(judge)],
+        input=json.dumps(bridge.announced),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert words.stdout == ""
