@@ -53,6 +53,7 @@ def test_nobody_imports_a_service_but_itself(sources: list["Source"], service: s
         ("paho", Path("services/mqtt/trolley_mqtt")),
         ("mcp", Path("services/mcp/trolley_mcp")),
         ("mcp_types", Path("services/mcp/trolley_mcp")),
+        ("rosbags", Path("services/ros2/trolley_ros2")),
     ],
 )
 def test_library_is_imported_in_one_place_only(

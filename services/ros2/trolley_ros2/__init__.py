@@ -1,0 +1,1 @@
+"""The bridge to ROS 2: Trolley's topics for nodes that use rmw_zenoh, and their wishes to Trolley."""
