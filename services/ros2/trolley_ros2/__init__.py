@@ -1,1 +1,1 @@
-"""The bridge to ROS 2: Trolley's topics for nodes that use rmw_zenoh, and their wishes to Trolley."""
+"""The bridge to ROS 2: Trolley's topics for nodes that use rmw_zenoh, and what these wish."""
