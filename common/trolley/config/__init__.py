@@ -25,6 +25,7 @@ from trolley.config.robot import (
     StartSection,
     ZenohSection,
 )
+from trolley.config.ros2 import Ros2Config
 from trolley.config.tour import TourConfig
 from trolley.config.viz import VizConfig
 
@@ -42,6 +43,7 @@ __all__ = [
     "PoseConfig",
     "RobotConfig",
     "RobotSection",
+    "Ros2Config",
     "StartSection",
     "TourConfig",
     "VizConfig",

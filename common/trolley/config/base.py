@@ -76,7 +76,7 @@ class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     odometry: OdometryConfig = OdometryConfig()
     limits: LimitsConfig = LimitsConfig()
     sources: dict[str, Annotated[int, Meta(ge=0, le=1000)]] = field(
-        default_factory=lambda: {"teleop": 20, "calibrate": 15, "planner": 10}
+        default_factory=lambda: {"teleop": 20, "calibrate": 15, "ros2": 12, "planner": 10}
     )
     """Priority of each source that may drive; the highest with a fresh command wins."""
     stop_margin_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05

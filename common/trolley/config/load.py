@@ -16,6 +16,7 @@ from trolley.config.mcp import McpConfig
 from trolley.config.mqtt import MqttConfig
 from trolley.config.planner import PlannerConfig
 from trolley.config.robot import MapSection, RobotSection, StartSection, ZenohSection
+from trolley.config.ros2 import Ros2Config
 from trolley.config.tour import TourConfig
 from trolley.config.viz import VizConfig
 from trolley.files import read_text
@@ -56,6 +57,7 @@ class HostConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     viz: VizConfig = VizConfig()
     mqtt: MqttConfig = MqttConfig()
     mcp: McpConfig = McpConfig()
+    ros2: Ros2Config = Ros2Config()
     mapper: MapperConfig = MapperConfig()
     folder: str = ""
     """Where the file lies (set on loading): paths in it are relative to this."""

@@ -247,6 +247,11 @@ class ZenohBus:
         self._heard: dict[tuple[str, str], _Heard] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
 
+    @property
+    def session(self) -> zenoh.Session:
+        """The session itself, for what no `Bus` has (within the runtime only)."""
+        return self._session
+
     def close(self) -> None:
         """End the session."""
         self._session.close()

@@ -166,13 +166,6 @@ def namespace_of(robot: str) -> str:
     return f"/_{name}" if name[0].isdigit() else f"/{name}"
 
 
-def why_no_namespace(text: str) -> str:
-    """Why this is no namespace, "" where it is one."""
-    if text == "/" or re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", text):
-        return ""
-    return f"{text!r} is not a namespace: write /kiwi or /home/kiwi, or / for none"
-
-
 def joined(namespace: str, name: str) -> str:
     """A topic's name from the root: `/kiwi/scan`, without a namespace `/scan`."""
     return f"{namespace.rstrip('/')}/{name}"

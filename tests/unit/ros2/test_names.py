@@ -2,6 +2,7 @@ import struct
 
 import pytest
 
+from trolley.config.ros2 import why_no_namespace
 from trolley_ros2.names import (
     NO_HASH,
     PUBLISHER,
@@ -18,7 +19,6 @@ from trolley_ros2.names import (
     namespace_of,
     ros_type,
     type_and_hash,
-    why_no_namespace,
 )
 
 STRING = "std_msgs/msg/String"
