@@ -3,15 +3,18 @@
 import math
 import os
 import signal
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import zenoh.ext
 from support.processes import Process, own_router
 from support.ros_node import RosNode, wait_for
 from support.waiting import wait_until
@@ -37,6 +40,8 @@ from trolley.messages import (
 from trolley.messages.request_params import SendGoal, SetPose
 from trolley.runtime.guest import guest
 from trolley.runtime.service import Service, answers, every, on
+from trolley.security.access import security_of
+from trolley.security.keyring import Keyring
 from trolley_ros2 import cdr
 
 pytestmark = pytest.mark.programs
@@ -458,6 +463,32 @@ def test_nodes_may_have_a_router_of_their_own_and_no_namespace(
             wait_until(
                 lambda: node.topics() == ["/goal_pose", "/scan"] or not node.topics(), "gone"
             )
+
+
+def test_nodes_that_meet_at_trolleys_router_hear_each_other() -> None:
+    with own_router() as where, ros_node(where, "talker") as talker, ros_node(where) as listener:
+        heard = listener.subscribe("/chatter", cdr.TWIST)
+        twists = talker.advertise("/chatter", cdr.TWIST)
+        repeat(lambda: twists.publish(twist(0.2)), lambda: heard, "a message")
+        assert talker.topics() == ["/chatter"]
+
+
+def test_a_router_that_lets_other_hosts_in_serves_the_nodes_of_its_own(tmp_path: Path) -> None:
+    now = datetime.now(UTC)
+    keyring = Keyring(tmp_path / "ring")
+    keyring.create(now)
+    keys = keyring.issue("router", "home", now + timedelta(days=9), ["127.0.0.1"], replace=False)
+    with own_router(security_of(keys)) as where, ros_node(where, mode="client") as node:
+        kept = zenoh.ext.declare_advanced_publisher(
+            node.session,
+            node.key("/map", cdr.TWIST),
+            cache=zenoh.ext.CacheConfig(max_samples=1),
+            publisher_detection=True,
+        )
+        kept.put(cdr.write(twist(0.2)), attachment=struct.pack("<qqB16s", 1, 1, 16, bytes(16)))
+        with ros_node(where, "late", mode="client") as late:
+            wait_for(late.subscribe("/map", cdr.TWIST, transient_local=True), "what was kept")
+            assert "NN/%/%/rviz" in late.graph()
 
 
 def test_a_bridge_that_is_killed_leaves_no_topics_behind(run_bridge: Bridge, endpoint: str) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from support.waiting import PATIENCE_S, wait_until
 from trolley.runtime.zenoh_bus import open_router
+from trolley.security.access import Security
 
 TESTS = Path(__file__).resolve().parents[1]
 
@@ -81,10 +82,10 @@ class Process:
 
 
 @contextmanager
-def own_router() -> Iterator[str]:
-    """A router in this process; yields where it listens."""
+def own_router(security: Security | None = None) -> Iterator[str]:
+    """A router in this process; yields where it listens for this host's programs."""
     endpoint = f"tcp/127.0.0.1:{find_free_port()}"
-    with open_router([endpoint]):
+    with open_router([endpoint], security=security):
         yield endpoint
 
 

@@ -41,6 +41,7 @@ class RosNode:
             "connect/endpoints": [endpoint],
             "listen/endpoints": ["tcp/localhost:0"] if mode == "peer" else [],
             "scouting/multicast/enabled": False,
+            "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
             "timestamping/enabled": {"router": True, "peer": True, "client": True},
         }
         for key, value in settings.items():

@@ -30,6 +30,16 @@ _COMMON: dict[str, object] = {
     "transport/link/tx/lease": 1000,
 }
 
+_PEERS_MEET: dict[str, object] = {
+    "scouting/gossip": {
+        "enabled": True,
+        "target": {"router": ["peer"]},
+        "autoconnect": {"router": []},
+    }
+}
+"""Nodes of ROS 2 are peers, to whom the router must tell of each other; Trolley's programs are not.
+Not where other hosts come in: their peers would link with this host's directly, past the roles."""
+
 
 def client_config(
     endpoints: Sequence[str], timeout_ms: int = -1, keys: HostKeys | None = None
@@ -74,7 +84,7 @@ def router_config(
             "transport/unicast/open_timeout": OPEN_TIMEOUT_MS,
             **_COMMON,
             **(_tls(security.keys) if security is not None else {}),
-            **(_access_control(security) if security is not None else {}),
+            **_access_control(security),
             **_unblocked(),
             **_downsampling(downsample or {}),
         }
@@ -98,9 +108,9 @@ def _tls(keys: HostKeys | None) -> dict[str, object]:
     }
 
 
-def _access_control(security: Security) -> dict[str, object]:
-    rules = security.access_control
-    return {} if rules is None else {"access_control": dict(rules)}
+def _access_control(security: Security | None) -> dict[str, object]:
+    rules = None if security is None else security.access_control
+    return _PEERS_MEET if rules is None else {"access_control": dict(rules)}
 
 
 def _unblocked() -> dict[str, object]:

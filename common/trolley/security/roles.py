@@ -21,6 +21,8 @@ Rule = dict[str, Any]
 
 STREAMS, REQUESTS = f"{ROOT}/**", f"{ROOT}/*/@do/**"
 ANYTHING = ("**", REQUESTS)
+ROS_NODES = ("@ros2_lv/**", "**/@adv/**")
+"""What nodes of ROS 2 show of themselves, and ask each other for what was published before."""
 READING = ("declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query")
 WRITING = ("put", "delete")
 OWNING = (*WRITING, "declare_queryable", "reply", "liveliness_token")
@@ -79,13 +81,16 @@ def access_control(certificates: Iterable[Certificate]) -> dict[str, Any]:
     """
     rules: list[Rule] = [
         _rule("out", "egress", Grant(EVERYTHING, ANYTHING)),
-        _rule("local-in", "ingress", Grant(EVERYTHING, ANYTHING)),
+        _rule("local-in", "ingress", Grant(EVERYTHING, (*ANYTHING, *ROS_NODES))),
+        _rule("local-out", "egress", Grant(EVERYTHING, ROS_NODES)),
     ]
     subjects: list[Rule] = [
         {"id": "local", "interfaces": ["lo"], "link_protocols": ["tcp"]},
         {"id": "socket", "link_protocols": ["unixsock-stream"]},
     ]
-    policies: list[Rule] = [{"rules": ["local-in", "out"], "subjects": ["local", "socket"]}]
+    policies: list[Rule] = [
+        {"rules": ["local-in", "out", "local-out"], "subjects": ["local", "socket"]}
+    ]
     for certificate in certificates:
         who = certificate.common_name
         made = [
@@ -124,6 +129,7 @@ def _operator() -> list[Grant]:
     frames = all_but(child for (child,) in topics.TF.owned_parts)
     driven = [
         topics.COMMAND.key("*", "teleop"),
+        topics.COMMAND.key("*", "ros2"),
         topics.COSTS.key("*", "*"),
         *(topics.TF.key("*", one) for one in frames),
     ]

@@ -98,10 +98,17 @@ def test_operators_clear_drawings() -> None:
 
 @pytest.mark.parametrize(
     ("source", "is_allowed"),
-    [("teleop", True), ("planner", False), ("calibrate", False), ("*", False)],
+    [("teleop", True), ("ros2", True), ("planner", False), ("calibrate", False), ("*", False)],
 )
-def test_operators_drive_by_hand_only(source: str, is_allowed: bool) -> None:
+def test_operators_drive_by_hand_and_from_ros_only(source: str, is_allowed: bool) -> None:
     assert may("operator", "put", topics.COMMAND.key("lime", source)) == is_allowed
+
+
+@pytest.mark.parametrize("role", ["viewer", "operator", "robot"])
+def test_no_node_of_ros_comes_in_from_another_host(role: str) -> None:
+    for message in EVERYTHING:
+        assert not may(role, message, "0/kiwi/cmd_vel/geometry_msgs::msg::dds_::Twist_/RIHS01_1")
+        assert not may(role, message, "@ros2_lv/0/a/0/1/MP/%/%/node/%kiwi%cmd_vel/x/y/::,1:,:,:,,")
 
 
 @pytest.mark.parametrize(
