@@ -470,7 +470,7 @@ def test_nodes_that_meet_at_trolleys_router_hear_each_other() -> None:
         heard = listener.subscribe("/chatter", cdr.TWIST)
         twists = talker.advertise("/chatter", cdr.TWIST)
         repeat(lambda: twists.publish(twist(0.2)), lambda: heard, "a message")
-        assert talker.topics() == ["/chatter"]
+        wait_until(lambda: talker.topics() == ["/chatter"], "it sees the other's subscription")
 
 
 def test_a_router_that_lets_other_hosts_in_serves_the_nodes_of_its_own(tmp_path: Path) -> None:
