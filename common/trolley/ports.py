@@ -9,6 +9,8 @@ ROUTER_PORT = 7447
 """Where a host's router listens for that host's own programs."""
 ROUTER_TLS_PORT = 7448
 """Where it listens for other hosts, if it has keys."""
+ROS_ROUTER = "rmw_zenohd"
+"""The router that ROS 2 brings along, which takes the same port as ours."""
 _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _LISTENING = "0A"
 

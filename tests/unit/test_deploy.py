@@ -23,6 +23,8 @@ DEPLOY = ROOT / "deploy"
 SYSTEMD = DEPLOY / "systemd"
 SERVICES = sorted(SYSTEMD.glob("trolley-*.service"))
 COMMON = SYSTEMD / "trolley-.service.d" / "trolley.conf"
+BY_COMMAND = {"router", "ros2"}
+"""Programs with a unit that are no services of `trolley run`."""
 RETRY = SYSTEMD / "trolleyretry@.service"
 MOST_EXPOSURE = 2.0
 MB = {"M": 1, "G": 1024}
@@ -95,15 +97,15 @@ def test_a_unit_is_hardly_exposed(installed: Path, name: str) -> None:
     assert json.loads(json_text)  # it was read, not skipped
 
 
-def test_every_service_and_the_router_has_a_unit() -> None:
-    services = {entry.name for entry in entry_points(group="trolley.services")} | {"router"}
+def test_every_service_has_a_unit_and_so_have_router_and_ros_bridge() -> None:
+    services = {entry.name for entry in entry_points(group="trolley.services")} | BY_COMMAND
     assert {unit.stem for unit in SERVICES} == {f"trolley-{name}" for name in services}
 
 
 @pytest.mark.parametrize("unit", SERVICES, ids=lambda unit: unit.stem)
 def test_a_unit_runs_its_service_and_says_what_it_may_use(unit: Path) -> None:
     name = unit.stem.removeprefix("trolley-")
-    command = ["router"] if name == "router" else ["run", name]
+    command = [name] if name in BY_COMMAND else ["run", name]
     assert values(unit, "ExecStart") == ["/opt/trolley/current/.venv/bin/trolley", *command]
     assert values(unit, "Type") == ["notify"]
     assert values(unit, "WatchdogSec")

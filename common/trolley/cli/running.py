@@ -78,6 +78,9 @@ def check_port(port: int, option: str) -> None:
     """
     if not ports.is_free(port):
         who = ports.owner(port) or "another program"
+        if who.startswith(ports.ROS_ROUTER):
+            ours = "nodes of ROS 2 use Trolley's router as well (docs/ros2.md)"
+            option = f"end it, since {ours}, or {option}"
         raise ConfigError(f"port {port} is taken by {who}; {option}")
 
 

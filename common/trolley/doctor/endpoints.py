@@ -5,6 +5,7 @@ import socket
 from collections.abc import Sequence
 
 from trolley.doctor.finding import Finding, note, ok, problem, warning
+from trolley.ports import ROS_ROUTER
 
 PATIENCE_S = 1.5
 WITH_PORT = ("tcp", "tls", "ws")
@@ -68,11 +69,23 @@ class Door:
     trouble: str
     """Why there is no connection; "" if there is one."""
     owner: str = ""
-    """Who listens at its port although it is no router."""
+    """Who listens at its port, where that can be seen."""
     silent: tuple[Endpoint, ...] = ()
     """Addresses that do not answer, where there are several."""
     is_wanted: bool = True
     """Whether it was asked for, or something here is set up to need it."""
+
+
+def _check_router(where: str, owner: str) -> Finding:
+    if not owner.startswith(ROS_ROUTER):
+        return ok("router", f"The router at {where} answers.")
+    return warning(
+        "router",
+        f"The router at {where} is that of ROS 2, {owner}: by itself it lets in every host of your "
+        "network, and whoever comes in may drive the robot.",
+        "End it and start `trolley router`, which nodes of ROS 2 use as well; docs/ros2.md says "
+        "how both run.",
+    )
 
 
 def check_door(door: Door) -> list[Finding]:
@@ -80,9 +93,9 @@ def check_door(door: Door) -> list[Finding]:
     where = ", ".join(door.endpoints)
     if not door.trouble:
         silent = [one.text for one in door.silent]
-        answering = ", ".join(one for one in door.endpoints if one not in silent)
+        answering = ", ".join(one for one in door.endpoints if one not in silent) or where
         return [
-            ok("router", f"The router at {answering or where} answers."),
+            _check_router(answering, door.owner),
             *(
                 warning(
                     "router",
@@ -91,6 +104,15 @@ def check_door(door: Door) -> list[Finding]:
                 )
                 for one in door.silent
             ),
+        ]
+    if door.owner.startswith(ROS_ROUTER):
+        return [
+            problem(
+                "router",
+                f"The router of ROS 2, {door.owner}, has the port of Trolley's and does not "
+                f"answer at {where}.",
+                "End it: nodes of ROS 2 use Trolley's router as well (docs/ros2.md).",
+            )
         ]
     if door.owner:
         return [

@@ -3,7 +3,7 @@
 import dataclasses
 import datetime
 import os
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -224,7 +224,7 @@ def examine_robots(
         with Connection(where) as connection:
             knocked = [endpoints.knock(one) for one in where] if len(where) > 1 else []
             silent = tuple(one for one in knocked if one is not None and one.trouble)
-            door = endpoints.Door(where, "", silent=silent)
+            door = endpoints.Door(where, "", _owner_of(where), silent)
             found = [("", endpoints.check_door(door))]
             names = [target.robot] if target.robot is not None else connection.robots()
             if not names:
@@ -239,8 +239,11 @@ def examine_robots(
         remedy = "`trolley top` shows who sends how much, `top` what keeps this computer busy."
         return [("", [problem("router", f"{text[0].upper()}{text[1:]}.", remedy)])]
     except RobotUnreachable as error:
-        addresses = [endpoints.address_of(one) for one in where]
-        local = [one[1] for one in addresses if one and one[0] in ("127.0.0.1", "localhost")]
-        owner = next(filter(None, map(ports.owner, local)), "")
-        door = endpoints.Door(where, str(error), owner, is_wanted=is_needed)
+        door = endpoints.Door(where, str(error), _owner_of(where), is_wanted=is_needed)
         return [("", endpoints.check_door(door))]
+
+
+def _owner_of(where: Sequence[str]) -> str:
+    """Who listens at the ports of this host among these endpoints."""
+    local = [port for port in map(ports.port_of, where) if port is not None]
+    return next(filter(None, map(ports.owner, local)), "")

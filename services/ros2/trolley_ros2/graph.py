@@ -8,7 +8,6 @@ from trolley.runtime.foreign_bus import ForeignBus, ForeignPublisher, ForeignSam
 from trolley_ros2 import cdr
 from trolley_ros2.names import (
     GID_BYTES,
-    GRAPH,
     PUBLISHER,
     SUBSCRIPTION,
     Attachment,
@@ -17,6 +16,7 @@ from trolley_ros2.names import (
     Qos,
     endpoint_of,
     joined,
+    publisher_tokens,
 )
 
 NODE_NAME = "trolley"
@@ -96,10 +96,12 @@ class Graph:
 
         def receive(token: str, is_there: bool) -> None:
             seen = endpoint_of(token)
-            if seen is not None and seen.kind == PUBLISHER and seen.topic == topic:
+            if seen is not None:
                 callback(token, seen.node, is_there)
 
-        self._ros.bus.watch_tokens(f"{GRAPH}/{self._node.domain}/**", receive)
+        # Not those of all other things: a large system has thousands.
+        tokens = publisher_tokens(self._node.domain, topic)
+        self._ros.bus.watch_tokens(tokens, receive)
 
     def takes_hash(self, type_name: str, type_hash: str) -> bool:
         """Whether a type's hash is that of the definition which we know, of any release."""

@@ -85,7 +85,7 @@ class Node:
     @property
     def token(self) -> str:
         """Its token; the node is the first thing of its session."""
-        return f"{self._begin(0, NODE)}"
+        return self._begin(0, NODE)
 
     def endpoint_token(self, number: int, kind: str, endpoint: Endpoint) -> str:
         """The token of one of its publishers or subscriptions.
@@ -119,19 +119,17 @@ class Seen:
     topic: str
 
 
+def publisher_tokens(domain: int, topic: str) -> str:
+    """A key expression for the tokens of all publishers of a topic."""
+    return f"{GRAPH}/{domain}/*/*/*/{PUBLISHER}/*/*/*/{_mangled(topic)}/**"
+
+
 def endpoint_of(token: str) -> Seen | None:
     """Read the token of a publisher or subscription; None for any other."""
     chunks = token.split("/")
     # Buffer-aware publishers of newer versions add a chunk at the end.
-    if (
-        len(chunks) < _TOKEN_CHUNKS
-        or chunks[0] != GRAPH
-        or chunks[5]
-        not in (
-            PUBLISHER,
-            SUBSCRIPTION,
-        )
-    ):
+    kinds = (PUBLISHER, SUBSCRIPTION)
+    if len(chunks) < _TOKEN_CHUNKS or chunks[0] != GRAPH or chunks[5] not in kinds:
         return None
     namespace = chunks[7].replace("%", "/").rstrip("/")
     return Seen(chunks[5], f"{namespace}/{chunks[8]}", chunks[9].replace("%", "/"))

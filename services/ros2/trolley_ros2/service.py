@@ -2,10 +2,14 @@
 
 from trolley.config import Ros2Config
 from trolley.runtime.foreign_bus import ForeignBus
-from trolley.runtime.service import Service
+from trolley.runtime.service import Service, every
+from trolley.runtime.supervision import Supervision
 from trolley_ros2.graph import Graph
 from trolley_ros2.inputs import Inputs
 from trolley_ros2.outputs import Outputs
+
+ALIVE_S = 5.0
+"""How often systemd hears that the bridge does not hang; it waits for 20 s."""
 
 
 class Ros2Service(Service):
@@ -21,6 +25,7 @@ class Ros2Service(Service):
 
     def __init__(self, ros: ForeignBus, settings: Ros2Config, namespace: str) -> None:
         self._ros = ros
+        self._supervision = Supervision()
         self._graph = Graph(ros, settings.domain, namespace, settings.distro)
         self._outputs = Outputs(self, self._graph)
         self._inputs = Inputs(self, self._graph) if settings.role == "operator" else None
@@ -34,6 +39,12 @@ class Ros2Service(Service):
         self._ros.bus.on_connection(
             lambda is_up: self.call_soon(lambda: self._note_connection(is_up=is_up), urgent=True)
         )
+        self._supervision.ready()
+
+    @every(ALIVE_S, clock="local")
+    def say_alive(self) -> None:
+        """Tell systemd, where it started the bridge."""
+        self._supervision.alive()
 
     def epoch_began(self) -> None:
         """Forget what the run of base before said."""

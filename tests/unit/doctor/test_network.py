@@ -72,6 +72,19 @@ def test_doors() -> None:
     assert "nginx (pid 7)" in taken.sentence
 
 
+def test_a_router_of_ros_is_told_by_its_name() -> None:
+    where = ("tcp/127.0.0.1:7447",)
+    (open_to_all,) = check_door(Door(where, "", "rmw_zenohd (pid 7)"))
+    assert (open_to_all.level, "every host" in open_to_all.sentence) == (Level.WARNING, True)
+    (in_the_way,) = check_door(Door(where, "nobody", "rmw_zenohd (pid 7)"))
+    assert (in_the_way.level, "Trolley's router as well" in in_the_way.remedy) == (
+        Level.PROBLEM,
+        True,
+    )
+    ours = Door(where, "", "trolley router (pid 7)")
+    assert [one.level for one in check_door(ours)] == [Level.OK]
+
+
 def validity(days: float, since: datetime = NOW - timedelta(days=9)) -> Validity:
     return Validity("robot", "one", "/etc/cert.pem", since, NOW + timedelta(days=days))
 

@@ -1,6 +1,7 @@
 import struct
 
 import pytest
+import zenoh
 
 from trolley.config.ros2 import why_no_namespace
 from trolley_ros2.names import (
@@ -17,6 +18,7 @@ from trolley_ros2.names import (
     endpoint_of,
     joined,
     namespace_of,
+    publisher_tokens,
     ros_type,
     type_and_hash,
 )
@@ -77,6 +79,18 @@ def test_what_a_token_says_is_read_again() -> None:
     assert endpoint_of(node.token) is None
     assert endpoint_of("@ros2_lv/0") is None
     assert endpoint_of("trolley/kiwi/scan") is None
+
+
+def test_publishers_of_a_topic_are_found_by_their_tokens_and_nothing_else() -> None:
+    node = Node(3, "ab", "/kiwi", "teleop")
+    driver = node.endpoint_token(4, PUBLISHER, chatter(10, "/kiwi/cmd_vel"))
+    wanted = zenoh.KeyExpr(publisher_tokens(3, "/kiwi/cmd_vel"))
+    assert wanted.includes(zenoh.KeyExpr(driver))
+    assert wanted.includes(zenoh.KeyExpr(driver + "/cpu"))
+    listener = node.endpoint_token(4, SUBSCRIPTION, chatter(10, "/kiwi/cmd_vel"))
+    other = node.endpoint_token(4, PUBLISHER, chatter(10, "/kiwi/cmd_vel_raw"))
+    for token in (listener, other, node.token):
+        assert not wanted.includes(zenoh.KeyExpr(token))
 
 
 def test_types_are_read_from_a_key() -> None:
