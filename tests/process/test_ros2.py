@@ -499,24 +499,10 @@ def test_a_bridge_that_is_killed_leaves_no_topics_behind(run_bridge: Bridge, end
         wait_until(lambda: node.topics() == [], "it is gone")
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "problem"),
-    [
-        (("--namespace", "kiwi"), 2, "is not a namespace"),
-        (("--domain", "300"), 2, "domain"),
-        (("--router", "tcp/127.0.0.1:1"), 3, "no router for ROS 2 nodes answers"),
-        (("--router", "127.0.0.1:7447"), 2, "is not an endpoint"),
-    ],
-)
-def test_what_cannot_be_is_said(
-    robot: Robot,
-    endpoint: str,
-    trolley: Callable,
-    options: tuple[str, ...],
-    code: int,
-    problem: str,
+def test_a_router_of_theirs_that_is_not_there_is_said(
+    robot: Robot, endpoint: str, trolley: Callable
 ) -> None:
-    done = trolley("ros2", "--connect", endpoint, *options)
-    assert done.returncode == code, done.stderr
-    assert problem in done.stderr
+    done = trolley("ros2", "--connect", endpoint, "--router", "tcp/127.0.0.1:1")
+    assert done.returncode == 3, done.stderr
+    assert "no router for ROS 2 nodes answers" in done.stderr
     assert "Traceback" not in done.stderr

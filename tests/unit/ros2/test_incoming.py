@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def estimate(covariance: object, frame: str = "map") -> object:
     return cdr.make(cdr.POSE_WITH_COVARIANCE, header(frame), inner)
 
 
-def reason(message: object) -> str:
+def reason(message: Any) -> str:
     with pytest.raises(Dropped) as dropped:
         (twist_of if "Twist" in message.__msgtype__ else where_of)(message)
     return dropped.value.reason
