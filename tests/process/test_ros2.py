@@ -3,6 +3,7 @@
 import math
 import os
 import signal
+import socket
 import struct
 import threading
 import time
@@ -17,7 +18,7 @@ import pytest
 import zenoh.ext
 from support.processes import Process, own_router
 from support.ros_node import RosNode, wait_for
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -497,6 +498,25 @@ def test_a_bridge_that_is_killed_leaves_no_topics_behind(run_bridge: Bridge, end
         wait_until(node.topics, "it is there")
         os.kill(bridge.pid, signal.SIGKILL)
         wait_until(lambda: node.topics() == [], "it is gone")
+
+
+def test_systemd_hears_that_it_is_ready_and_that_it_lives(
+    robot: Robot, endpoint: str, tmp_path: Path
+) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.settimeout(PATIENCE_S)
+        program = "from trolley.start import command; command()"
+        bridge = Process(
+            ["-c", program, "ros2", "--connect", endpoint, "--robot", "one"],
+            tmp_path / "bridge.log",
+            {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "20000000"},
+        )
+        try:
+            assert systemd.recv(100) == b"READY=1"
+            assert systemd.recv(100) == b"WATCHDOG=1"
+        finally:
+            bridge.kill()
 
 
 def test_a_router_of_theirs_that_is_not_there_is_said(
