@@ -44,6 +44,7 @@ from trolley.runtime.service import Service, answers, every, on
 from trolley.security.access import security_of
 from trolley.security.keyring import Keyring
 from trolley_ros2 import cdr
+from trolley_ros2.outputs import MOST_FRAMES
 
 pytestmark = pytest.mark.programs
 
@@ -282,6 +283,21 @@ def test_who_comes_late_gets_the_map_and_never_one_of_before(
         maps = third.subscribe("/one/map", cdr.OCCUPANCY_GRID, transient_local=True)
         wait_for(maps, "the new map")
         assert {next(iter(one.data)) for one in maps} == {100}
+
+
+def test_a_program_with_ever_new_frames_does_not_fill_the_tree(
+    run_bridge: Bridge, robot: Robot, endpoint: str
+) -> None:
+    run_bridge()
+    for number in range(MOST_FRAMES + 10):
+        frame = Transform(
+            stamp_ns=0, parent="base_link", child=f"f{number}", pose=Pose2D(0.1, 0, 0)
+        )
+        robot.call_soon(lambda one=frame: robot.publish(topics.TF, one, one.child))
+    with ros_node(endpoint) as node:
+        tree = node.subscribe("/one/tf_static", cdr.TF_MESSAGE, transient_local=True)
+        wait_until(lambda: "tf_static/too_many" in counters(endpoint), "the rest is counted")
+        wait_until(lambda: tree and len(tree[-1].transforms) == MOST_FRAMES, "the others are there")
 
 
 def heard(endpoint: str, key: str) -> bool:

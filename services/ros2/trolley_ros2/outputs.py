@@ -28,6 +28,8 @@ KEPT = Qos(depth=1, is_transient_local=True)
 NEWEST = Qos(depth=1)
 MOVING_FRAMES = ("odom", "base_link")
 """Frames that are on `/tf`; those on the robot are on `/tf_static`."""
+MOST_FRAMES = 64
+"""Frames on `/tf_static`: any program may publish some, and all are said again with each."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,9 @@ class Outputs:
 
     def _tf_static(self, mount: Transform, child: str) -> None:
         if child in MOVING_FRAMES:
+            return
+        if child not in self._mounts and len(self._mounts) >= MOST_FRAMES:
+            self._service.count("tf_static/too_many")
             return
         self._mounts[child] = mount
         # All of them each time, as tf2's static broadcaster does: only the newest is kept.
