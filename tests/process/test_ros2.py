@@ -535,10 +535,11 @@ def test_systemd_hears_that_it_is_ready_and_that_it_lives(
             bridge.kill()
 
 
-def test_a_router_of_theirs_that_is_not_there_is_said(
+def test_a_robot_and_a_router_of_theirs_that_are_not_there_are_said(
     robot: Robot, endpoint: str, trolley: Callable
 ) -> None:
-    done = trolley("ros2", "--connect", endpoint, "--router", "tcp/127.0.0.1:1")
+    done = trolley("ros2", "--connect", endpoint, "--robot", "ones", "--router", "tcp/127.0.0.1:1")
     assert done.returncode == 3, done.stderr
+    assert "no robot called ones" in done.stderr
     assert "no router for ROS 2 nodes answers" in done.stderr
     assert "Traceback" not in done.stderr

@@ -8,9 +8,10 @@ import msgspec
 from msgspec import structs
 
 from trolley.cli.options import given, where_options
-from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.printing import say
+from trolley.cli.robots import connected, reports_errors
 from trolley.config import Ros2Config, find_config, load_host_config
-from trolley.connection import find_target
+from trolley.connection import find_target, pick_robot
 
 
 @click.command(name="ros2")
@@ -36,9 +37,11 @@ def ros2(**options: Any) -> None:
     docs/ros2.md.
     """
     settings = with_options(_settings(find_config(given("config"))), options)
-    with one_robot() as robot:
-        name = robot.name
     target = find_target(given("robot"), given("connect"), given("config"))
+    with connected() as connection:
+        name = pick_robot(connection, target)
+        if name not in connection.robots():  # it may come later
+            say(f"Waiting: {connection.unknown_robot(name)}", err=True, fg="yellow")
     # With rosbags: whoever asks for help need not load it.
     from trolley_ros2.session import bridge
 
