@@ -7,13 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley_mapper.kernels import correlate, lines
-from trolley_mapper.kernels.layout import Cloud
-from trolley_mapper.kernels.surfels import EXPLAINED
+from trolley.scan_matching import lines
+from trolley.scan_matching.information import without_noise
+from trolley.scan_matching.layout import Cloud
+from trolley.scan_matching.surfels import EXPLAINED
+from trolley.scan_matching.sweep import Sweep
+from trolley_mapper.kernels import correlate
 from trolley_mapper.kernels.trace import trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
-from trolley_mapper.slam.local_map import LocalMap, without_noise
-from trolley_mapper.slam.sweep import Sweep
+from trolley_mapper.slam.local_map import LocalMap
 
 
 def room(count: int = 240) -> Cloud:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_mapper.kernels.layout import Cloud, Surfels
+from trolley.scan_matching.layout import Cloud, Surfels
 
 LAYERS = 4
 """Surfaces are drawn in layers by the side that they are seen from: the back of a wall must not be

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_mapper.kernels.layout import Cloud
+from trolley.scan_matching.layout import Cloud
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.pose_graph import ODOMETRY, SCAN_MATCH, Edge, between, to_frame
 

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
 from trolley.gridmap import GridMap
-from trolley_mapper.kernels.layout import Cloud
-from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
+from trolley.scan_matching.layout import Cloud
+from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
+from trolley.scan_matching.sweep import Sweep
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.loop_closure import Closure, Place, agree, closing, relax, total_error
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import Edge, between, compose, to_frame
-from trolley_mapper.slam.sweep import Sweep
 
 
 @dataclass(frozen=True, slots=True)

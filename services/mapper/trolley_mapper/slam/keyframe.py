@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_mapper.kernels.layout import Cloud
-from trolley_mapper.slam.sweep import Sweep
+from trolley.scan_matching.layout import Cloud
+from trolley.scan_matching.sweep import Sweep
 
 
 @dataclass(frozen=True, slots=True, eq=False)

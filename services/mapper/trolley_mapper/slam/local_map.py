@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
-from trolley_mapper.kernels import correlate, surfels
-from trolley_mapper.kernels.align import accumulate, align
-from trolley_mapper.kernels.layout import AlignmentParams, Cloud, Surfels
+from trolley.scan_matching import surfels
+from trolley.scan_matching.align import accumulate, align
+from trolley.scan_matching.information import gain_of, without_noise
+from trolley.scan_matching.layout import AlignmentParams, Cloud, Surfels
+from trolley.scan_matching.sweep import Sweep
+from trolley_mapper.kernels import correlate
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.pose_graph import between
-from trolley_mapper.slam.sweep import Sweep
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,20 +25,12 @@ class LocalMapParams:
 
     cell_m: float = 0.1
     """Edge of the cells that surfels are averaged in [m]."""
-    sigma_m: float = 0.03
-    """Standard deviation of a point from its surface [m]."""
-    independent_points: float = 60.0
-    """Number of independent points that a scan counts as."""
     width_m: float = 0.05
     """Residual at which a point counts half, about [m]."""
     last_reach_m: float = 0.12
     """Distance within which points have partners in the last steps [m]."""
     max_iterations: int = 25
     """Number of Gauss-Newton steps of an alignment at most."""
-    normal_noise: float = 0.01
-    """Share of the information that is noise."""
-    turn_m: float = 3.0
-    """Distance that a turn by 1 rad counts as [m]."""
     near_m: float = 0.08
     """Distance from a surface within which a point is explained by it [m]."""
     fine_cell_m: float = 0.05
@@ -258,19 +252,3 @@ class Neighbourhood:
             self._local = LocalMap(keyframes, poses, pose[:2], config.local_reach_m)
             self._centre = pose.copy()
         return self._local
-
-
-def without_noise(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return information (3, 3) without what noise in the surfaces' directions feigns.
-
-    A straight wall does not show the position along it; normals that err by some degrees seem to.
-    """
-    scale = np.array([1.0, 1.0, 1.0 / PARAMS.turn_m])
-    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    values = np.maximum(values - PARAMS.normal_noise * values.sum(), 0.0)
-    return (vectors * values) @ vectors.T / np.outer(scale, scale)
-
-
-def gain_of(points: int) -> float:
-    """Return the information of one point of a scan [1/m^2]: neighbours err together."""
-    return min(1.0, PARAMS.independent_points / max(points, 1)) / PARAMS.sigma_m**2

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
+from trolley.scan_matching.layout import Cloud
+from trolley.scan_matching.sweep import FRONT_END, Sweep, read_sweep
 from trolley.scanning import Motion, Reject, ScanInput, motion_since, problem_of
-from trolley_mapper.kernels.layout import Cloud
 from trolley_mapper.slam import sentences
 from trolley_mapper.slam.back_end import BackEnd, MapJob
 from trolley_mapper.slam.edges import odometry_edge, scan_match_edges
@@ -33,7 +34,6 @@ from trolley_mapper.slam.odometry_scale import OdometryScale
 from trolley_mapper.slam.pose_graph import Edge, between, to_frame
 from trolley_mapper.slam.scan_matcher import MatchQuality, ScanMatch, ScanMatcher
 from trolley_mapper.slam.serialization import State, unpack
-from trolley_mapper.slam.sweep import FRONT_END, Sweep, read_sweep
 from trolley_mapper.slam.tracking_state import TrackingState
 
 

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, angle_difference
+from trolley.scan_matching.layout import Cloud
+from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
+from trolley.scan_matching.sweep import Sweep, read_sweep
 from trolley.scanning import ScanInput
-from trolley_mapper.kernels.layout import Cloud
-from trolley_mapper.kernels.surfels import EXPLAINED, UNKNOWN
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.motion_model import motion_covariance
 from trolley_mapper.slam.pose_graph import between, compose, inverse
 from trolley_mapper.slam.slip_detector import SlipDetector
-from trolley_mapper.slam.sweep import Sweep, read_sweep
 
 
 @dataclass(frozen=True, slots=True)

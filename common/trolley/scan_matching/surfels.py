@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_mapper.kernels.layout import Cloud, Surfels
+from trolley.scan_matching.layout import Cloud, Surfels
 
 EXPLAINED = 0
 UNKNOWN = 1

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from trolley.geometry.kernels import solve_spd
 from trolley.jit import kernel
-from trolley_mapper.kernels.layout import AlignmentParams, Cloud, Surfels
-from trolley_mapper.kernels.surfels import PARTNERS, nearest_surfel
+from trolley.scan_matching.layout import AlignmentParams, Cloud, Surfels
+from trolley.scan_matching.surfels import PARTNERS, nearest_surfel
 
 
 class StepParams(NamedTuple):

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from trolley.deskewing import deskew, is_blind
 from trolley.geometry import Pose2D, interpolate
+from trolley.scan_matching import lines as kernels
+from trolley.scan_matching.layout import Cloud
 from trolley.scanning import FrontEndParams, ScanInput
-from trolley_mapper.kernels import lines as kernels
-from trolley_mapper.kernels.layout import Cloud
 
 SPACING_M = 0.025
 """Distance below which neighbouring points of a scan say the same [m]."""

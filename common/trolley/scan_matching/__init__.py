@@ -1,0 +1,1 @@
+"""Scans aligned with the surfaces that earlier ones saw, for the mapper and for odometry."""
