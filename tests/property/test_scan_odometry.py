@@ -144,8 +144,9 @@ def test_a_robot_carried_to_another_room_is_lost_and_begins_anew() -> None:
 def test_without_a_known_mount_the_lidar_itself_is_followed(seed: int) -> None:
     rng = np.random.default_rng(seed)
     walls, odometry = furnished_room(rng), ScanOdometry(has_axle=False)
-    mount = Pose2D(*rng.uniform(-0.25, 0.25, 2), float(rng.uniform(-math.pi, math.pi)))
-    pose = Pose2D.identity()
+    x, y, yaw = rng.uniform((-0.25, -0.25, -math.pi), (0.25, 0.25, math.pi)).tolist()
+    mount = Pose2D(x, y, yaw)
+    pose = last = Pose2D.identity()
     for number, twist in enumerate(twists_of(rng)):
         scan = look(walls, pose, twist, mount, rng, stamp_s=EVERY_S * number, duration_s=EVERY_S)
         odometry.update(replace(scan, base_T_laser=Pose2D.identity()), EVERY_S)

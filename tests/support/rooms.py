@@ -24,7 +24,8 @@ def box(pose: Pose2D, length_m: float, width_m: float) -> Walls:
 def furnished_room(rng: np.random.Generator, free_m: float = 1.0) -> Walls:
     """A room of 4 to 7 m with five pieces of furniture, and free floor around the origin."""
     size = rng.uniform(4.0, 7.0, 2)
-    middle = Pose2D(*(rng.uniform(-0.15, 0.15, 2) * size), float(rng.uniform(-math.pi, math.pi)))
+    x, y = (rng.uniform(-0.15, 0.15, 2) * size).tolist()
+    middle = Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
     parts = [box(middle, *size.tolist())]
     while len(parts) < 6:
         away, way = rng.uniform(free_m + 0.8, 3.0), rng.uniform(-math.pi, math.pi)

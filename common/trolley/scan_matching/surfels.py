@@ -1,6 +1,7 @@
 """Surfels of a neighbourhood: filling them from keyframes, and comparing scans with them."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,8 @@ def clear_surfels(surfels: Surfels) -> None:
 def add_surfels(
     surfels: Surfels,
     count: int,
-    points: NDArray[np.float32],
-    normals: NDArray[np.float32],
+    points: NDArray[np.floating[Any]],
+    normals: NDArray[np.floating[Any]],
     pose: NDArray[np.float64],
     owner: int,
 ) -> int:
