@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import msgspec
 import pytest
 from bench.harness.drives import CORRIDOR, ENTRANCE, KITCHEN, Drive, drive_tour, simulated
 from bench.harness.paths import WORLDS
@@ -9,6 +10,9 @@ from bench.localizer.mirror import MIRROR, ON_MIRROR_M, Ear, from_mirror_m
 
 from trolley.geometry import Pose2D
 from trolley.runtime.lockstep import Lockstep
+from trolley_base.service import BaseService
+from trolley_base.simulation.simulated_hardware import SimulatedChassis
+from trolley_base.world.faulty_wheels import BOTH, Trouble
 
 START = Pose2D(0.549, 0.218, 0.2579)
 STOPS = {"corridor": CORRIDOR, "entrance": ENTRANCE, "kitchen": KITCHEN}
@@ -43,6 +47,28 @@ def test_tour_arrives_past_mirror_and_obstacles(seed: int) -> None:
 )
 def test_tour_arrives_with_real_motors_lidar_floor_and_people(seed: int) -> None:
     found = drive(seed, world="real.toml")
+    assert found.arrived, found.why
+    assert found.collisions == 0
+    assert found.position_errors.max() < 0.15
+
+
+@pytest.mark.parametrize(
+    "seed", [101, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (100, 102, 103))]
+)
+def test_tour_arrives_without_encoders(seed: int) -> None:
+    config = simulated(WORLDS / "real.toml", WORLDS / "apartment.yaml", START, seed)
+    odometry = msgspec.structs.replace(config.base.odometry, source="lidar")
+    base = msgspec.structs.replace(config.base, odometry=odometry)
+    config = msgspec.structs.replace(config, base=base)
+
+    def cut_encoders(lockstep: Lockstep) -> None:
+        service = lockstep.nodes["base"].service
+        assert isinstance(service, BaseService)
+        chassis = service.hardware.chassis
+        assert isinstance(chassis, SimulatedChassis)
+        chassis.wheels.trouble = Trouble(stuck_encoders=BOTH)
+
+    found = drive_tour(config, seed, STOPS, on_ready=cut_encoders)
     assert found.arrived, found.why
     assert found.collisions == 0
     assert found.position_errors.max() < 0.15

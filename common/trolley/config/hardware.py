@@ -225,8 +225,11 @@ def _is_right_handed(axes: tuple[Axis, Axis, Axis]) -> bool:
 
 
 class OdometryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.odometry]`: corrections of what the wheels report; `trolley calibrate` finds them."""
+    """`[base.odometry]`: what tells motion; corrections of wheels, from `trolley calibrate`."""
 
+    source: Literal["wheels", "lidar", "both"] = "wheels"
+    """`lidar` compares each scan with those before it, for a base without encoders; `both` corrects
+    by that what the wheels report. A gyro is used with each of them."""
     linear_scale: Scale = 1.0
     """True metres per reported metre, forwards and backwards."""
     sideways_scale: Scale = 1.0

@@ -173,6 +173,20 @@ class ScanOdometry:
         self.pose = Pose2D.identity()
         """start_T_base, at the newest scan."""
 
+    @property
+    def twist(self) -> Twist2D:
+        """How it is expected to go on [m/s, rad/s]."""
+        return self._twist
+
+    @property
+    def is_lost(self) -> bool:
+        """It does not know any more how the robot has moved: not one of the last scans fitted."""
+        return self._num_lost >= PARAMS.patience
+
+    def expect(self, elapsed_s: float) -> Prior:
+        """Return what is usual for such a robot so long after the scan before [s]."""
+        return self._expect(self._twist, elapsed_s)
+
     def update(
         self, scan: ScanInput, duration_s: float = 0.0, prior: Prior | None = None
     ) -> ScanMotion:
@@ -182,7 +196,8 @@ class ScanOdometry:
             scan: what the lidar saw; its odometry is not looked at.
             duration_s: from the first beam to the last one [s], negative for a lidar that turns
                 clockwise; 0 if the scan was taken at once, or corrected already.
-            prior: what is expected; None: what is usual for such a robot.
+            prior: what is expected; None: what is usual for such a robot. That is also tried where
+                a scan fits badly.
 
         Raises:
             ValueError: it is not newer.
@@ -200,16 +215,18 @@ class ScanOdometry:
         is_gap = elapsed_s > PARAMS.gap_s
         if is_gap:
             self._num_lost = PARAMS.patience
-        prior = prior or self._expect(self._twist, elapsed_s)
-        expected = log_pose(prior.step).scaled(1.0 / elapsed_s)
+        usual = self.expect(elapsed_s)
+        given = prior or usual
+        expected = log_pose(given.step).scaled(1.0 / elapsed_s)
         sweep = _sweep(scan, expected, duration_s)
-        moved, information, is_lost = self._align(
-            sweep.cloud, prior, prior.step, sweep.is_blind or is_gap
-        )
+        is_blind = sweep.is_blind or is_gap
+        moved, information, prior, is_lost = self._align(sweep.cloud, given, usual, is_blind)
         twist = log_pose(moved).scaled(1.0 / elapsed_s)
         if not is_lost and _differ(twist, expected, duration_s):
             sweep = _sweep(scan, twist, duration_s)
-            moved, information, is_lost = self._align(sweep.cloud, prior, moved, sweep.is_blind)
+            moved, information, prior, is_lost = self._align(
+                sweep.cloud, prior, usual, sweep.is_blind, moved
+            )
             twist = log_pose(moved).scaled(1.0 / elapsed_s)
         unsteady = _least_variance(twist, self._twist, duration_s)
         self._stamp_ns = scan.stamp_ns
@@ -233,27 +250,32 @@ class ScanOdometry:
         self._last_step = moved, elapsed_s
 
     def _align(
-        self, cloud: Cloud, prior: Prior, start: Pose2D, is_blind: bool
-    ) -> tuple[Pose2D, NDArray[np.float64], bool]:
-        """Return the step, the information on it in the frame now, and whether it is lost."""
+        self,
+        cloud: Cloud,
+        prior: Prior,
+        usual: Prior,
+        is_blind: bool,
+        start: Pose2D | None = None,
+    ) -> tuple[Pose2D, NDArray[np.float64], Prior, bool]:
+        """Return the step, the information on it in the frame now, its prior, and whether lost."""
         if is_blind or self._surfels is None:
-            return prior.step, np.zeros((3, 3)), True
-        best = self._align_from(start, cloud, prior)
+            return prior.step, np.zeros((3, 3)), prior, True
+        best, held = self._align_from(start or prior.step, cloud, prior), prior
         if best.fit < PARAMS.usual_fit:
-            others = [prior.step @ Pose2D(0.0, 0.0, turn) for turn in PARAMS.other_turns]
-            for one in [Pose2D.identity(), *others]:
-                other = self._align_from(one, cloud, prior)
+            turns = [usual.step @ Pose2D(0.0, 0.0, turn) for turn in PARAMS.other_turns]
+            for one in [usual.step, Pose2D.identity(), *turns]:
+                other = self._align_from(one, cloud, usual)
                 if other.fit > best.fit + PARAMS.better_fit:
-                    best = other
+                    best, held = other, usual
         if best.partners < PARAMS.least_partners or best.fit < PARAMS.least_fit:
-            return prior.step, np.zeros((3, 3)), True
-        return best.step, best.information, False
+            return prior.step, np.zeros((3, 3)), prior, True
+        return best.step, best.information, held, False
 
     def _align_from(self, start: Pose2D, cloud: Cloud, prior: Prior) -> "_Alignment":
         assert self._surfels is not None
         expected = (self.pose @ prior.step).as_array()
         pose, information = (self.pose @ start).as_array(), np.zeros((3, 3))
-        held = np.linalg.inv(_turned(prior.covariance, self.pose.yaw))
+        held = np.asarray(np.linalg.inv(_turned(prior.covariance, self.pose.yaw)), np.float64)
         gain = gain_of(len(cloud.points))
         params = AlignmentParams(
             PARAMS.first_reach_m,

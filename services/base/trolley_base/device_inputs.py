@@ -5,7 +5,7 @@ import numpy as np
 
 from trolley import codes, topics
 from trolley.config import RobotConfig
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Battery, Link, Odometry, Scan, Transform, floats_to_bytes
 from trolley.messages.motion import CHASSIS
 from trolley.runtime.service import Service, gets
@@ -35,14 +35,21 @@ class DeviceInputs:
         echoes: what the lidar saw near the robot.
         space: which floor it has seen to be free.
         view: how much of its surroundings it sees.
+        base_T_laser: where it sits.
     """
 
     def __init__(
-        self, service: Service, echoes: NearEchoes, space: ObservedSpace, view: LidarView
+        self,
+        service: Service,
+        echoes: NearEchoes,
+        space: ObservedSpace,
+        view: LidarView,
+        base_T_laser: Pose2D,
     ) -> None:
         self._service = service
         self._near_echoes = echoes
         self._space = space
+        self._base_T_laser = base_T_laser
         self.view = view
         """How much of its surroundings the lidar sees."""
         self._chassis = ChassisReading((), Link(name=CHASSIS, state="searching"))
@@ -64,7 +71,8 @@ class DeviceInputs:
     ) -> None:
         """Begin a run with devices that have been opened."""
         self._hardware = hardware
-        self._reckoning = DeadReckoning(config, scales, epoch_ns)
+        self._reckoning = DeadReckoning(config, scales, epoch_ns, self._base_T_laser)
+        self._frozen = FrozenLidar(knows_motion=self._reckoning.has_wheels)
         self._device_log = DeviceLog(self._service.log, self._service.count)
 
     @property
@@ -112,6 +120,10 @@ class DeviceInputs:
         self.echoes = self._near_echoes.points(odom_T_base)
         self.unseen = self._space.unseen(odom_T_base)
 
+    def command(self, now_ns: int, twist: Twist2D) -> None:
+        """Take what is driven from now on."""
+        self._reckoning.command(now_ns, twist)
+
     def _read_chassis(self, now_ns: int) -> None:
         reading = self._chassis = self._reckoning.add_reading(self._hardware.chassis.read())
         self._has_moved = self._has_moved or bool(reading.motions)
@@ -124,6 +136,9 @@ class DeviceInputs:
         reading = self._hardware.lidar.read()
         self._lidar = reading.link
         self._device_log.add(now_ns, reading.link, reading.notes, reading.counts)
+        for scan in reading.scans:
+            self._reckoning.add_scan(scan)
+        self._has_moved = self._reckoning.carry_on(now_ns) or self._has_moved
         # With each scan the odometry up to its last beam, so that nobody has to wait for it.
         if self._has_moved and (self._odometry_beat.is_due(now_ns) or reading.scans):
             self._has_moved = False

@@ -74,6 +74,7 @@ class DriveControl:
             now_ns, self._inputs.echoes, restriction, self._inputs.unseen
         )
         self._chassis.drive(self._scales.reported_twist(self.decision.twist))
+        self._inputs.command(now_ns, self.decision.twist)
         self._watch.command(now_ns, self.decision.twist, is_heard=state.chassis.link.state == "up")
 
     @on(topics.COMMAND, wakes=False)

@@ -32,6 +32,9 @@ from trolley_base.timekeeper import Timekeeper
 CONTROL_S = 0.02
 """One control period: read, decide, drive. It is two steps of a simulated world."""
 
+LIDAR_BLUR_S = 0.35
+"""Over up to so long a time the lidar of a robot without encoders tells the mean motion [s]."""
+
 
 class BaseService(Service):
     """Owns the hardware, odometry and robot time, and decides which command is driven."""
@@ -64,8 +67,11 @@ class BaseService(Service):
             NearEchoes(mount, field.reach),
             ObservedSpace(footprint, mount, sight.reach),
             LidarView(footprint, mount),
+            mount,
         )
-        supervision = MotionSupervision(limits, half_track_of(config, footprint), device.delay_s)
+        blur_s = LIDAR_BLUR_S if config.base.odometry.source == "lidar" else 0.0
+        half_track_m = half_track_of(config, footprint)
+        supervision = MotionSupervision(limits, half_track_m, device.delay_s, blur_s)
         watch = MotionWatch(self, supervision, can_drive=not device.cannot_drive)
         self._reporter = StateReporter(self, clock, self._inputs, watch)
         self._drive = DriveControl(

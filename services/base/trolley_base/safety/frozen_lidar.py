@@ -26,6 +26,9 @@ class FrozenLidarParams:
     """Distance that the robot must have driven meanwhile [m]."""
     turned_rad: float = 0.05
     """Turn that does instead of `moved_m` [rad]."""
+    most_repeated: int = 3
+    """Number of repetitions in a row that a lidar is allowed which alone says how the robot moves.
+    """
     kept: int = 4
     """Number of scans that are compared: what is repeated may be cut into revolutions in turn here
     and there."""
@@ -35,18 +38,29 @@ PARAMS = FrozenLidarParams()
 
 
 class FrozenLidar:
-    """Compares each scan with the last that differ from each other."""
+    """Compares each scan with the last that differ from each other.
 
-    def __init__(self) -> None:
+    Args:
+        knows_motion: something else than the lidar says how the robot moves; else a scan that is
+            repeated once too often is enough.
+    """
+
+    def __init__(self, *, knows_motion: bool = True) -> None:
+        self._knows_motion = knows_motion
+        self._repeated = 0
         self._seen: deque[tuple[LidarScan, Pose2D]] = deque(maxlen=PARAMS.kept)
 
     def update(self, scan: LidarScan, odom_T_base: Pose2D) -> bool:
         """Take a new scan, and say whether the lidar repeats itself although the robot moved."""
         for before, there in self._seen:
             if _are_same(before, scan):
+                self._repeated += 1
+                if not self._knows_motion:
+                    return self._repeated > PARAMS.most_repeated
                 turned = abs(angle_difference(odom_T_base.yaw, there.yaw))
                 moved_m = there.distance_to(odom_T_base)
                 return moved_m > PARAMS.moved_m or turned > PARAMS.turned_rad
+        self._repeated = 0
         self._seen.append((scan, odom_T_base))
         return False
 

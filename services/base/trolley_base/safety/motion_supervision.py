@@ -397,15 +397,21 @@ class MotionSupervision:
         limits: of the motion.
         half_track_m: half of the distance between left and right wheels, roughly [m].
         delay_s: longest time from a command until odometry shows that the wheels follow it.
+        blur_s: longest time over which one motion is the mean [s]; wheels report so often that it
+            does not matter.
     """
 
     def __init__(
-        self, limits: MotionLimits, half_track_m: float, delay_s: float = math.inf
+        self,
+        limits: MotionLimits,
+        half_track_m: float,
+        delay_s: float = math.inf,
+        blur_s: float = 0.0,
     ) -> None:
         self._limits = limits
         self._half_track_m = half_track_m
         measured_ns = round(min(delay_s * 1e9, PARAMS.delay_ns))
-        self._delay_ns = max(measured_ns, PARAMS.least_delay_ns)
+        self._delay_ns = max(measured_ns, PARAMS.least_delay_ns) + round(blur_s * 1e9)
         self._following_ns = self._delay_ns + PARAMS.following_ns
         self.forget()
 
