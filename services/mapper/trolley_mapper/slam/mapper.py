@@ -155,8 +155,9 @@ class Mapper:
             self._matcher.loosen(PARAMS.jump_devs)
             self._add_odometry(_covariance(PARAMS.jump_devs))
         step = self._odometry_scale.correct(motion.step)
-        self._matcher.predict(step)
-        self._add_odometry(motion_covariance(_distance_m(motion.step), abs(step.yaw)))
+        covariance = self._odometry_scale.covariance(step)
+        self._matcher.predict(step, covariance)
+        self._add_odometry(covariance)
         return motion
 
     def _judge(self, quality: MatchQuality, motion: Motion) -> None:

@@ -29,8 +29,16 @@ class MotionModelParams:
 PARAMS = MotionModelParams()
 
 
-def motion_covariance(distance_m: float, turn_rad: float) -> NDArray[np.float64]:
-    """Return the covariance (3, 3) of an odometry step, the same in all directions."""
-    dev_m = PARAMS.still_m + PARAMS.distance_share * distance_m
+def motion_covariance(
+    distance_m: float, turn_rad: float, distance_share: float = PARAMS.distance_share
+) -> NDArray[np.float64]:
+    """Return the covariance (3, 3) of an odometry step, the same in all directions.
+
+    Args:
+        distance_m: driven.
+        turn_rad: turned.
+        distance_share: deviation of the position, as a share of the distance.
+    """
+    dev_m = PARAMS.still_m + distance_share * distance_m
     dev_rad = PARAMS.still_rad + PARAMS.turn_share * turn_rad + PARAMS.turn_rad_per_m * distance_m
     return np.diag([dev_m**2, dev_m**2, dev_rad**2])

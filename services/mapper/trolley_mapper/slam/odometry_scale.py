@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley_mapper.slam.motion_model import PARAMS as MOTION
+from trolley_mapper.slam.motion_model import motion_covariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,12 @@ class OdometryScaleParams:
     """Disagreement above which the wheels slipped, rather than the scale being wrong."""
     max_bend_rad: float = 0.4
     """Bend above which paths are left out: their chord says little of their length [rad]."""
+    share_weight: float = 3.0
+    """Number of measurements that the motion model's deviation of distances counts as."""
+    share_bounds: tuple[float, float] = (0.03, 0.12)
+    """Least and greatest deviation of distances that is learnt, as a share of the distance."""
+    share_fading: float = 0.97
+    """f"""
     min_information: tuple[float, float] = (2500.0, 2500.0)
     """Least information of the scan on distance and turn [1/m^2, 1/rad^2]."""
 
@@ -43,11 +51,19 @@ class OdometryScale:
         self._raw = Pose2D.identity()
         doubt = np.square(PARAMS.errors) / PARAMS.scale_dev**2
         self._products, self._squares = doubt.copy(), doubt.copy()
+        self._num_shares = PARAMS.share_weight
+        self._squared_shares = PARAMS.share_weight * MOTION.distance_share**2
 
     def correct(self, step: Pose2D) -> Pose2D:
         """Return a step as it was probably driven."""
         self._raw = self._raw @ step
         return Pose2D(self.distance * step.x, self.distance * step.y, self.turn * step.yaw)
+
+    def covariance(self, step: Pose2D) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of a corrected step."""
+        share = math.sqrt(self._squared_shares / self._num_shares)
+        share = min(max(share, PARAMS.share_bounds[0]), PARAMS.share_bounds[1])
+        return motion_covariance(math.hypot(step.x, step.y), abs(step.yaw), share)
 
     def restart(self) -> None:
         """Start measuring again, from a pose that is known."""
@@ -71,8 +87,14 @@ class OdometryScale:
             and reported >= PARAMS.min_distance_m
             and is_straight
         ):
+            self._learn_share(abs(driven - self.distance * reported) / reported)
             self._add(0, driven, reported)
         self.distance, self.turn = (self._products / self._squares).tolist()
+
+    def _learn_share(self, share: float) -> None:
+        share = min(share, 3.0 * MOTION.distance_share)
+        self._num_shares = PARAMS.share_fading * self._num_shares + 1.0
+        self._squared_shares = PARAMS.share_fading * self._squared_shares + share**2
 
     def _add(self, which: int, driven: float, reported: float) -> None:
         """Add a measurement of the distance (0) or the turn (1), unless the wheels slipped."""

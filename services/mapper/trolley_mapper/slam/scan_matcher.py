@@ -234,17 +234,15 @@ class ScanMatcher:
         """Move along with the map, by a motion (3,) of its frame."""
         self.pose = compose(new_map_T_old_map, self.pose)
 
-    def predict(self, step: Pose2D) -> None:
-        """Carry the pose through one odometry step."""
+    def predict(self, step: Pose2D, covariance: NDArray[np.float64]) -> None:
+        """Carry the pose through one odometry step with a covariance (3, 3)."""
         distance_m = math.hypot(step.x, step.y)
         self._before, self._odometry_step = self.pose, step
         moved = compose(self.pose, step.as_array())
         carry = np.eye(3)
         carry[0, 2] = -(moved[1] - self.pose[1])
         carry[1, 2] = moved[0] - self.pose[0]
-        self.covariance = carry @ self.covariance @ carry.T + motion_covariance(
-            distance_m, abs(step.yaw)
-        )
+        self.covariance = carry @ self.covariance @ carry.T + covariance
         self.pose = moved
         self._unseen = (self._unseen[0] + distance_m, self._unseen[1] + abs(step.yaw))
 
