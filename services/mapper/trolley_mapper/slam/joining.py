@@ -20,9 +20,18 @@ from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
 from trolley.scan_matching.sweep import Sweep
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.local_map import LocalMap
-from trolley_mapper.slam.loop_closure import Closure, Place, agree, closing, relax, total_error
+from trolley_mapper.slam.loop_closure import PARAMS as LOOPS
+from trolley_mapper.slam.loop_closure import (
+    Closure,
+    Place,
+    agree,
+    closing,
+    pinned,
+    relax,
+    total_error,
+)
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
-from trolley_mapper.slam.pose_graph import Edge, between, compose, to_frame
+from trolley_mapper.slam.pose_graph import Edge, between, compose
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +59,16 @@ class JoinParams:
     """
     turn_m: float = 0.5
     """Distance that shows as much that is new as a turn by 1 rad [m/rad]."""
+    odometry_cost: float = 30.0
+    """Most log-likelihood that the odometry costs a place, since the robot may have been carried
+    there: as of two scans that fit well."""
+    near_cost: float = 4.5
+    """Log-likelihood of the odometry against a place up to which it bears the place out: up to
+    three standard deviations."""
+    far_times: float = 2.0
+    """Factor on the distance over which closures must agree that the odometry contradicts."""
     clear_explained: float = 0.75
     """Share of their points that scans must explain to show little that is new."""
-    pinned: float = 100.0
-    """Information on the place that the scans must give together in every direction, or they may
-    lie anywhere along a corridor [1/m^2]."""
     lead: float = 20.0
     """Lead in log-likelihood over any other place: as of one scan that fits well, and nowhere else.
     """
@@ -80,7 +94,7 @@ class Joint:
     Attributes:
         number: of its first keyframe.
         pose: (3,) where the odometry had it.
-        covariance: (3, 3) of that; None: it may lie anywhere.
+        covariance: (3, 3) of that; None: it may lie anywhere, and the odometry says nothing.
         edge: from the keyframe before, if only the lidar was covered in between.
     """
 
@@ -226,32 +240,45 @@ class JoinJob:
         if not groups or len(groups[-1]) < 2:
             return []
         best = groups[-1]
-        if not self.is_searched or self._pinned(best) < PARAMS.pinned:
+        if not self.is_searched or pinned(self.store, [one.edge for one in best]) < LOOPS.min_pinned:
             return []
         rivals = [one for one in every if not self._is_same(one, best[-1])]
         rival = max((self._likelihood(one, rivals) for one in rivals), default=0.0)
-        if self._likelihood(best[-1], best) < rival + PARAMS.lead:
+        if self._likelihood(best[-1], best) < max(rival, 0.0) + PARAMS.lead:
             return []
-        is_clear = min(one.quality.explained for one in best) >= PARAMS.clear_explained
-        wanted_m = PARAMS.clear_proof_m if is_clear else PARAMS.proof_m
-        return best if self._shown(best) >= wanted_m else []
+        return best if self._shown(best) >= self._wanted_m(best) else []
 
-    def _pinned(self, closures: Sequence[Closure]) -> float:
-        """Return what closures say of the place in the direction in which they say least."""
-        total = np.zeros((3, 3))
-        for one in closures:
-            yaw = float(compose(self.store.pose(one.edge.first), one.edge.step)[2])
-            total += to_frame(one.edge.information, -yaw)
-        return float(np.linalg.eigvalsh(total[:2, :2])[0])
+    def _wanted_m(self, closures: Sequence[Closure]) -> float:
+        """Return the distance over which closures must agree to be believed [m]."""
+        is_clear = min(one.quality.explained for one in closures) >= PARAMS.clear_explained
+        wanted_m = PARAMS.clear_proof_m if is_clear else PARAMS.proof_m
+        if self.joint.covariance is None:
+            return wanted_m
+        is_near = self._odometry_cost(closures[-1]) <= PARAMS.near_cost
+        return PARAMS.clear_proof_m if is_near else PARAMS.far_times * wanted_m
 
     def _likelihood(self, closure: Closure, others: Sequence[Closure]) -> float:
-        """Return the log-likelihood of all scans that were found where a closure leads."""
+        """Return the log-likelihood of all scans that were found where a closure leads.
+
+        What the odometry says of the place counts, too.
+        """
         best: dict[int, float] = {}
         for one in others:
             if self._is_same(one, closure):
                 number, value = one.edge.second, one.quality.log_likelihood
                 best[number] = max(value, best.get(number, 0.0))
-        return sum(best.values())
+        return sum(best.values()) - self._odometry_cost(closure)
+
+    def _odometry_cost(self, closure: Closure) -> float:
+        """Return what the odometry across the gap says against where a closure leads."""
+        if self.joint.covariance is None:
+            return 0.0
+        begin_T_here = between(self.store.pose(self.joint.number), self.store.poses[-1])
+        begin = compose(self._leads_to(closure), between(begin_T_here, np.zeros(3)))
+        away = begin - self.joint.pose
+        away[2] = math.remainder(away[2], 2.0 * math.pi)
+        cost = 0.5 * float(away @ np.linalg.solve(self.joint.covariance, away))
+        return min(cost, PARAMS.odometry_cost)
 
     def _shown(self, closures: Sequence[Closure]) -> float:
         """Return how far apart the scans of closures were taken at most [m], turns counted in."""

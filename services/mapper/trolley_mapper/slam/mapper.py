@@ -49,6 +49,9 @@ class MapperParams:
     """Standard deviations of a start pose on an existing map [m, rad]."""
     slip_devs: tuple[float, float] = (0.3, 0.3)
     """Standard deviations of the odometry over a step in which the wheels slipped [m, rad]."""
+    break_devs: tuple[float, float] = (0.5, 1.8)
+    """Standard deviations of the odometry where scans contradict it: wheels that miss a turn tell
+    the place about right, and nothing of the heading [m, rad]."""
     blind_devs: tuple[float, float] = (0.35, 0.2)
     """Standard deviations above which one scan cannot tell where the robot is after driving
     blindly: a new part begins [m, rad]."""
@@ -216,11 +219,14 @@ class Mapper:
         """Begin a part of which only the odometry says how it lies to the map, if that."""
         store, pose, number = self._map.store, self._matcher.pose, self._map.next_number
         covariance = edge = None
-        if store.newest.is_blind and self._odometry_covariance is not None:
-            poses = (store.poses[-1], pose)
-            ends = (store.newest.number, number)
-            edge = odometry_edge(ends, poses, self._odometry_covariance, np.zeros((3, 3)))
+        if self._odometry_covariance is not None:
             covariance = self._matcher.covariance.copy()
+            if self._tracking.breaks:
+                covariance += _covariance(PARAMS.break_devs)
+            elif store.newest.is_blind:
+                poses = (store.poses[-1], pose)
+                ends = (store.newest.number, number)
+                edge = odometry_edge(ends, poses, self._odometry_covariance, np.zeros((3, 3)))
         self._drop_small_part()
         self._tracking = TrackingState.lost()
         self._matcher.reset(pose, PARAMS.origin_devs)
