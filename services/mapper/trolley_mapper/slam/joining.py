@@ -65,8 +65,8 @@ class JoinParams:
     near_cost: float = 4.5
     """Log-likelihood of the odometry against a place up to which it bears the place out: up to
     three standard deviations."""
-    far_times: float = 2.0
-    """Factor on the distance over which closures must agree that the odometry contradicts."""
+    far_proof_m: float = 6.0
+    """Distance driven over which closures must agree that the odometry contradicts [m]."""
     clear_explained: float = 0.75
     """Share of their points that scans must explain to show little that is new."""
     lead: float = 20.0
@@ -251,11 +251,12 @@ class JoinJob:
     def _wanted_m(self, closures: Sequence[Closure]) -> float:
         """Return the distance over which closures must agree to be believed [m]."""
         is_clear = min(one.quality.explained for one in closures) >= PARAMS.clear_explained
-        wanted_m = PARAMS.clear_proof_m if is_clear else PARAMS.proof_m
+        if is_clear:
+            return PARAMS.clear_proof_m
         if self.joint.covariance is None:
-            return wanted_m
+            return PARAMS.proof_m
         is_near = self._odometry_cost(closures[-1]) <= PARAMS.near_cost
-        return PARAMS.clear_proof_m if is_near else PARAMS.far_times * wanted_m
+        return PARAMS.clear_proof_m if is_near else PARAMS.far_proof_m
 
     def _likelihood(self, closure: Closure, others: Sequence[Closure]) -> float:
         """Return the log-likelihood of all scans that were found where a closure leads.
