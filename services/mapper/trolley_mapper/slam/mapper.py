@@ -30,7 +30,7 @@ from trolley_mapper.slam.keyframe_map import KeyframeMap
 from trolley_mapper.slam.local_map import LocalMap, Neighbourhood
 from trolley_mapper.slam.loop_closure import LoopJob
 from trolley_mapper.slam.motion_model import motion_covariance
-from trolley_mapper.slam.odometry_scale import OdometryScale
+from trolley_mapper.slam.odometry_model import OdometryModel
 from trolley_mapper.slam.pose_graph import Edge, between, to_frame
 from trolley_mapper.slam.scan_matcher import MatchQuality, ScanMatch, ScanMatcher
 from trolley_mapper.slam.serialization import State, unpack
@@ -85,7 +85,7 @@ class Mapper:
         self._config = config
         self._map = KeyframeMap(config, prior)
         self._matcher = ScanMatcher(config.max_range_m)
-        self._odometry_scale = OdometryScale()
+        self._odometry_model = OdometryModel()
         self._tracking = TrackingState()
         self._neighbourhood = Neighbourhood(config)
         self._back_end = BackEnd(config)
@@ -157,8 +157,8 @@ class Mapper:
         if motion.is_jump:
             self._matcher.loosen(PARAMS.jump_devs)
             self._add_odometry(_covariance(PARAMS.jump_devs))
-        step = self._odometry_scale.correct(motion.step)
-        covariance = self._odometry_scale.covariance(step)
+        step = self._odometry_model.correct(motion.step)
+        covariance = self._odometry_model.covariance(step)
         self._matcher.predict(step, covariance)
         self._add_odometry(covariance)
         return motion
@@ -249,7 +249,7 @@ class Mapper:
         pose, number = self._matcher.pose, self._map.next_number
         edges = self._edges(number, match)
         self._map.add(Keyframe.of(number, scan.stamp_ns, sweep), pose, edges)
-        self._odometry_scale.restart()
+        self._odometry_model.restart()
         self._odometry_covariance = np.zeros((3, 3))
         self._neighbourhood.invalidate()
         if len(sweep.cloud.points):
@@ -266,7 +266,7 @@ class Mapper:
             edges, matched = scan_match_edges(number, self._local_map(), pose, cloud, previous)
             if previous is not None:
                 moved = between(store.poses[-1], pose)
-                self._odometry_scale.learn(moved, to_frame(match.information, float(pose[2])))
+                self._odometry_model.learn(moved, to_frame(match.information, float(pose[2])))
         if previous is not None and odometry is not None:
             poses = (store.poses[-1], pose)
             edges.append(odometry_edge((previous, number), poses, odometry, matched))

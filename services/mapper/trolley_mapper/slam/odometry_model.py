@@ -12,8 +12,8 @@ from trolley_mapper.slam.motion_model import motion_covariance
 
 
 @dataclass(frozen=True, slots=True)
-class OdometryScaleParams:
-    """How the odometry's scales are estimated. Found with bench/mapper/."""
+class OdometryModelParams:
+    """How the odometry's errors are estimated. Found with bench/mapper/."""
 
     scale_dev: float = 0.06
     """Standard deviation of the scales before the first metre."""
@@ -30,20 +30,28 @@ class OdometryScaleParams:
     max_bend_rad: float = 0.4
     """Bend above which paths are left out: their chord says little of their length [rad]."""
     share_weight: float = 3.0
-    """Number of measurements that the motion model's deviation of distances counts as."""
-    share_bounds: tuple[float, float] = (0.03, 0.12)
-    """Least and greatest deviation of distances that is learnt, as a share of the distance."""
+    """Number of distances that the motion model counts as, before any was compared."""
     share_fading: float = 0.97
-    """f"""
+    """Factor on the weight of a distance's deviation with each later one, so that some 30 count:
+    floors change."""
+    min_share: float = 0.03
+    """Least deviation of a distance, as a share of it: the scans that it is learnt from err, too."""
+    max_share: float = 0.36
+    """Greatest deviation that a distance counts with, as a share of it: slip tells no more."""
     min_information: tuple[float, float] = (2500.0, 2500.0)
     """Least information of the scan on distance and turn [1/m^2, 1/rad^2]."""
 
 
-PARAMS = OdometryScaleParams()
+PARAMS = OdometryModelParams()
 
 
-class OdometryScale:
-    """Scales of distance and turn by which odometry is to be multiplied."""
+class OdometryModel:
+    """Scales of distance and turn by which odometry is to be multiplied, and what is left to err.
+
+    With a scan a metre the deviation of distances decides whether a corridor, where scans do not
+    show the place along it, is mapped as long as it is: the motion model's has to be wide enough
+    for any robot, and this one's is often a quarter of it.
+    """
 
     def __init__(self) -> None:
         self.distance = 1.0
@@ -51,6 +59,7 @@ class OdometryScale:
         self._raw = Pose2D.identity()
         doubt = np.square(PARAMS.errors) / PARAMS.scale_dev**2
         self._products, self._squares = doubt.copy(), doubt.copy()
+        # Number and sum of the squared deviations of distances, as shares of them.
         self._num_shares = PARAMS.share_weight
         self._squared_shares = PARAMS.share_weight * MOTION.distance_share**2
 
@@ -60,10 +69,14 @@ class OdometryScale:
         return Pose2D(self.distance * step.x, self.distance * step.y, self.turn * step.yaw)
 
     def covariance(self, step: Pose2D) -> NDArray[np.float64]:
-        """Return the covariance (3, 3) of a corrected step."""
+        """Return the covariance (3, 3) of a step that was corrected."""
+        return motion_covariance(math.hypot(step.x, step.y), abs(step.yaw), self.distance_share)
+
+    @property
+    def distance_share(self) -> float:
+        """Standard deviation of a distance that was corrected, as a share of it."""
         share = math.sqrt(self._squared_shares / self._num_shares)
-        share = min(max(share, PARAMS.share_bounds[0]), PARAMS.share_bounds[1])
-        return motion_covariance(math.hypot(step.x, step.y), abs(step.yaw), share)
+        return min(max(share, PARAMS.min_share), MOTION.distance_share)
 
     def restart(self) -> None:
         """Start measuring again, from a pose that is known."""
@@ -87,14 +100,9 @@ class OdometryScale:
             and reported >= PARAMS.min_distance_m
             and is_straight
         ):
-            self._learn_share(abs(driven - self.distance * reported) / reported)
+            self._add_share(abs(driven - self.distance * reported) / reported)
             self._add(0, driven, reported)
         self.distance, self.turn = (self._products / self._squares).tolist()
-
-    def _learn_share(self, share: float) -> None:
-        share = min(share, 3.0 * MOTION.distance_share)
-        self._num_shares = PARAMS.share_fading * self._num_shares + 1.0
-        self._squared_shares = PARAMS.share_fading * self._squared_shares + share**2
 
     def _add(self, which: int, driven: float, reported: float) -> None:
         """Add a measurement of the distance (0) or the turn (1), unless the wheels slipped."""
@@ -103,3 +111,9 @@ class OdometryScale:
             return
         self._products[which] = PARAMS.fading * self._products[which] + driven * reported
         self._squares[which] = PARAMS.fading * self._squares[which] + reported * reported
+
+    def _add_share(self, share: float) -> None:
+        """Add by which share of it a corrected distance was off."""
+        self._num_shares = PARAMS.share_fading * self._num_shares + 1.0
+        self._squared_shares *= PARAMS.share_fading
+        self._squared_shares += min(share, PARAMS.max_share) ** 2
