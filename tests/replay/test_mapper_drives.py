@@ -59,3 +59,11 @@ def test_a_floor_of_offices_with_a_scan_a_metre_is_mapped_without_a_place_shown_
     assert revisits.num_closed == revisits.num_loops == 3
     assert not revisits.is_wrong.any()
     assert result.errors_m.mean() < 0.1
+
+
+def test_a_turn_that_the_wheels_miss_on_the_way_to_new_corridors_bends_nothing() -> None:
+    # What lies behind it looks like corridors that are known, 17 m away.
+    result = through_building("missed-turns", 11)
+    revisits = result.revisits
+    assert revisits.num_closed == revisits.num_loops == 6
+    assert not revisits.is_wrong.any()
