@@ -240,7 +240,8 @@ class JoinJob:
         if not groups or len(groups[-1]) < 2:
             return []
         best = groups[-1]
-        if not self.is_searched or pinned(self.store, [one.edge for one in best]) < LOOPS.min_pinned:
+        information = pinned(self.store, [one.edge for one in best])
+        if not self.is_searched or information < LOOPS.min_pinned:
             return []
         rivals = [one for one in every if not self._is_same(one, best[-1])]
         rival = max((self._likelihood(one, rivals) for one in rivals), default=0.0)

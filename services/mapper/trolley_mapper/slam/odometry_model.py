@@ -35,7 +35,7 @@ class OdometryModelParams:
     """Factor on the weight of a distance's deviation with each later one, so that some 30 count:
     floors change."""
     min_share: float = 0.03
-    """Least deviation of a distance, as a share of it: the scans that it is learnt from err, too."""
+    """Least deviation of a distance, as a share of it: the scans that teach it err, too."""
     max_share: float = 0.36
     """Greatest deviation that a distance counts with, as a share of it: slip tells no more."""
     min_information: tuple[float, float] = (2500.0, 2500.0)
