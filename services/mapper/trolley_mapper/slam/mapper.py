@@ -217,22 +217,28 @@ class Mapper:
 
     def _begin_part(self, scan: ScanInput, sweep: Sweep) -> None:
         """Begin a part of which only the odometry says how it lies to the map, if that."""
-        store, pose, number = self._map.store, self._matcher.pose, self._map.next_number
-        covariance = edge = None
-        if self._odometry_covariance is not None:
-            covariance = self._matcher.covariance.copy()
-            if self._tracking.breaks:
-                covariance += _covariance(PARAMS.break_devs)
-            elif store.newest.is_blind:
-                poses = (store.poses[-1], pose)
-                ends = (store.newest.number, number)
-                edge = odometry_edge(ends, poses, self._odometry_covariance, np.zeros((3, 3)))
+        joint = self._joint()
         self._drop_small_part()
         self._tracking = TrackingState.lost()
-        self._matcher.reset(pose, PARAMS.origin_devs)
+        self._matcher.reset(joint.pose, PARAMS.origin_devs)
         self._odometry_covariance = None
         self._add_keyframe(scan, sweep)
-        self._back_end.part_began(Joint(number, pose.copy(), covariance, edge))
+        self._back_end.part_began(joint)
+
+    def _joint(self) -> Joint:
+        """Return what the odometry says of how a part that begins here lies to the map."""
+        store, pose, number = self._map.store, self._matcher.pose.copy(), self._map.next_number
+        covariance = edge = None
+        if store.newest.is_blind and self._odometry_covariance is not None:
+            poses = (store.poses[-1], pose)
+            ends = (store.newest.number, number)
+            edge = odometry_edge(ends, poses, self._odometry_covariance, np.zeros((3, 3)))
+        breaks = self._tracking.breaks
+        was_on_map = (breaks or not self._tracking.is_lost) and self._is_connected
+        if was_on_map and not store.is_loose(store.newest.number):
+            covariance = self._matcher.covariance.copy()
+            covariance += _covariance(PARAMS.break_devs) if breaks else 0.0
+        return Joint(number, pose, covariance, edge)
 
     def _drop_small_part(self) -> None:
         """Forget the newest part if it hangs loose and shows next to nothing."""
