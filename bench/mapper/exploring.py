@@ -1,10 +1,12 @@
 """Exploring by itself: how much of a house is found, how far the robot drives, and what it hits.
 
-    python -m bench.mapper.exploring [--house SIZE:SEED ...] [--apartment] [--mirror] [--perfect]
+    python -m bench.mapper.exploring [--house SIZE:SEED ...] [--apartment] [--mirror] [--office]
+                                     [--perfect]
 
 In lock-step: simulated base (odometry 1-2 % wrong, a noisy lidar of 8 m), mapper and planner in
 generated houses of SIZE x SIZE m, and with --apartment in the demo's; with --mirror its mirror
-hangs there too, which no new map shows. Judged by the truth: the share of the floor that the map
+hangs there too, which no new map shows; with --office in offices along a corridor, at whose end
+hangs a mirror as wide as it. Judged by the truth: the share of the floor that the map
 knows (where the robot can get, and 1 m around), the distance, the time, and collisions.
 
 For comparison: the distance of a robot that knows where it is, sees without errors and obeys at
@@ -37,7 +39,7 @@ from numpy.typing import NDArray
 
 from trolley import requests, topics
 from trolley.geometry import Pose2D
-from trolley.gridmap import GridMap, cast_rays, distance_transform, save_map
+from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays, distance_transform, save_map
 from trolley.gridmap.wire import grid_of
 from trolley.messages import MappingStatus, OccupancyGrid, Truth
 from trolley.messages.request_params import MapNamed
@@ -214,6 +216,37 @@ def row(name: str, outcome: Outcome, scripted_m: float | None) -> list[str]:
 HEADS = ("", "ends", "found", "driven", "scripted", "time", "to home", "collisions", "CPU", "says")
 
 
+OFFICE_M = (12.0, 11.0)
+"""Length and width of the office [m]."""
+
+
+def draw_office() -> GridMap:
+    """Three offices along each side of a corridor of 2 m; its far end is the mirror's place."""
+    per_m = 20
+    cells = np.full([round(per_m * edge) + 4 for edge in OFFICE_M[::-1]], OCCUPIED, np.int8)
+    cells[92:132, 2:-2] = FREE
+    for left in (2, 82, 162):
+        for low, high, door in ((2, 90, slice(90, 92)), (134, -2, slice(132, 134))):
+            cells[low:high, left : left + 78] = FREE
+            cells[door, left + 20 : left + 40] = FREE
+            cells[low + 30 : low + 44, left + 50 : left + 66] = OCCUPIED
+    return GridMap("office", 1.0 / per_m, Pose2D.identity(), cells)
+
+
+def in_office(folder: Path) -> list[str]:
+    """Explore the office with its mirror by all services."""
+    house, start = draw_office(), Pose2D(1.5, 5.6, 0.0)
+    save_map(house, folder / "office.yaml")
+    world = folder / "office.toml"
+    end_m, low_m, high_m = OFFICE_M[0] - 0.02, 4.62, 6.58
+    world.write_text(
+        f'map = "office.yaml"\nstart = {{ x = {start.x}, y = {start.y}, yaw = 0.0 }}\n'
+        f'[[mirror]]\nname = "end"\npoints = [[{end_m}, {low_m}], [{end_m}, {high_m}]]\n'
+        'side = "left"\n'
+    )
+    return row("office with mirror", explore(world, folder / "office.yaml", start, 1), None)
+
+
 def house_of(named: str) -> tuple[GridMap, Pose2D, int]:
     """A house, where the robot starts in it, and its seed, from SIZE:SEED."""
     size, seed = named.split(":")
@@ -239,6 +272,7 @@ def main() -> None:
     parser.add_argument("--house", action="append", metavar="SIZE:SEED")
     parser.add_argument("--apartment", action="store_true")
     parser.add_argument("--mirror", action="store_true")
+    parser.add_argument("--office", action="store_true")
     parser.add_argument("--perfect", action="store_true")
     asked = parser.parse_args()
     lines: list[list[str]] = []
@@ -250,7 +284,7 @@ def main() -> None:
         table(HEADS, lines)
         return
     is_apartment = asked.apartment or asked.mirror
-    for named in asked.house or ([] if is_apartment else HOUSES):
+    for named in asked.house or ([] if is_apartment or asked.office else HOUSES):
         with tempfile.TemporaryDirectory() as folder:
             lines.append(in_house(named, Path(folder)))
             table(HEADS, lines[-1:])
@@ -259,6 +293,9 @@ def main() -> None:
             world = write_world(Path(folder), mirror=asked.mirror)
             name = "apartment with mirror" if asked.mirror else "apartment"
             lines.append(row(name, explore(world, APARTMENT, START, 1), None))
+    if asked.office:
+        with tempfile.TemporaryDirectory() as folder:
+            lines.append(in_office(Path(folder)))
     table(HEADS, lines)
 
 

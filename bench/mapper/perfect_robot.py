@@ -5,6 +5,7 @@ What the planner and the scan matching do to a drive is left out, so a house tak
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,8 @@ class PerfectRobot:
         """Let an explorer drive until it is done or pauses."""
         explorer.begin(None, None)
         while explorer.is_under_way and self.now_s < limit_s:
-            advance(explorer, self.scene(), self.now_s)
+            scene = replace(self.scene(), zones=[*self.zones, *explorer.barriers])
+            advance(explorer, scene, self.now_s)
             for action in explorer.take_actions():
                 self._obey(action, explorer)
             self._drive(explorer)

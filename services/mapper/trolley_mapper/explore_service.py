@@ -219,7 +219,9 @@ class ExploreService:
 
         is_lost, is_unsure = estimate.state == "lost", estimate.state == "unsure"
         home = core.moved(self._home)
-        return Scene(core.grid(), pose, is_lost, is_unsure, session.zones, home)
+        barriers = [] if session.explorer is None else session.explorer.barriers
+        zones = [*session.zones, *barriers]
+        return Scene(core.grid(), pose, is_lost, is_unsure, zones, home)
 
     @property
     def _now_s(self) -> float:

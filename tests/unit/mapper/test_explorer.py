@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from trolley.geometry.polygon import polygon_contains
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley.messages import BaseState, GoalState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
+from trolley_mapper.explore import sentences
 from trolley_mapper.explore.exploration_goal import Action, Cancel, Limits, Scene, Send
 from trolley_mapper.explore.explorer import PARAMS, Explorer
+from trolley_mapper.explore.frontiers import Frontier
 
 EDGE = 0.05
 START = Pose2D(1.0, 1.0, 0.0)
@@ -309,3 +312,34 @@ def test_nothing_left_to_see_from_the_start_is_the_end_of_it() -> None:
     explorer = explored(robot)
     assert explorer.state == "done"
     assert explorer.message.startswith("Explored: 9 m².")
+
+
+class BehindGlass(PerfectRobot):
+    """Sees through a pane from wall to wall at x = 3.2 m that it cannot pass."""
+
+    def _drive(self, explorer: Explorer) -> None:
+        if self._goal and self._path and max(one.x for one in self._path[:5]) > 3.2 - 0.2:
+            self._say(explorer, "driving")
+        else:
+            super()._drive(explorer)
+
+
+def test_what_the_robot_cannot_get_past_is_a_wall_from_the_second_stand_on() -> None:
+    robot, explorer = BehindGlass(two_rooms(), START), make_explorer()
+    robot.explore(explorer, limit_s=300.0)
+    assert explorer.state == "done"
+    assert len(explorer.barriers) == 1
+    assert robot.pose.distance_to(START) < 0.2
+    assert "places could not be reached" in explorer.message
+
+
+def test_a_corner_that_is_small_and_far_is_left_out_and_said() -> None:
+    explorer = make_explorer()
+    robot = PerfectRobot(two_rooms(), START)
+    robot.explore(explorer)
+    assert explorer.state == "done"
+    near = Frontier(1.0, 1.0, START, 2.0, 0.5)
+    assert near.is_worth_the_way
+    assert not replace(near, distance_m=9.0).is_worth_the_way
+    assert replace(near, distance_m=9.0, gain_m2=2.0).is_worth_the_way
+    assert "1 small corner left out" in sentences.explored(84.0, 0, sentences.AT_HOME, 1)

@@ -92,6 +92,22 @@ class ExplorationGoal:
     heard_s: float
     """When the goal was last sent or heard of, robot time [s]."""
 
+    stood_at: Pose2D | None = None
+    """Where the robot has been since `stood_s` (`map_T_base`)."""
+    stood_s: float = 0.0
+
+    def standing_s(self, here: Pose2D, within_m: float, now_s: float) -> float:
+        """Return for how long the robot has hardly moved [s].
+
+        Args:
+            here: map_T_base now.
+            within_m: distance that counts as hardly [m].
+            now_s: robot time [s].
+        """
+        if self.stood_at is None or self.stood_at.distance_to(here) > within_m:
+            self.stood_at, self.stood_s = here, now_s
+        return now_s - self.stood_s
+
     @property
     def id(self) -> str:
         """The goal's id."""

@@ -17,9 +17,10 @@ from typing import Literal
 from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, GoalStatus
+from trolley.messages import BaseState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
 from trolley_mapper.explore import sentences
+from trolley_mapper.explore.barriers import Barriers
 from trolley_mapper.explore.exploration_goal import (
     Action,
     Cancel,
@@ -67,6 +68,12 @@ class ExplorerParams:
     """Time that any goal may take [s]."""
     goal_s_per_m: float = 12.0
     """Extra time that a goal may take for each metre of its path [s/m]."""
+    stand_s: float = 25.0
+    """Time after which a goal under which the robot hardly moves has failed: more than people take
+    to step aside [s]."""
+    stand_m: float = 1.0
+    """Distance within which the robot hardly moves: before a mirror it seeks a way to and fro [m].
+    """
     answer_s: float = 5.0
     """Silence after which a goal is sent again [s]."""
     wait_s: float = 60.0
@@ -108,6 +115,8 @@ class Progress:
     num_failed_in_row: int = 0
     num_unreachable: int = 0
     """Wide frontiers without a path to them, once no other is left."""
+    num_left_out: int = 0
+    """Small frontiers that were not worth the way, once no other is left."""
     has_failed_home: bool = False
 
     def update(self, area_m2: float) -> None:
@@ -147,6 +156,7 @@ class Explorer:
         self.clearance, self.limits = clearance, limits
         self._run, self._sees_all_round = run, sees_all_round
         self._visited = VisitedFrontiers()
+        self._barriers = Barriers()
         self._goal: ExplorationGoal | None = None
         self._speed_mps: float | None = None
         # The frontier that was driven to last, and how much floor was known then [m^2].
@@ -172,6 +182,11 @@ class Explorer:
         """Return what is to be done now, in order."""
         actions, self._actions = self._actions, []
         return actions
+
+    @property
+    def barriers(self) -> list[Zone]:
+        """Lines that it takes for walls, since the robot could not get on there."""
+        return self._barriers.zones
 
     @property
     def num_missed(self) -> int:
@@ -227,6 +242,7 @@ class Explorer:
             return
         if refused.code in WAITS:
             goal.heard_s = now_s  # and it is sent again
+            goal.stood_at = None
             if self._lasts("refused", now_s) > PARAMS.wait_s:
                 self._goal = None
                 self.pause(refused.code, sentences.paused(refused.message))
@@ -322,6 +338,11 @@ class Explorer:
         elif now_s - goal.sent_s > goal.limit_s:
             self._actions.append(Cancel(goal.id))
             self._fail(codes.TIMEOUT, sentences.TOO_LONG)
+        elif goal.standing_s(scene.pose, PARAMS.stand_m, now_s) > PARAMS.stand_s:
+            if goal.frontier is not None and goal.goal.pose is not None:
+                self._barriers.add(scene.pose, goal.goal.pose, self.clearance.passing_m)
+            self._actions.append(Cancel(goal.id))
+            self._fail(codes.TIMEOUT, sentences.STOOD)
         elif now_s - goal.heard_s > PARAMS.answer_s:
             goal.heard_s = now_s
             self._actions.append(Send(goal.goal))
@@ -367,14 +388,21 @@ class Explorer:
         is_enough = report.area_m2 >= self.limits.area_m2
         if best is None or is_enough or self._progress.num_barren >= PARAMS.max_barren:
             self._progress.num_unreachable = self._count_unreachable(report)
-            self._set("homing", "", sentences.going_home(self.area_m2, self.num_missed))
+            self._progress.num_left_out = sum(not one.is_worth_the_way for one in report.frontiers)
+            said = sentences.going_home(self.area_m2, self.num_missed, self._progress.num_left_out)
+            self._set("homing", "", said)
             self._go_home(survey.area, scene, now_s)
         else:
             self._send(best.goal, best, best.distance_m, now_s)
             self._set("exploring", "", sentences.exploring(self.area_m2, len(report.frontiers)))
 
     def _count_unreachable(self, report: FrontierReport) -> int:
-        """Return how many wide frontiers there is no path to, those left out that were tried."""
+        """Return how many wide frontiers there is no path to, those left out that were tried.
+
+        Behind barriers the map may show what is not there.
+        """
+        if self.barriers:
+            return len(self.barriers)
         places = VisitedFrontiers()
         for x, y in report.unreachable:
             if self._visited.find(x, y) is None:
@@ -382,11 +410,14 @@ class Explorer:
         return len(places)
 
     def _best(self, report: FrontierReport) -> Frontier | None:
-        """Return the frontier that is worth most; those that failed come last, and only once."""
+        """Return the frontier that is worth most; those that failed come last, and only once.
+
+        Barren regions and small corners far away are left out.
+        """
         fresh: list[Frontier] = []
         again: list[Frontier] = []
         for one in report.frontiers:
-            if self._visited.is_barren(one.x, one.y):
+            if self._visited.is_barren(one.x, one.y) or not one.is_worth_the_way:
                 continue
             entry = self._visited.find(one.x, one.y)
             if entry is None or (not entry.is_given_up and entry.failures == 0):
@@ -442,7 +473,9 @@ class Explorer:
 
     def _finish(self, home: str) -> None:
         self._goal = None
-        self._set("done", "", sentences.explored(self.area_m2, self.num_missed, home))
+        left_out = self._progress.num_left_out
+        said = sentences.explored(self.area_m2, self.num_missed, home, left_out)
+        self._set("done", "", said)
 
     def _lasts(self, what: str, now_s: float) -> float:
         """Return for how long something lasts [s], which begins now if it did not before."""

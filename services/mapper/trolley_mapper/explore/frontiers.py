@@ -31,6 +31,10 @@ class FrontierParams:
     """Distance from a goal within which it would show unknown floor [m]."""
     num_rays: int = 90
     """Number of rays, all round, that are cast to measure that floor."""
+    small_m2: float = 1.0
+    """Floor below which what a goal shows must be worth the way [m^2]."""
+    min_gain_m: float = 0.12
+    """Least floor for each metre of the way that is worth it [m^2/m]."""
     num_goals: int = 8
     """Goals that are compared for each frontier."""
     max_step_aside_m: float = 0.6
@@ -82,6 +86,12 @@ class Frontier:
         since it must come back for what it left behind (bench/mapper/exploring.py).
         """
         return math.sqrt(self.gain_m2) / (self.distance_m + 1.0)
+
+    @property
+    def is_worth_the_way(self) -> bool:
+        """Whether it is more than a small corner far away."""
+        is_small = self.gain_m2 < PARAMS.small_m2
+        return not is_small or self.gain_m2 >= PARAMS.min_gain_m * self.distance_m
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from trolley import codes
 BEGINS = "The robot is exploring."
 AT_HOME = "It is back where it began."
 TOO_LONG = "It took too long."
+STOOD = "It did not get on, although the map shows nothing in its way."
 SHUT_IN = "Exploring is paused: the robot is boxed in and has no room to drive anywhere."
 PAUSES = {
     codes.STOPPED: "Exploring is paused: the robot was stopped; resume it, then exploring.",
@@ -28,14 +29,14 @@ def exploring(area_m2: float, num_frontiers: int) -> str:
     return f"{BEGINS[:-1]}: {area_m2:.0f} m² so far, {_places(num_frontiers)} left to look at."
 
 
-def going_home(area_m2: float, num_missed: int) -> str:
+def going_home(area_m2: float, num_missed: int, num_left_out: int = 0) -> str:
     """Say that it is on its way back."""
-    return f"{_found(area_m2, num_missed)}. It is driving back to where it began."
+    return f"{_found(area_m2, num_missed, num_left_out)}. It is driving back to where it began."
 
 
-def explored(area_m2: float, num_missed: int, home: str) -> str:
+def explored(area_m2: float, num_missed: int, home: str, num_left_out: int = 0) -> str:
     """Say what came of it; `home` is a sentence of its own."""
-    return f"{_found(area_m2, num_missed)}. {home}"
+    return f"{_found(area_m2, num_missed, num_left_out)}. {home}"
 
 
 def not_home(why: str) -> str:
@@ -53,9 +54,11 @@ def paused(why: str) -> str:
     return f"Exploring is paused: {_lowered(why)}"
 
 
-def _found(area_m2: float, num_missed: int) -> str:
+def _found(area_m2: float, num_missed: int, num_left_out: int) -> str:
     missed = f", {_places(num_missed)} could not be reached" if num_missed else ""
-    return f"Explored: {area_m2:.0f} m²{missed}"
+    corners = "corner" if num_left_out == 1 else "corners"
+    left_out = f", {num_left_out} small {corners} left out" if num_left_out else ""
+    return f"Explored: {area_m2:.0f} m²{missed}{left_out}"
 
 
 def _places(count: int) -> str:

@@ -1,0 +1,51 @@
+"""Places where the robot could not get on although the map shows nothing: mirrors, glass, sills."""
+
+import math
+from dataclasses import dataclass
+
+from trolley.geometry import Pose2D
+from trolley.messages import Zone
+
+
+@dataclass(frozen=True, slots=True)
+class BarrierParams:
+    """When a barrier is assumed, and where. Set by hand."""
+
+    min_stands: int = 2
+    """Number of stands near each other from which on something is taken to be there."""
+    near_m: float = 1.5
+    """Distance within which stands are at one place [m]."""
+    half_width_m: float = 1.2
+    """Half the width of a barrier: closes a corridor of 2 m [m]."""
+
+
+PARAMS = BarrierParams()
+
+
+class Barriers:
+    """Where the robot stood under way, and lines that explorers take for walls because of it.
+
+    A mirror shows rooms behind it that grow as the robot comes near; that nothing is found there
+    never ends exploring, but that the robot cannot get there does.
+    """
+
+    def __init__(self) -> None:
+        self.zones: list[Zone] = []
+        """Lines across the way, as mirrors."""
+        self._stands: list[Pose2D] = []
+
+    def add(self, here: Pose2D, toward: Pose2D, ahead_m: float) -> None:
+        """Note that the robot stood; it meant to drive to a pose.
+
+        Args:
+            here: map_T_base.
+            toward: map_T_goal.
+            ahead_m: distance from the robot to what it may stand before [m].
+        """
+        self._stands.append(here)
+        if sum(one.distance_to(here) <= PARAMS.near_m for one in self._stands) < PARAMS.min_stands:
+            return
+        way = Pose2D(here.x, here.y, math.atan2(toward.y - here.y, toward.x - here.x))
+        ends = [way @ Pose2D(ahead_m, side * PARAMS.half_width_m, 0.0) for side in (-1.0, 1.0)]
+        name = f"barrier {len(self.zones) + 1}"
+        self.zones.append(Zone(name=name, kind="mirror", points=[(one.x, one.y) for one in ends]))
