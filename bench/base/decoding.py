@@ -31,6 +31,13 @@ ANSWERS = {
     b"\xa5\x60": bytes.fromhex("A55A05000040 81"),
     bytes.fromhex("A58205000000000022"): bytes.fromhex("A55A54000040 82"),
 }
+HOKUYO = {
+    b"VV\n": b"VV\n00P\nPROD:SOKUIKI Sensor URG-04LX-UG01(Simple-URG);[\nPROT:SCIP 2.0;N\n\n",
+    b"PP\n": b"PP\n00P\nDMIN:20;4\nDMAX:5600;_\nARES:1024;\\\nAMIN:44;7\nAMAX:725;o\n"
+    b"AFRT:384;6\nSCAN:600;e\n\n",
+    b"MD0044072501000\n": b"MD0044072501000\n00P\n\n",
+}
+"""What a URG-04LX says."""
 YDLIDARS = {"YDLIDAR G2": 15, "YDLIDAR G4": 5, "YDLIDAR T-mini": 151}
 """What they call themselves."""
 # Number, period of the typical mode [1/256 us], and what begins its stream.
@@ -44,6 +51,8 @@ TYPICAL = {
 
 def answers_of(title: str) -> dict[bytes, bytes]:
     """What the sensor says to what it is asked."""
+    if title == "Hokuyo URG":
+        return dict(HOKUYO)
     if title in YDLIDARS:
         number = YDLIDARS[title]
         info = bytes.fromhex("A55A14000000 04") + bytes([number]) + bytes(19)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trolley_base.emulators import rplidar, ydlidar
+from trolley_base.emulators import hokuyo, rplidar, ydlidar
 
 BITS_PER_BYTE = 10
 
@@ -163,6 +163,17 @@ def camsense_stream() -> Iterator[Frame]:
         index += 8
         samples = [round(1000 * distance_m(angle)) for angle in angles]
         yield Frame((index - 1) / 2080.0, camsense_frame(angles[0], 0.9, hz, samples))
+
+
+def hokuyo_stream() -> Iterator[Frame]:
+    """Ten scans a second: 682 of 1024 steps in sight, the 384th of them ahead."""
+    seen = range(hokuyo.FIRST, hokuyo.LAST + 1)
+    values = [round(1000 * distance_m((one - hokuyo.FRONT) * 360.0 / 1024.0)) for one in seen]
+    turn = 0
+    while True:
+        at_s = 0.1 * (turn + (hokuyo.LAST - hokuyo.FRONT) / 1024.0)
+        yield Frame(at_s, hokuyo.encode("MD0044072501000", "99", round(1000 * at_s), values))
+        turn += 1
 
 
 def lds01_stream(hz: float = 5.0) -> Iterator[Frame]:
@@ -326,6 +337,7 @@ STREAMS: dict[str, tuple[str, int, Callable[[], Iterator[Frame]]]] = {
     "XV11": ("xv11", 115200, xv11_stream),
     "LDS-01": ("lds01", 230400, lds01_stream),
     "Camsense X1": ("camsense_x1", 115200, camsense_stream),
+    "Hokuyo URG": ("hokuyo_urg", 4_000_000, hokuyo_stream),
 }
 """Model, baud and stream by title."""
 TURNS_HZ = {
@@ -346,6 +358,7 @@ TURNS_HZ = {
     "XV11": 5.0,
     "LDS-01": 5.0,
     "Camsense X1": 5.2,
+    "Hokuyo URG": 10.0,
 }
 """How fast the heads turn in these."""
 

@@ -61,6 +61,25 @@ def camsense_check(frame: bytes) -> bool:
     return is_right and frame[7] >= 0xA0 and frame[33] >= 0xA0
 
 
+def hokuyo_length(data: bytes) -> int | None:
+    """The command and status 99, a time, 682 steps in 31 full lines and one that is not."""
+    head = b"MD0044072501000\n99b\n"
+    if not head.startswith(data[:20]):
+        return 0
+    return None if len(data) < 20 else 20 + 6 + 31 * 66 + 62 + 2 + 1
+
+
+def hokuyo_check(frame: bytes) -> bool:
+    """A sum behind each line, and nothing in the last one."""
+    lines = frame[20:].split(b"\n")
+    if [len(line) for line in lines] != [5, *[65] * 31, 63, 0, 0]:
+        return False
+    return all(
+        line[-1] == sum(line[:-1]) % 64 + 48 and all(48 <= one < 112 for one in line[:-1])
+        for line in lines[:-2]
+    )
+
+
 def lds01_length(data: bytes) -> int | None:
     """FA and A0...DB, 42 bytes."""
     if data[0] != 0xFA:
@@ -241,6 +260,7 @@ PLAIN: dict[str, Callable[[], PlainFrames | PlainSamples]] = {
     "XV11": lambda: PlainFrames(xv11_length, xv11_check),
     "LDS-01": lambda: PlainFrames(lds01_length, lds01_check),
     "Camsense X1": lambda: PlainFrames(camsense_length, camsense_check),
+    "Hokuyo URG": lambda: PlainFrames(hokuyo_length, hokuyo_check),
 }
 """Decoders by the titles of `lidar_streams.STREAMS`."""
 
@@ -288,6 +308,17 @@ def camsense_samples(frame: bytes) -> Polar:
         ((first - 0xA000 + i * step) / 64 % 360, 0 if mm >= 0x8000 else mm)
         for i, mm in enumerate(distances)
     ]
+
+
+def hokuyo_samples(frame: bytes) -> Polar:
+    """Three characters a step, of which the 384th looks ahead; nothing in the dark behind."""
+    text = b"".join(line[:-1] for line in frame[26:].split(b"\n"))
+    found: Polar = []
+    for i in range(682):
+        high, middle, low = (one - 48 for one in text[3 * i : 3 * i + 3])
+        mm = high * 4096 + middle * 64 + low
+        found.append(((44 + i - 384) * 360 / 1024 % 360, mm if 20 <= mm <= 5600 else 0))
+    return found
 
 
 def lds01_samples(frame: bytes) -> Polar:
@@ -480,5 +511,6 @@ SAMPLES: dict[str, Callable[[], Callable[[bytes], Polar]]] = {
     "XV11": lambda: xv11_samples,
     "LDS-01": lambda: lds01_samples,
     "Camsense X1": lambda: camsense_samples,
+    "Hokuyo URG": lambda: hokuyo_samples,
 }
 """Readers of frames by the same titles."""

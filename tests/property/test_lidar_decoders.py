@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trolley.config.hardware import LidarModel
-from trolley_base.drivers.lidars import ld19, rplidar_capsules, ydlidar
+from trolley_base.drivers.lidars import hokuyo, ld19, rplidar_capsules, ydlidar
 from trolley_base.drivers.lidars.decoding import Decoder
+from trolley_base.emulators import hokuyo as hokuyo_emulator
 from trolley_base.emulators import rplidar
 from trolley_base.emulators import ydlidar as ydlidar_emulator
 
@@ -135,4 +136,29 @@ def test_samples_are_those_of_the_plain_decoder(title: str, seed: int) -> None:
     beam_deg = decoded.samples.angle_deg + decoded.samples.shift_deg
     # Where nothing was found it does not matter where the beam looked.
     beside = ((beam_deg - angles + 180.0) % 360.0 - 180.0)[found_mm > 0]
+    np.testing.assert_allclose(beside, 0.0, atol=1e-6)
+
+
+URG = hokuyo.Parameters(20, 5600, 1024, 44, 725, 384, 600)
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_scans_of_a_hokuyo_are_those_of_the_plain_decoder(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    data = b"".join(
+        hokuyo_emulator.encode("MD0044072501000", "99", 100 * i, distances(rng, 6000, 682))
+        for i in range(3)
+    )
+    decoded = hokuyo.ScipDecoder(URG, Counter()).decode(data)
+    assert decoded is not None
+    plain = PLAIN["Hokuyo URG"]()
+    angles, found_mm = np.array(
+        [one for f in plain.feed(data) for one in SAMPLES["Hokuyo URG"]()(f)]
+    ).T
+    range_m = decoded.samples.range_m.reshape(3, 1024)
+    np.testing.assert_allclose(range_m[:, :682].ravel() * 1000.0, found_mm, atol=1e-6)
+    assert not range_m[:, 682:].any()
+    beam_deg = (decoded.samples.angle_deg + decoded.samples.shift_deg).reshape(3, 1024)
+    beside = (beam_deg[:, :682].ravel() - angles + 180.0) % 360.0 - 180.0
     np.testing.assert_allclose(beside, 0.0, atol=1e-6)

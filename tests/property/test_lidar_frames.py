@@ -9,7 +9,15 @@ from bench.base.plain_lidars import PLAIN, PlainFrames
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley_base.drivers.lidars import camsense, ld19, lds01, rplidar_capsules, xv11, ydlidar
+from trolley_base.drivers.lidars import (
+    camsense,
+    hokuyo,
+    ld19,
+    lds01,
+    rplidar_capsules,
+    xv11,
+    ydlidar,
+)
 from trolley_base.drivers.lidars.frames import FrameFinder, FrameFormat
 
 FORMATS: dict[str, FrameFormat] = {
@@ -23,6 +31,7 @@ FORMATS: dict[str, FrameFormat] = {
     "XV11": xv11.FORMAT,
     "LDS-01": lds01.FORMAT,
     "Camsense X1": camsense.FORMAT,
+    "Hokuyo URG": hokuyo.form_of(hokuyo.Parameters(20, 5600, 1024, 44, 725, 384, 600)),
 }
 FRAMES = {title: [one.data for one in islice(STREAMS[title][2](), 40)] for title in FORMATS}
 HEADERS = {
@@ -36,6 +45,7 @@ HEADERS = {
     "XV11": b"\xfa\xa0",
     "LDS-01": b"\xfa\xdb",
     "Camsense X1": b"\x55\xaa\x03\x08",
+    "Hokuyo URG": b"MD0044072501000\n99b\n",
 }
 
 

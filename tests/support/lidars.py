@@ -96,6 +96,13 @@ def slamtec(title: str) -> Asked:
     return Asked(answers, start, {b"\xa5\x25", b"\xa5\x40"})
 
 
+def hokuyo() -> Asked:
+    """One that speaks SCIP 2.0."""
+    answers = answers_of("Hokuyo URG")
+    start = {asked: said for asked, said in answers.items() if asked.startswith(b"MD")}
+    return Asked(answers, start, {b"\nQT\n", b"QT\n"})
+
+
 class Session:
     """A dialogue and its device in simulated time.
 
@@ -167,7 +174,9 @@ def started(title: str, **settings: object) -> Session:
     model = STREAMS[title][0]
     if title == "RPLIDAR A1 standard":
         settings.setdefault("mode", "standard")
-    device = {"rplidar_a1": rplidar, "ydlidar_x4": ydlidar}.get(model, Silent)()
+    device = {"rplidar_a1": rplidar, "ydlidar_x4": ydlidar, "hokuyo_urg": hokuyo}.get(
+        model, Silent
+    )()
     if title in TYPICAL:
         device = slamtec(title)
     elif title in YDLIDARS:

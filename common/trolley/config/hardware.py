@@ -29,6 +29,7 @@ LidarModel = Literal[
     "xv11",
     "lds01",
     "camsense_x1",
+    "hokuyo_urg",
 ]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]

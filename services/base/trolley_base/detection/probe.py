@@ -9,6 +9,7 @@ meant for:
   passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
   by the CR that follows; to rosserial, letters are noise between frames.
 - The boards of `board_questions.py`, at 115200; a hoverboard and a linorobot2 talk unasked.
+- 115200: a Hokuyo, which has USB of its own, by lines of text.
 - From 115200 to 1000000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead
   program has left streaming. Bits at 57600 are two at 115200 and more at the others, so the
   questions before cannot be read as A5, with which every command to these lidars begins; and a
@@ -36,7 +37,7 @@ from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars import MODELS
-from trolley_base.drivers.lidars.models import Identity, LidarDriver
+from trolley_base.drivers.lidars.models import Greeting, Identity, LidarDriver
 from trolley_base.drivers.serial_port import SerialPort
 
 T = TypeVar("T")
@@ -63,6 +64,13 @@ QUESTIONS = tuple(
     )
 )
 """Which lidars are asked who they are, at which speeds."""
+GREETINGS: tuple[tuple[LidarModel, Greeting, int], ...] = tuple(
+    (model, driver.greeting, driver.facts.baud)
+    for model, driver in MODELS.items()
+    if driver.greeting is not None
+)
+"""Which lidars are asked in words of their own, at which speeds."""
+GREETED_S = 0.2
 SPIN_UP_S = 1.5
 STOP_TRIES, OBEYED_ENOUGH, QUIET_S = 3, 2, 0.4
 """A lidar obeys a stop that is silent for so long, in so many of the tries."""
@@ -137,6 +145,7 @@ class Probe:
             self._listen_to_streams()
             or self._ask_boards()
             or self._ask_known_boards()
+            or self._greet_lidars()
             or self._ask_lidars()
             or self._start_lidars()
         )
@@ -218,6 +227,18 @@ class Probe:
                     self._port.write(question.leave)
                     time.sleep(POLL_S)  # closing drops what has not left
                 return found
+        return None
+
+    def _greet_lidars(self) -> FoundDevice | None:
+        for model, greeting, baud in QUIET_TRIES * GREETINGS:
+            self._port.set_baud(baud)
+            for part in greeting.ask:
+                self._port.write(part)
+                self._pause(POLL_S)
+            answer = self._read(GREETED_S, greeting.recognise)
+            if answer is not None:
+                title, details = answer
+                return FoundDevice("lidar", model, title, baud, details)
         return None
 
     def _describe_linorobot(self, data: bytearray) -> FoundDevice:

@@ -8,6 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from trolley.geometry import Twist2D
+from trolley_base.emulators.line import BUFFER_BYTES
 from trolley_base.world import Simulation
 from trolley_base.world.faulty_wheels import FaultyWheels
 
@@ -43,6 +44,8 @@ class Device:
 
     is_usb = False
     """Whether it has USB of its own: any speed that the host sets will do."""
+    buffer_bytes = BUFFER_BYTES
+    """What its own transmit buffer holds."""
 
     def __init__(self, baud: int) -> None:
         self.baud = baud

@@ -34,7 +34,8 @@ class LidarFacts:
         turns_hz: revolutions per second of its head.
         range_min_m: nearest distance.
         range_max_m: farthest distance.
-        sample_s: time between two samples; None: one sample in each degree.
+        sample_s: time between two samples; None: a sample at each of `steps`.
+        steps: of a turn at which a sample is taken, where its time is not fixed.
         clockwise: its head turns clockwise, as seen from above.
     """
 
@@ -44,6 +45,7 @@ class LidarFacts:
     range_max_m: float
     sample_s: float | None = None
     clockwise: bool = True
+    steps: int = 360
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,8 @@ class Head:
     def turn(self, until_ns: int, *, is_stuck: bool = False) -> tuple[NDArray[np.int64], Floats]:
         """Return times (n,) [ns] and angles (n,) [deg] of the samples before `until_ns`."""
         if self._facts.sample_s is None:
-            by_deg, period_ns = 1.0, NS_PER_S / (360.0 * self.hz)
+            steps = self._facts.steps
+            by_deg, period_ns = 360.0 / steps, NS_PER_S / (steps * self.hz)
         else:
             by_deg, period_ns = (
                 360.0 * self.hz * self._facts.sample_s,

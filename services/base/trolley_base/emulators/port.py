@@ -52,7 +52,7 @@ class DevicePort:
         self.writes: deque[tuple[int, bytes]] = deque(maxlen=MOST_WRITES)
         """What the host wrote: monotonic time [ns], bytes."""
         pace = USB_BAUD if device.is_usb else device.baud
-        self._line = Line(pace)
+        self._line = Line(pace, device.buffer_bytes)
         self._damage = Damage(pace, rng)
         self._faults: dict[str, Fault] = {}
         self._tell = tell

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from trolley.config.hardware import LidarModel
 from trolley_base.detection import answers, board_questions, rosserial_answer, streams
-from trolley_base.detection.probe import QUESTIONS
+from trolley_base.detection.probe import GREETINGS, QUESTIONS
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.lino_messages import TOPICS
 from trolley_base.drivers.boards.rosserial import PUBLISHER, SUBSCRIBER, encode
-from trolley_base.drivers.lidars import MODELS
+from trolley_base.drivers.lidars import MODELS, hokuyo
 from trolley_base.emulators.line import misheard
 from trolley_base.emulators.micro_ros import framed
 
@@ -233,3 +233,32 @@ def test_a_linorobot2_that_talks_to_an_agent_is_known_too() -> None:
     assert found.model == "linorobot2"
     assert "restart it" in found.problems[0]
     assert board_questions.recognise_linorobot2(frame * 2, 115200) is None
+
+
+def test_a_hokuyo_is_known_by_what_it_says_of_itself() -> None:
+    answer = (
+        b"\n0Ee\n\nVV\n00P\nVEND:Hokuyo Automatic Co.,Ltd.;[\n"
+        b"PROD:SOKUIKI Sensor URG-04LX-UG01(Simple-URG);[\nFIRM:3.4.03(17/Dec./2012);T\n"
+        b"PROT:SCIP 2.0;N\nSERI:H1510998;V\n\n"
+    )
+    details = ("firmware 3.4.03(17/Dec./2012)", "serial H1510998")
+    assert hokuyo.recognise(answer) == ("Hokuyo URG-04LX-UG01", details)
+    assert hokuyo.recognise(answer[:-1]) is None
+    assert hokuyo.recognise(answer.replace(b"SCIP 2.0;N", b"SCIP 2.0;M")) is None
+
+
+def test_no_question_to_a_hokuyo_is_one_to_another_lidar() -> None:
+    bauds = {baud for _, baud in QUESTIONS} | set(streams.STREAM_BAUDS)
+    commands = {
+        (driver.facts.baud, command)
+        for driver in MODELS.values()
+        for command in (driver.start, driver.stop)
+        if command
+    }
+    for _, greeting, baud in GREETINGS:
+        text = b"".join(greeting.ask)
+        for heard_baud in bauds:
+            heard = text if heard_baud == baud else misheard(text, baud, heard_baud)
+            assert b"\xa5" not in heard
+            own = {command for at, command in commands if at == heard_baud}
+            assert not any(command in heard for command in own), heard_baud

@@ -36,12 +36,14 @@ class Step:
         wait_s: how long to wait for the answer, or just so.
         answer: how the answer begins; b"": none is expected, and what comes is dropped.
         body_bytes: how many bytes follow that beginning.
+        end: what ends an answer of no fixed length, which is handed over without it.
     """
 
     send: bytes
     wait_s: float
     answer: bytes = b""
     body_bytes: int = 0
+    end: bytes = b""
 
 
 Handshake = Generator[Step, bytes | None, None]
@@ -85,13 +87,16 @@ class HandshakeLidar(StreamingLidar):
             return
         self._held += data
         start = self._held.find(self._step.answer)
-        end = start + len(self._step.answer) + self._step.body_bytes
-        if start < 0 or end > len(self._held):
+        body = start + len(self._step.answer)
+        end = body + self._step.body_bytes
+        if start >= 0 and self._step.end:
+            end = self._held.find(self._step.end, body)
+        if start < 0 or not body <= end <= len(self._held):
             del self._held[:-MOST_HELD]
             return
-        rest = bytes(self._held[end:])
+        rest = bytes(self._held[end + len(self._step.end) :])
         self._has_answered = True
-        if self._advance(bytes(self._held[end - self._step.body_bytes : end])):
+        if self._advance(bytes(self._held[body:end])):
             self._frame_ns = self._stream_ns = arrived_ns  # it has said that it begins
             super().receive(rest, arrived_ns)
 

@@ -23,6 +23,7 @@ class LidarFacts:
         clockwise: its head turns clockwise as seen from above.
         speed_hint: what to do about a wrong speed.
         modes: what `[base.lidar] mode` may be.
+        has_usb: it has USB of its own, so that its baud does not say how long bytes were under way.
     """
 
     title: str
@@ -35,6 +36,7 @@ class LidarFacts:
     speed_hint: str = "Is its head free to turn, and its 5 V supply strong enough?"
     modes: tuple[str, ...] = ("auto",)
     other_bauds: tuple[int, ...] = ()
+    has_usb: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,21 @@ class Identity:
     serial: Callable[[bytes], str]
 
 
+@dataclass(frozen=True, slots=True)
+class Greeting:
+    """How `trolley detect` asks a lidar that answers in words of its own who it is.
+
+    Attributes:
+        ask: the question, and before it what ends a stream which a dead program has left on; a
+            device has a moment's rest between two parts.
+        recognise: finds the answer in what has arrived: the lidar's title, and what it says of
+            itself; None while it is not there.
+    """
+
+    ask: tuple[bytes, ...]
+    recognise: Callable[[bytes], tuple[str, tuple[str, ...]] | None]
+
+
 def _none(number: int) -> bool:
     del number
     return False
@@ -73,6 +90,7 @@ class LidarDriver:
         start: makes it stream, for one that is silent until then and is not asked who it is.
         stop: ends that stream again.
         identity: how it and its kind are asked who they are.
+        greeting: how it is asked who it is, where it is not of that kind.
         is_model: whether a model number is its own.
         linorobot_names: what linorobot calls it in `LINOLIDAR`.
         ros_packages: the ROS packages that drive it.
@@ -84,6 +102,7 @@ class LidarDriver:
     start: bytes = b""
     stop: bytes = b""
     identity: Identity | None = None
+    greeting: Greeting | None = None
     is_model: Callable[[int], bool] = _none
     linorobot_names: tuple[str, ...] = ()
     ros_packages: tuple[str, ...] = ()

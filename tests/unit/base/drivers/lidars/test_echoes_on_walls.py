@@ -17,6 +17,7 @@ from trolley_base.drivers.lidars import make_lidar
 from trolley_base.emulators.catalogue import LIDARS
 from trolley_base.emulators.lidar import Mount
 from trolley_base.emulators.line import Line
+from trolley_base.emulators.port import USB_BAUD
 from trolley_base.world import STEP_NS, LidarSpec, Simulation
 
 pytestmark = pytest.mark.drives
@@ -42,7 +43,7 @@ class Drive:
         config = LidarConfig(model=model, mode=mode)  # pyright: ignore[reportArgumentType]
         dialogue = make_lidar(config)
         device = LIDARS[model](Mount(MOUNT), LidarSpec(), np.random.default_rng(5))
-        line = Line(device.baud)
+        line = Line(USB_BAUD if device.is_usb else device.baud, device.buffer_bytes)
         device.restart(0)
         dialogue.begin(0)
         self.scans: list[LidarScan] = []

@@ -1,12 +1,17 @@
 """How lidars are started, taken over and stopped."""
 
+import numpy as np
 import pytest
-from support.lidars import Session, rplidar, slamtec, started, stream, ydlidar
+from bench.base.decoding import HOKUYO
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.lidars import Session, hokuyo, rplidar, slamtec, started, stream, ydlidar
 
 from trolley.config.hardware import LidarConfig
 
 STOP, RESET, STANDARD = b"\xa5\x25", b"\xa5\x40", b"\xa5\x20"
 EXPRESS = bytes.fromhex("A58205000000000022")
+HOKUYO_PIECES = [*HOKUYO.values(), *HOKUYO, b"00P\n", b"99b\n", b"AMAX:9999;"]
 
 
 def test_an_rplidar_is_stopped_asked_and_started_in_the_express_scan() -> None:
@@ -172,3 +177,44 @@ def test_what_stops_it(model: str, dtr: tuple[bool | None, ...], goodbye: tuple[
     lidar = Session(LidarConfig(model=model)).lidar  # pyright: ignore[reportArgumentType]
     assert (lidar.line.dtr, lidar.line.dtr_after) == dtr
     assert lidar.goodbye() == goodbye
+
+
+def test_a_hokuyo_that_makes_no_sense_is_asked_until_it_does() -> None:
+    device = hokuyo()
+    right = device.answers[b"PP\n"]
+    device.answers[b"PP\n"] = right.replace(b"AMAX:725;o", b"AMAX:725;p")  # its sum is wrong
+    session = Session(LidarConfig(model="hokuyo_urg"), device)
+    session.wait(2.0)
+    assert not device.streams
+    assert "does not say in full how it measures" in session.status.message
+    device.answers[b"PP\n"] = right
+    session.wait_for_stream()
+    session.hear(stream("Hokuyo URG", 0.5, 0.001))
+    assert session.status.state == "up"
+    assert len(session.scans) == 4
+    assert session.lidar.goodbye() == (b"QT\n",)
+
+
+def test_a_hokuyo_that_says_its_own_limits_is_believed() -> None:
+    device = hokuyo()
+    device.answers[b"PP\n"] = device.answers[b"PP\n"].replace(b"DMAX:5600;_", b"DMAX:2500;[")
+    session = Session(LidarConfig(model="hokuyo_urg"), device)
+    session.wait_for_stream()
+    session.hear(stream("Hokuyo URG", 0.5, 0.001))
+    scan = session.scans[-1]
+    assert (scan.range_min, scan.range_max) == pytest.approx((0.02, 2.5))
+    # What is farther is the number of an error, and no free way.
+    assert np.isfinite(scan.ranges).all()
+    assert 2.0 < scan.ranges.max() <= 2.5
+
+
+@given(
+    data=st.lists(st.sampled_from([*HOKUYO_PIECES, b"\n", b"A", b"\xff", b"0" * 70]), max_size=40)
+)
+@settings(deadline=None, max_examples=50)
+def test_nothing_that_a_hokuyo_could_say_stops_its_driver(data: list[bytes]) -> None:
+    session = Session(LidarConfig(model="hokuyo_urg"))
+    for piece in data:
+        session.wait(0.1)
+        session.lidar.receive(piece, session.now_ns)
+    assert session.status.state in ("searching", "down", "up")

@@ -32,6 +32,8 @@ BESIDE_DEG = {
     **dict.fromkeys(("YDLIDAR X4", "YDLIDAR X2", "YDLIDAR G2", "YDLIDAR G4"), 7.5),
     "LD14P": 6.4,
 }
+COUNTER_CLOCKWISE = ("XV11", "Hokuyo URG")
+HOKUYO_SEES_DEG = (-119.6, 120.0)
 
 
 def angles_of(scan: LidarScan) -> NDArray[Any]:
@@ -49,11 +51,18 @@ def test_scans_show_the_room(title: str, chunk_s: float) -> None:
     assert not session.counts
     assert not session.notes
     assert len(session.scans) in range(int(2.0 * TURNS_HZ[title]) - 2, int(2.0 * TURNS_HZ[title]))
-    sense = 1.0 if title == "XV11" else -1.0
+    sense = 1.0 if title in COUNTER_CLOCKWISE else -1.0
     for scan in session.scans:
+        if title == "Hokuyo URG":
+            degrees = (np.degrees(angles_of(scan)) + 180.0) % 360.0 - 180.0
+            sees = (degrees > HOKUYO_SEES_DEG[0]) & (degrees < HOKUYO_SEES_DEG[1])
+            assert (len(sees), sees.sum()) == (1024, 682)
+            assert (scan.ranges[~sees] == 0.0).all()
+        else:
+            sees = np.ones(len(scan.ranges), np.bool_)
         truth = np.array([distance_m(math.degrees(sense * angle)) for angle in angles_of(scan)])
         truth = np.where(truth > scan.range_max, np.inf, truth)
-        near = truth < scan.range_max - 0.05
+        near = (truth < scan.range_max - 0.05) & sees
         # An A3's angles are as coarse as its maker computes them, and its room is at a slant.
         within_m = 0.03 if title == "RPLIDAR A3" else 0.02
         assert scan.ranges[near] == pytest.approx(truth[near], abs=within_m)
@@ -66,8 +75,10 @@ def test_scans_show_the_room(title: str, chunk_s: float) -> None:
 @pytest.mark.parametrize("title", TITLES)
 def test_beams_are_stamped_when_they_were_fired(title: str) -> None:
     session = started(title)
-    session.hear(stream(title, 2.0))
-    sense = 1.0 if title == "XV11" else -1.0
+    # A whole scan of a Hokuyo arrives at once: its time is as good as that of its last byte.
+    is_whole = title == "Hokuyo URG"
+    session.hear(stream(title, 2.0, 0.001 if is_whole else 0.02))
+    sense = 1.0 if title in COUNTER_CLOCKWISE else -1.0
     for scan in session.scans[1:]:
         head_deg = np.degrees(sense * angles_of(scan)) + BESIDE_DEG.get(title, 0.0)
         fired_s = head_deg / 360.0 / TURNS_HZ[title]
@@ -75,7 +86,7 @@ def test_beams_are_stamped_when_they_were_fired(title: str) -> None:
         stamped_s = stamped_s + scan.time_increment * np.arange(len(scan.ranges))
         turns_late = (stamped_s - fired_s) * TURNS_HZ[title]
         late_s = (turns_late - np.rint(turns_late.mean())) / TURNS_HZ[title]
-        assert np.abs(late_s).max() < 0.003
+        assert np.abs(late_s).max() < (0.007 if is_whole else 0.003)
 
 
 def test_an_evenly_sampling_sensor_loses_no_angle() -> None:
