@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trolley_base.emulators import hokuyo, rplidar, ydlidar
+from trolley_base.emulators import delta2, hokuyo, rplidar, ydlidar
 
 BITS_PER_BYTE = 10
 
@@ -163,6 +163,18 @@ def camsense_stream() -> Iterator[Frame]:
         index += 8
         samples = [round(1000 * distance_m(angle)) for angle in angles]
         yield Frame((index - 1) / 2080.0, camsense_frame(angles[0], 0.9, hz, samples))
+
+
+def delta2_stream(turn: tuple[int, int]) -> Iterator[Frame]:
+    """Six turns a second of so many packets with so many samples."""
+    packets, per_packet = turn
+    step, index = 360.0 / (packets * per_packet), 0
+    while True:
+        first = index % (packets * per_packet)
+        samples = [round(4000 * distance_m((first + i) * step)) for i in range(per_packet)]
+        index += per_packet
+        frame = delta2.encode(6.0, first * step, [(50, quarters) for quarters in samples])
+        yield Frame((index - 1) * step / 360.0 / 6.0, frame)
 
 
 def hokuyo_stream() -> Iterator[Frame]:
@@ -338,6 +350,9 @@ STREAMS: dict[str, tuple[str, int, Callable[[], Iterator[Frame]]]] = {
     "LDS-01": ("lds01", 230400, lds01_stream),
     "Camsense X1": ("camsense_x1", 115200, camsense_stream),
     "Hokuyo URG": ("hokuyo_urg", 4_000_000, hokuyo_stream),
+    "Delta-2A": ("delta2a", 115200, lambda: delta2_stream(delta2.A_TURN)),
+    "Delta-2G": ("delta2a", 115200, lambda: delta2_stream(delta2.G_TURN)),
+    "Delta-2B": ("delta2b", 230400, lambda: delta2_stream(delta2.B_TURN)),
 }
 """Model, baud and stream by title."""
 TURNS_HZ = {
@@ -359,6 +374,9 @@ TURNS_HZ = {
     "LDS-01": 5.0,
     "Camsense X1": 5.2,
     "Hokuyo URG": 10.0,
+    "Delta-2A": 6.0,
+    "Delta-2G": 6.0,
+    "Delta-2B": 6.0,
 }
 """How fast the heads turn in these."""
 

@@ -61,6 +61,23 @@ def camsense_check(frame: bytes) -> bool:
     return is_right and frame[7] >= 0xA0 and frame[33] >= 0xA0
 
 
+def delta2_length(data: bytes) -> int | None:
+    """AA, length, 01 61, AD or AE, length of the rest, which fit each other and the kind."""
+    known = {0: b"\xaa", 3: b"\x01", 4: b"\x61", 5: b"\xad\xae"}
+    if any(data[at] not in known.get(at, bytes(range(256))) for at in range(min(len(data), 8))):
+        return 0
+    if len(data) < 8:
+        return None
+    length, rest = data[1] * 256 + data[2], data[6] * 256 + data[7]
+    fits = rest in (1, 5) if data[5] == 0xAE else rest in range(8, 5 + 3 * 61 + 1, 3)
+    return length + 2 if fits and length == rest + 8 else 0
+
+
+def delta2_check(frame: bytes) -> bool:
+    """The sum of all bytes before it."""
+    return sum(frame[:-2]) % 65536 == frame[-2] * 256 + frame[-1]
+
+
 def hokuyo_length(data: bytes) -> int | None:
     """The command and status 99, a time, 682 steps in 31 full lines and one that is not."""
     head = b"MD0044072501000\n99b\n"
@@ -261,6 +278,9 @@ PLAIN: dict[str, Callable[[], PlainFrames | PlainSamples]] = {
     "LDS-01": lambda: PlainFrames(lds01_length, lds01_check),
     "Camsense X1": lambda: PlainFrames(camsense_length, camsense_check),
     "Hokuyo URG": lambda: PlainFrames(hokuyo_length, hokuyo_check),
+    "Delta-2A": lambda: PlainFrames(delta2_length, delta2_check),
+    "Delta-2G": lambda: PlainFrames(delta2_length, delta2_check),
+    "Delta-2B": lambda: PlainFrames(delta2_length, delta2_check),
 }
 """Decoders by the titles of `lidar_streams.STREAMS`."""
 
@@ -308,6 +328,18 @@ def camsense_samples(frame: bytes) -> Polar:
         ((first - 0xA000 + i * step) / 64 % 360, 0 if mm >= 0x8000 else mm)
         for i, mm in enumerate(distances)
     ]
+
+
+def delta2_samples(frame: bytes, packets: int = 16) -> Polar:
+    """So many a packet, evenly up to the next packet's angle."""
+    if frame[5] == 0xAE:
+        return []
+    count = (frame[6] * 256 + frame[7] - 5) // 3
+    first, found = (frame[11] * 256 + frame[12]) / 100, []
+    for i in range(count):
+        _, high, low = frame[13 + 3 * i : 16 + 3 * i]
+        found.append(((first + i * 360 / packets / count) % 360, (high * 256 + low) / 4))
+    return found
 
 
 def hokuyo_samples(frame: bytes) -> Polar:
@@ -512,5 +544,8 @@ SAMPLES: dict[str, Callable[[], Callable[[bytes], Polar]]] = {
     "LDS-01": lambda: lds01_samples,
     "Camsense X1": lambda: camsense_samples,
     "Hokuyo URG": lambda: hokuyo_samples,
+    "Delta-2A": lambda: delta2_samples,
+    "Delta-2G": lambda: partial(delta2_samples, packets=15),
+    "Delta-2B": lambda: delta2_samples,
 }
 """Readers of frames by the same titles."""

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trolley.config.hardware import LidarModel
-from trolley_base.drivers.lidars import hokuyo, ld19, rplidar_capsules, ydlidar
+from trolley_base.drivers.lidars import delta2, hokuyo, ld19, rplidar_capsules, ydlidar
 from trolley_base.drivers.lidars.decoding import Decoder
+from trolley_base.emulators import delta2 as delta2_emulator
 from trolley_base.emulators import hokuyo as hokuyo_emulator
 from trolley_base.emulators import rplidar
 from trolley_base.emulators import ydlidar as ydlidar_emulator
@@ -93,6 +94,20 @@ def of_ydlidar(model: LidarModel) -> Callable[[Counter[str]], Decoder]:
     return lambda counts: ydlidar.YdDecoder(ydlidar.KINDS[model], counts)
 
 
+def delta2_frames(packets: int) -> Make:
+    def frames(rng: np.random.Generator) -> list[bytes]:
+        data, index = [], int(rng.integers(packets))
+        for i in range(4):
+            count = int(rng.integers(1, 62))
+            # The second packet tells how many make a turn; the first holds nothing here.
+            quarters = [0] * count if i == 0 else distances(rng, 65536, count)
+            angle = (index + i) % packets * 360.0 / packets
+            data.append(delta2_emulator.encode(6.0, angle, [(one % 251, one) for one in quarters]))
+        return data
+
+    return frames
+
+
 CASES: dict[str, tuple[Make, Callable[[Counter[str]], Decoder]]] = {
     "RPLIDAR A1 express": (express_frames, of_kind(rplidar_capsules.EXPRESS)),
     "RPLIDAR A3": (
@@ -113,6 +128,14 @@ CASES: dict[str, tuple[Make, Callable[[Counter[str]], Decoder]]] = {
     "YDLIDAR G4": (yd_frames(plain_yd, 80), of_ydlidar("ydlidar_g4")),
     "YDLIDAR G2": (yd_frames(intense_yd, 40), of_ydlidar("ydlidar_g2")),
     "YDLIDAR T-mini": (yd_frames(intense_yd, 40), of_ydlidar("ydlidar_tmini")),
+    "Delta-2A": (
+        delta2_frames(16),
+        lambda counts: delta2.Delta2Decoder(delta2.FACTS_2A, counts),
+    ),
+    "Delta-2G": (
+        delta2_frames(15),
+        lambda counts: delta2.Delta2Decoder(delta2.FACTS_2A, counts),
+    ),
     "LD19": (ld_frames, lambda counts: ld19.LdDecoder(ld19.FACTS, counts)),
     "LD14P": (
         ld_frames,

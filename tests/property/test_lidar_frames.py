@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from trolley_base.drivers.lidars import (
     camsense,
+    delta2,
     hokuyo,
     ld19,
     lds01,
@@ -31,6 +32,7 @@ FORMATS: dict[str, FrameFormat] = {
     "XV11": xv11.FORMAT,
     "LDS-01": lds01.FORMAT,
     "Camsense X1": camsense.FORMAT,
+    "Delta-2A": delta2.FORMAT,
     "Hokuyo URG": hokuyo.form_of(hokuyo.Parameters(20, 5600, 1024, 44, 725, 384, 600)),
 }
 FRAMES = {title: [one.data for one in islice(STREAMS[title][2](), 40)] for title in FORMATS}
@@ -45,6 +47,7 @@ HEADERS = {
     "XV11": b"\xfa\xa0",
     "LDS-01": b"\xfa\xdb",
     "Camsense X1": b"\x55\xaa\x03\x08",
+    "Delta-2A": b"\xaa\x00\x49\x01\x61\xad\x00\x41",
     "Hokuyo URG": b"MD0044072501000\n99b\n",
 }
 

@@ -30,6 +30,8 @@ LidarModel = Literal[
     "lds01",
     "camsense_x1",
     "hokuyo_urg",
+    "delta2a",
+    "delta2b",
 ]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]

@@ -1,4 +1,4 @@
-"""XV11 and LDS-01: one sample in each degree, a fixed number of degrees in a packet."""
+"""XV11, LDS-01, Delta-2: a sample at each step of a turn, a fixed number of steps in a packet."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from trolley_base.world import LidarSpec
 
 
 class DegreeLidar(SpinningLidar):
-    """A lidar whose packets begin at multiples of `per_packet` degrees."""
+    """A lidar whose packets begin at multiples of `per_packet` steps."""
 
     def __init__(
         self,
@@ -28,16 +28,17 @@ class DegreeLidar(SpinningLidar):
         self._ranges_mm.clear()
 
     def _emit(self, samples: Samples) -> None:
-        degrees = np.rint(samples.heads_deg).astype(np.int64) % 360
+        of = self.facts.steps
+        steps = np.rint(samples.heads_deg * (of / 360.0)).astype(np.int64) % of
         rows = zip(
-            samples.times_ns.tolist(), degrees.tolist(), samples.ranges_mm.tolist(), strict=True
+            samples.times_ns.tolist(), steps.tolist(), samples.ranges_mm.tolist(), strict=True
         )
-        for time_ns, degree, range_mm in rows:
-            is_first = degree % self._per_packet == 0 or self.is_stuck
+        for time_ns, step, range_mm in rows:
+            is_first = step % self._per_packet == 0 or self.is_stuck
             if not self._ranges_mm and not is_first:
                 continue  # a head that was stuck continues in the middle of a packet
             if not self._ranges_mm:
-                self._index = degree // self._per_packet
+                self._index = step // self._per_packet
             self._ranges_mm.append(range_mm)
             if len(self._ranges_mm) == self._per_packet:
                 self._send(time_ns, self._encode(self._index, samples.hz, self._ranges_mm))

@@ -5,10 +5,19 @@ from collections.abc import Mapping
 from trolley.config.hardware import LidarConfig, LidarModel
 from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.interface import DriverError
-from trolley_base.drivers.lidars import camsense, hokuyo, ld19, lds01, rplidar, xv11, ydlidar
+from trolley_base.drivers.lidars import (
+    camsense,
+    delta2,
+    hokuyo,
+    ld19,
+    lds01,
+    rplidar,
+    xv11,
+    ydlidar,
+)
 from trolley_base.drivers.lidars.models import LidarDriver
 
-FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01, camsense, hokuyo)
+FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01, camsense, hokuyo, delta2)
 """The drivers' modules; each knows one protocol, and its models by name in `DRIVERS`."""
 MODELS: Mapping[LidarModel, LidarDriver] = {
     name: driver for family in FAMILIES for name, driver in family.DRIVERS.items()

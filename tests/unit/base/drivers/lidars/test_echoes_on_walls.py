@@ -32,6 +32,7 @@ MODELS = [*LIDARS, "rplidar_a1, standard"]
 TWINS = {
     *("stl27l", "rplidar_a2", "rplidar_a3", "rplidar_s1", "rplidar_s2", "rplidar_s3"),
     *("ydlidar_x4_pro", "ydlidar_x2", "ydlidar_g2", "ydlidar_g4"),
+    "delta2b",
 }
 """Their decoders are tried with another model; they are tried in the slow run."""
 

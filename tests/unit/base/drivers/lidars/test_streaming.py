@@ -21,9 +21,10 @@ from support.lidars import Session, started, stream
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.interface import DriverError, LidarScan
 from trolley_base.drivers.lidars import MODELS, make_lidar
+from trolley_base.emulators import delta2
 
 # Decoders that are tried with another title, at rates that take their time.
-SLOW = {"STL-27L", "RPLIDAR S2", "RPLIDAR S3", "YDLIDAR G2", "YDLIDAR X2"}
+SLOW = {"Delta-2B", "STL-27L", "RPLIDAR S2", "RPLIDAR S3", "YDLIDAR G2", "YDLIDAR X2"}
 TITLES = [pytest.param(one, marks=[pytest.mark.slow] * (one in SLOW)) for one in STREAMS]
 # What the sensor looks beside its head, so that beams are fired while the head points there.
 BESIDE_DEG = {
@@ -262,3 +263,15 @@ def test_settings_that_do_not_fit_are_refused(settings: dict[str, Any], words: s
 def test_the_baud_rate_can_be_set(model: Any) -> None:
     assert make_lidar(LidarConfig(model=model)).line.baud == MODELS[model].facts.baud
     assert make_lidar(LidarConfig(model=model, baud=256000)).line.baud == 256000
+
+
+def test_a_delta2_that_turns_too_slowly_says_so() -> None:
+    session = Session(LidarConfig(model="delta2a"))
+    for _ in range(20):
+        session.wait(0.1)
+        session.lidar.receive(delta2.encode_speed(2.0), session.now_ns)
+    assert session.status.state == "searching"
+    assert "turns at 120 rpm, too slowly to measure" in session.status.message
+    assert not session.counts
+    session.hear(stream("Delta-2A", 1.0))
+    assert session.status.state == "up"

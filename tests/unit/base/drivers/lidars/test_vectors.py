@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bench.base.lidar_streams import capsule
 
+from trolley_base.drivers.lidars import delta2
 from trolley_base.drivers.lidars.camsense import CamsenseDecoder
 from trolley_base.drivers.lidars.decoding import Decoded, Decoder
 from trolley_base.drivers.lidars.ld19 import FACTS, LdDecoder
@@ -65,6 +66,15 @@ def test_camsense_x1() -> None:
     assert result.samples.range_m == pytest.approx(np.arange(1.0, 1.0075, 0.001))
     assert result.samples.intensity.tolist() == [50] * 8
     assert result.turns_hz == pytest.approx(5.2)
+
+
+def test_delta2() -> None:
+    frame = bytes.fromhex("AA001601 61AD000E 7800000960 320FA0 320FA4 320FA8 056D")
+    result = decoded(delta2.Delta2Decoder(delta2.FACTS_2A, Counter()), frame)
+    assert result.samples.angle_deg == pytest.approx([24.0, 31.5, 39.0])
+    assert result.samples.range_m == pytest.approx([1.0, 1.001, 1.002])
+    assert result.samples.intensity.tolist() == [50] * 3
+    assert result.turns_hz == pytest.approx(6.0)
 
 
 def test_lds01() -> None:
