@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trolley_base.emulators import delta2, hokuyo, rplidar, ydlidar
+from trolley_base.emulators import coin_d4, delta2, hokuyo, rplidar, ydlidar
 
 BITS_PER_BYTE = 10
 
@@ -163,6 +163,18 @@ def camsense_stream() -> Iterator[Frame]:
         index += 8
         samples = [round(1000 * distance_m(angle)) for angle in angles]
         yield Frame((index - 1) / 2080.0, camsense_frame(angles[0], 0.9, hz, samples))
+
+
+def coin_d4_stream() -> Iterator[Frame]:
+    """5000 samples a second, 500 a turn, 20 in the last packet of each."""
+    index, heads = 0, [round(i * 0.72 * 64) for i in range(500)]
+    while True:
+        first = index % 500
+        own = heads[first : first + 40]
+        points = (coin_d4.point(round(1000 * distance_m(one / 64)), 150) for one in own)
+        index += len(own)
+        frame = coin_d4.encode(None if first else 100, (own[0], own[-1]), b"".join(points))
+        yield Frame((index - 1) / 5000.0, frame)
 
 
 def delta2_stream(turn: tuple[int, int]) -> Iterator[Frame]:
@@ -350,6 +362,7 @@ STREAMS: dict[str, tuple[str, int, Callable[[], Iterator[Frame]]]] = {
     "LDS-01": ("lds01", 230400, lds01_stream),
     "Camsense X1": ("camsense_x1", 115200, camsense_stream),
     "Hokuyo URG": ("hokuyo_urg", 4_000_000, hokuyo_stream),
+    "COIN-D4": ("coin_d4", 230400, coin_d4_stream),
     "Delta-2A": ("delta2a", 115200, lambda: delta2_stream(delta2.A_TURN)),
     "Delta-2G": ("delta2a", 115200, lambda: delta2_stream(delta2.G_TURN)),
     "Delta-2B": ("delta2b", 230400, lambda: delta2_stream(delta2.B_TURN)),
@@ -374,6 +387,7 @@ TURNS_HZ = {
     "LDS-01": 5.0,
     "Camsense X1": 5.2,
     "Hokuyo URG": 10.0,
+    "COIN-D4": 10.0,
     "Delta-2A": 6.0,
     "Delta-2G": 6.0,
     "Delta-2B": 6.0,

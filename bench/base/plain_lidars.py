@@ -61,6 +61,16 @@ def camsense_check(frame: bytes) -> bool:
     return is_right and frame[7] >= 0xA0 and frame[33] >= 0xA0
 
 
+def coin_d4_check(frame: bytes) -> bool:
+    """Two XORs: of the even bytes before it and two of each sample, and of all others."""
+    even = odd = 0
+    for at in range(0, 8, 2):
+        even, odd = even ^ frame[at], odd ^ frame[at + 1]
+    for at in range(10, len(frame), 3):
+        even, odd = even ^ frame[at] ^ frame[at + 1], odd ^ frame[at + 2]
+    return (even, odd) == (frame[8], frame[9])
+
+
 def delta2_length(data: bytes) -> int | None:
     """AA, length, 01 61, AD or AE, length of the rest, which fit each other and the kind."""
     known = {0: b"\xaa", 3: b"\x01", 4: b"\x61", 5: b"\xad\xae"}
@@ -278,6 +288,7 @@ PLAIN: dict[str, Callable[[], PlainFrames | PlainSamples]] = {
     "LDS-01": lambda: PlainFrames(lds01_length, lds01_check),
     "Camsense X1": lambda: PlainFrames(camsense_length, camsense_check),
     "Hokuyo URG": lambda: PlainFrames(hokuyo_length, hokuyo_check),
+    "COIN-D4": lambda: PlainFrames(partial(yd_length, sample_bytes=3), coin_d4_check),
     "Delta-2A": lambda: PlainFrames(delta2_length, delta2_check),
     "Delta-2G": lambda: PlainFrames(delta2_length, delta2_check),
     "Delta-2B": lambda: PlainFrames(delta2_length, delta2_check),
@@ -327,6 +338,17 @@ def camsense_samples(frame: bytes) -> Polar:
     return [
         ((first - 0xA000 + i * step) / 64 % 360, 0 if mm >= 0x8000 else mm)
         for i, mm in enumerate(distances)
+    ]
+
+
+def coin_d4_samples(frame: bytes) -> Polar:
+    """Evenly between two angles, 14 bits each."""
+    count = frame[3]
+    first, last = ((frame[at] + 256 * frame[at + 1]) // 2 for at in (4, 6))
+    step = (last - first) % 23040 / max(1, count - 1)
+    return [
+        ((first + i * step) / 64 % 360, frame[11 + 3 * i] // 4 + 64 * frame[12 + 3 * i])
+        for i in range(count)
     ]
 
 
@@ -544,6 +566,7 @@ SAMPLES: dict[str, Callable[[], Callable[[bytes], Polar]]] = {
     "LDS-01": lambda: lds01_samples,
     "Camsense X1": lambda: camsense_samples,
     "Hokuyo URG": lambda: hokuyo_samples,
+    "COIN-D4": lambda: coin_d4_samples,
     "Delta-2A": lambda: delta2_samples,
     "Delta-2G": lambda: partial(delta2_samples, packets=15),
     "Delta-2B": lambda: delta2_samples,

@@ -30,6 +30,8 @@ BAUDS = {
     "ydlidar_x4": 128000,
     "ydlidar_tmini": 230400,
     "lds01": 230400,
+    "coin_d4": 230400,
+    "hokuyo_urg": 115200,
 }
 
 
@@ -127,6 +129,8 @@ def test_takes_lidars_over_that_were_left_streaming(tmp_path: Path, trolley: Tro
         "rplidar_c1": bytes.fromhex("a58205010000000023"),
         "ydlidar_x4": b"\xa5\x60",
         "ydlidar_tmini": b"\xa5\x60",
+        "coin_d4": bytes.fromhex("aa55f00f"),
+        "hokuyo_urg": b"MD0044072501000\n",
     }
     with emulated(tmp_path, *start) as robot:
         for name, command in start.items():

@@ -11,8 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trolley.config.hardware import LidarModel
-from trolley_base.drivers.lidars import delta2, hokuyo, ld19, rplidar_capsules, ydlidar
+from trolley_base.drivers.lidars import (
+    coin_d4,
+    delta2,
+    hokuyo,
+    ld19,
+    rplidar_capsules,
+    ydlidar,
+)
 from trolley_base.drivers.lidars.decoding import Decoder
+from trolley_base.emulators import coin_d4 as coin_emulator
 from trolley_base.emulators import delta2 as delta2_emulator
 from trolley_base.emulators import hokuyo as hokuyo_emulator
 from trolley_base.emulators import rplidar
@@ -108,6 +116,11 @@ def delta2_frames(packets: int) -> Make:
     return frames
 
 
+def plain_coin(begins: int, heads: tuple[int, int], distances_mm: list[int]) -> bytes:
+    points = b"".join(coin_emulator.point(one % 16384, one % 251) for one in distances_mm)
+    return coin_emulator.encode(100 if begins else None, heads, points)
+
+
 CASES: dict[str, tuple[Make, Callable[[Counter[str]], Decoder]]] = {
     "RPLIDAR A1 express": (express_frames, of_kind(rplidar_capsules.EXPRESS)),
     "RPLIDAR A3": (
@@ -128,6 +141,7 @@ CASES: dict[str, tuple[Make, Callable[[Counter[str]], Decoder]]] = {
     "YDLIDAR G4": (yd_frames(plain_yd, 80), of_ydlidar("ydlidar_g4")),
     "YDLIDAR G2": (yd_frames(intense_yd, 40), of_ydlidar("ydlidar_g2")),
     "YDLIDAR T-mini": (yd_frames(intense_yd, 40), of_ydlidar("ydlidar_tmini")),
+    "COIN-D4": (yd_frames(plain_coin, 40), coin_d4.CoinDecoder),
     "Delta-2A": (
         delta2_frames(16),
         lambda counts: delta2.Delta2Decoder(delta2.FACTS_2A, counts),

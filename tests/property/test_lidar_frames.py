@@ -32,6 +32,7 @@ FORMATS: dict[str, FrameFormat] = {
     "XV11": xv11.FORMAT,
     "LDS-01": lds01.FORMAT,
     "Camsense X1": camsense.FORMAT,
+    "COIN-D4": ydlidar.FORMAT_WITH_INTENSITY,
     "Delta-2A": delta2.FORMAT,
     "Hokuyo URG": hokuyo.form_of(hokuyo.Parameters(20, 5600, 1024, 44, 725, 384, 600)),
 }
@@ -47,6 +48,7 @@ HEADERS = {
     "XV11": b"\xfa\xa0",
     "LDS-01": b"\xfa\xdb",
     "Camsense X1": b"\x55\xaa\x03\x08",
+    "COIN-D4": b"\xaa\x55\x00\x28\x01\x00\x01",
     "Delta-2A": b"\xaa\x00\x49\x01\x61\xad\x00\x41",
     "Hokuyo URG": b"MD0044072501000\n99b\n",
 }

@@ -32,6 +32,7 @@ LidarModel = Literal[
     "hokuyo_urg",
     "delta2a",
     "delta2b",
+    "coin_d4",
 ]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]

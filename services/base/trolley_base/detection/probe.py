@@ -14,7 +14,8 @@ meant for:
   program has left streaming. Bits at 57600 are two at 115200 and more at the others, so the
   questions before cannot be read as A5, with which every command to these lidars begins; and a
   question at one of these speeds is none at another, which a test tries for all of them.
-- 230400: what starts a lidar that waits (`b` for an LDS-01), and stops it again.
+- 230400: what starts the lidars that wait (`b` an LDS-01), all at once, and what stops them again.
+  A lidar that heard this at another speed would have answered before.
 
 DTR stays as Linux sets it on opening: boards with USB of their own want it, an A1 stands and an X4
 turns meanwhile. Closing the port brings back what was. The port is opened once, and its speed
@@ -71,6 +72,11 @@ GREETINGS: tuple[tuple[LidarModel, Greeting, int], ...] = tuple(
 )
 """Which lidars are asked in words of their own, at which speeds."""
 GREETED_S = 0.2
+STARTED: dict[int, list[LidarModel]] = {
+    baud: [one for one, driver in MODELS.items() if driver.start and driver.facts.baud == baud]
+    for baud in dict.fromkeys(driver.facts.baud for driver in MODELS.values() if driver.start)
+}
+"""Which lidars are started to be known by their frames, by their speed: all of one at once."""
 SPIN_UP_S = 1.5
 STOP_TRIES, OBEYED_ENOUGH, QUIET_S = 3, 2, 0.4
 """A lidar obeys a stop that is silent for so long, in so many of the tries."""
@@ -295,20 +301,22 @@ class Probe:
         return False
 
     def _start_lidars(self) -> FoundDevice | None:
-        for model, driver in MODELS.items():
-            if not driver.start:
-                continue
-            baud = driver.facts.baud
+        for baud, started in STARTED.items():
             self._port.set_baud(baud)
-            self._port.write(driver.start)
             try:
+                for model in started:
+                    self._port.write(MODELS[model].start)
+                    self._pause(POLL_S)
                 found = self._read(SPIN_UP_S, partial(streams.recognise_stream, baud=baud))
             finally:
-                self._port.write(driver.stop)
-                time.sleep(POLL_S)  # closing drops what has not left
+                for model in started:
+                    self._port.write(MODELS[model].stop)
+                    time.sleep(POLL_S)  # closing drops what has not left
             if found is not None:
-                # What was silent until it was told to start is this one and no twin of it.
-                return streams.describe_stream(model)
+                # What was silent until it was told to start is that one and no twin of it.
+                frames = MODELS[found].frames
+                alike: list[LidarModel] = [one for one in started if MODELS[one].frames is frames]
+                return streams.describe_stream(alike[0] if alike else found)
         return None
 
     def _read(

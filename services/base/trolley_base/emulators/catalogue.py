@@ -5,7 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trolley_base.emulators import camsense, delta2, hokuyo, ld19, lds01, rplidar, xv11, ydlidar
+from trolley_base.emulators import (
+    camsense,
+    coin_d4,
+    delta2,
+    hokuyo,
+    ld19,
+    lds01,
+    rplidar,
+    xv11,
+    ydlidar,
+)
 from trolley_base.emulators.arduino_bridge import ArduinoBridge, WheelFacts
 from trolley_base.emulators.create2 import Create2
 from trolley_base.emulators.device import Board, Device, DeviceError
@@ -16,7 +26,7 @@ from trolley_base.emulators.linorobot2 import Linorobot2, Linorobot2Options
 from trolley_base.emulators.waveshare_ugv import WaveshareUgv
 from trolley_base.world import LidarSpec
 
-FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01, camsense, hokuyo, delta2)
+FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01, camsense, hokuyo, delta2, coin_d4)
 """The emulators' modules; each knows one protocol, and its models by name in `LIDARS`."""
 LIDARS: dict[str, MakeLidar] = {
     name: make for family in FAMILIES for name, make in family.LIDARS.items()

@@ -7,6 +7,7 @@ from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.interface import DriverError
 from trolley_base.drivers.lidars import (
     camsense,
+    coin_d4,
     delta2,
     hokuyo,
     ld19,
@@ -17,7 +18,7 @@ from trolley_base.drivers.lidars import (
 )
 from trolley_base.drivers.lidars.models import LidarDriver
 
-FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01, camsense, hokuyo, delta2)
+FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01, camsense, hokuyo, delta2, coin_d4)
 """The drivers' modules; each knows one protocol, and its models by name in `DRIVERS`."""
 MODELS: Mapping[LidarModel, LidarDriver] = {
     name: driver for family in FAMILIES for name, driver in family.DRIVERS.items()

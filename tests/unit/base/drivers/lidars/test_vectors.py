@@ -11,6 +11,7 @@ from bench.base.lidar_streams import capsule
 
 from trolley_base.drivers.lidars import delta2
 from trolley_base.drivers.lidars.camsense import CamsenseDecoder
+from trolley_base.drivers.lidars.coin_d4 import CoinDecoder
 from trolley_base.drivers.lidars.decoding import Decoded, Decoder
 from trolley_base.drivers.lidars.ld19 import FACTS, LdDecoder
 from trolley_base.drivers.lidars.ld19 import triangulation_deg as ld14p_deg
@@ -66,6 +67,25 @@ def test_camsense_x1() -> None:
     assert result.samples.range_m == pytest.approx(np.arange(1.0, 1.0075, 0.001))
     assert result.samples.intensity.tolist() == [50] * 8
     assert result.turns_hz == pytest.approx(5.2)
+
+
+def test_coin_d4() -> None:
+    frame = bytes.fromhex("AA55C902 01050106 0B54 00A00F 00C80F")
+    result = decoded(CoinDecoder(Counter()), frame)
+    assert result.samples.angle_deg == pytest.approx([10.0, 12.0])
+    assert result.samples.range_m == pytest.approx([1.0, 1.01])
+    assert result.turns_hz == pytest.approx(10.0)
+
+
+def test_coin_d4_packs_an_intensity_between_two_bytes() -> None:
+    # 0x5A is 01 011010: its low six bits are above those of the first byte, its high two below
+    # those of the second.
+    frame = bytes.fromhex("AA550001 01050105") + bytes([0, 0]) + bytes([0x1A << 2, 0xA0 | 1, 0x0F])
+    even = frame[0] ^ frame[2] ^ frame[4] ^ frame[6] ^ frame[10] ^ frame[11]
+    odd = frame[1] ^ frame[3] ^ frame[5] ^ frame[7] ^ frame[12]
+    result = decoded(CoinDecoder(Counter()), frame[:8] + bytes([even, odd]) + frame[10:])
+    assert result.samples.intensity.tolist() == [0x5A]
+    assert result.samples.range_m == pytest.approx([1.0])
 
 
 def test_delta2() -> None:
