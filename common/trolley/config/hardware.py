@@ -33,6 +33,7 @@ LidarModel = Literal[
     "delta2a",
     "delta2b",
     "coin_d4",
+    "lds02rr",
 ]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]

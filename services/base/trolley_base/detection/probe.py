@@ -174,7 +174,8 @@ class Probe:
         """Find out which of the models that send the same frames at the same speed this is.
 
         Some say who they are; one that was left streaming is stopped for that. Of the others one
-        obeys a stop, and is started again. None: nothing that it can be answers.
+        obeys a stop, and is started again; where none does it is called the first of them. None:
+        nothing that it can be answers.
         """
         kin: list[LidarModel] = [model, *streams.twins_of(model)]
         identities = dict.fromkeys(MODELS[one].identity for one in kin)
@@ -187,7 +188,7 @@ class Probe:
         for one in mute:
             if len(mute) > 1 and self._obeys_stop(MODELS[one]):
                 return streams.describe_stream(one)
-        return streams.describe_stream(mute[0]) if mute else None
+        return streams.describe_stream(mute[0], mute[1:]) if mute else None
 
     def _obeys_stop(self, driver: LidarDriver) -> bool:
         """Tell a lidar to stop and to start again, more than once: it may be silent by chance."""

@@ -1,6 +1,7 @@
 """Telling a lidar by the frames that it sends unasked."""
 
 from collections import Counter
+from collections.abc import Sequence
 
 from trolley.config.hardware import LidarModel
 from trolley_base.detection.results import FoundDevice
@@ -30,10 +31,22 @@ def recognise_stream(data: bytes, baud: int) -> LidarModel | None:
     return None
 
 
-def describe_stream(model: LidarModel) -> FoundDevice:
-    """Describe a lidar that was known by its frames."""
+def describe_stream(model: LidarModel, others: Sequence[LidarModel] = ()) -> FoundDevice:
+    """Describe a lidar that was known by its frames.
+
+    Args:
+        model: what it is, or the likeliest.
+        others: what it may be as well: nothing that can be asked tells them apart.
+    """
     facts = MODELS[model].facts
-    return FoundDevice("lidar", model, facts.title, facts.baud)
+    unlike: list[LidarModel] = [
+        one for one in others if MODELS[one].facts.clockwise != facts.clockwise
+    ]
+    details = tuple(
+        f'or an {MODELS[one].facts.title}, if left and right are swapped: model = "{one}"'
+        for one in unlike
+    )
+    return FoundDevice("lidar", model, facts.title, facts.baud, details)
 
 
 def twins_of(model: LidarModel) -> list[LidarModel]:

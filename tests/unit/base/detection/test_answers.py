@@ -263,3 +263,10 @@ def test_no_question_to_a_hokuyo_is_one_to_another_lidar() -> None:
             assert b"\xa5" not in heard
             own = {command for at, command in commands if at == heard_baud}
             assert not any(command in heard for command in own), heard_baud
+
+
+def test_of_two_that_only_turn_differently_the_person_hears() -> None:
+    found = streams.describe_stream("xv11", streams.twins_of("xv11"))
+    assert found.model == "xv11"
+    assert found.details == ('or an LDS02RR, if left and right are swapped: model = "lds02rr"',)
+    assert streams.describe_stream("ld19", ["ld14p"]).details == ()

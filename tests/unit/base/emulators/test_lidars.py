@@ -317,6 +317,7 @@ KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
     "stl27l": ("stl27l", decode_ld19, b"", 21600.0),
     "ld14p": ("ld14p", decode_ld14p, b"", 4000.0),
     "xv11": ("xv11", decode_xv11, b"", 1800.0),
+    "lds02rr": ("lds02rr", decode_xv11, b"", 1800.0),
     "lds01": ("lds01", decode_lds01, b"", 1800.0),
     "camsense": ("camsense_x1", decode_camsense, b"", 2080.0),
     "coin_d4": (
@@ -341,7 +342,9 @@ KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
 }
 TRIED = [
     pytest.param(
-        one, marks=[pytest.mark.slow] * (samples_per_s > 10_000 or one in ("g2", "x2", "delta2b"))
+        one,
+        marks=[pytest.mark.slow]
+        * (samples_per_s > 10_000 or one in ("g2", "x2", "delta2b", "lds02rr")),
     )
     for one, (_, _, _, samples_per_s) in KINDS.items()
 ]
@@ -458,7 +461,9 @@ def test_stuck_it_reports_one_angle_and_goes_on_later(simulate: MakeSimulation, 
     stuck = run(lidar, simulation, 0.5, Twist2D.zero())
     angles = decode(prefix + b"".join(data for _, data in stuck))[:, 0]
     # Of those with packets at fixed angles it is one packet.
-    within = {"xv11": 6.0, "lds01": 6.0, "delta2a": 22.5, "delta2b": 22.5}.get(kind, 0.2)
+    within = {"xv11": 6.0, "lds02rr": 6.0, "lds01": 6.0, "delta2a": 22.5, "delta2b": 22.5}.get(
+        kind, 0.2
+    )
     if kind != "express":  # whose host can only guess the angles of a head that does not turn
         assert np.ptp(angles) <= within
     lidar.is_stuck = False

@@ -1,14 +1,17 @@
-"""XV11 (Neato, firmware 2.4 and 2.6): streams, a sample in each degree, 4 a frame.
+"""XV11 (Neato, firmware 2.4 and 2.6), LDS02RR: stream, a sample in each degree, 4 a frame.
 
 Frame of 22 bytes: FA, index A0...F9 (of 4 degrees each), speed [rpm / 64], 4 × (distance [mm] with
 flags in its two highest bits, signal strength), a folding sum of 15 bits. Bit 15 of a distance
-marks it as invalid; bit 14 warns of a weak signal and is ignored.
+marks it as invalid; bit 14 warns of a weak signal and is ignored. The LDS02RR (Xiaomi, Roborock)
+turns the other way.
 
 Source:
-    xv_11_laser_driver; getSurreal XV Lidar Controller.
+    xv_11_laser_driver; getSurreal XV Lidar Controller; kaiaai/LDS, LDS_LDS02RR.
 """
 
 from collections import Counter
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -32,6 +35,7 @@ FACTS = LidarFacts(
     clockwise=False,
     speed_hint="Its motor needs a controller outside the sensor: is it set to 300 rpm?",
 )
+FACTS_02RR = replace(FACTS, title="LDS02RR", range_min_m=0.15, range_max_m=6.0, clockwise=True)
 _WEIGHTS = 2 ** np.arange(9, -1, -1)
 
 
@@ -73,16 +77,17 @@ class Xv11(StreamingLidar):
         DriverError: the configuration asks for what it cannot do.
     """
 
-    def __init__(self, config: LidarConfig) -> None:
-        super().__init__(FACTS, config, Xv11Decoder)
+    def __init__(self, facts: LidarFacts, config: LidarConfig) -> None:
+        super().__init__(facts, config, Xv11Decoder)
 
 
 DRIVERS: dict[LidarModel, LidarDriver] = {
     "xv11": LidarDriver(
         FACTS,
-        Xv11,
+        partial(Xv11, FACTS),
         frames=FORMAT,
         linorobot_names=("xv11",),
         ros_packages=("xv_11_laser_driver",),
-    )
+    ),
+    "lds02rr": LidarDriver(FACTS_02RR, partial(Xv11, FACTS_02RR), frames=FORMAT),
 }
