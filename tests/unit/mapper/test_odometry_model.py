@@ -64,4 +64,11 @@ def test_a_corridor_teaches_nothing_of_distances() -> None:
     model = OdometryModel()
     drive(model, 40, 0.01, scale=1.05, information=CORRIDOR)
     assert model.distance == 1.0
-    assert model.distance_share == MOTION.distance_share
+    assert model.distance_share(1.0) == MOTION.distance_share
+
+
+def test_short_steps_err_by_a_larger_share() -> None:
+    model = OdometryModel()
+    drive(model, 40, 0.03)
+    assert model.distance_share(0.25) == pytest.approx(2.0 * model.distance_share(1.0))
+    assert model.distance_share(0.01) == MOTION.distance_share

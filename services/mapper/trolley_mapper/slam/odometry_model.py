@@ -59,9 +59,9 @@ class OdometryModel:
         self._raw = Pose2D.identity()
         doubt = np.square(PARAMS.errors) / PARAMS.scale_dev**2
         self._products, self._squares = doubt.copy(), doubt.copy()
-        # Number and sum of the squared deviations of distances, as shares of them.
-        self._num_shares = PARAMS.share_weight
-        self._squared_shares = PARAMS.share_weight * MOTION.distance_share**2
+        # Number of distances that were compared, and the sum of their squared deviations a metre.
+        self._weight = PARAMS.share_weight
+        self._wander_m2 = PARAMS.share_weight * MOTION.distance_share**2
 
     def correct(self, step: Pose2D) -> Pose2D:
         """Return a step as it was probably driven."""
@@ -70,12 +70,18 @@ class OdometryModel:
 
     def covariance(self, step: Pose2D) -> NDArray[np.float64]:
         """Return the covariance (3, 3) of a step that was corrected."""
-        return motion_covariance(math.hypot(step.x, step.y), abs(step.yaw), self.distance_share)
+        distance_m = math.hypot(step.x, step.y)
+        share = self.distance_share(distance_m)
+        return motion_covariance(distance_m, abs(step.yaw), share)
 
-    @property
-    def distance_share(self) -> float:
-        """Standard deviation of a distance that was corrected, as a share of it."""
-        share = math.sqrt(self._squared_shares / self._num_shares)
+    def distance_share(self, distance_m: float) -> float:
+        """Return the standard deviation of a corrected distance, as a share of it.
+
+        It is a random walk's: the shorter the step, the larger the share.
+        """
+        if distance_m == 0.0:
+            return MOTION.distance_share
+        share = math.sqrt(self._wander_m2 / self._weight / distance_m)
         return min(max(share, PARAMS.min_share), MOTION.distance_share)
 
     def restart(self) -> None:
@@ -100,7 +106,7 @@ class OdometryModel:
             and reported >= PARAMS.min_distance_m
             and is_straight
         ):
-            self._add_share(abs(driven - self.distance * reported) / reported)
+            self._add_deviation(driven - self.distance * reported, reported)
             self._add(0, driven, reported)
         self.distance, self.turn = (self._products / self._squares).tolist()
 
@@ -112,8 +118,8 @@ class OdometryModel:
         self._products[which] = PARAMS.fading * self._products[which] + driven * reported
         self._squares[which] = PARAMS.fading * self._squares[which] + reported * reported
 
-    def _add_share(self, share: float) -> None:
-        """Add by which share of it a corrected distance was off."""
-        self._num_shares = PARAMS.share_fading * self._num_shares + 1.0
-        self._squared_shares *= PARAMS.share_fading
-        self._squared_shares += min(share, PARAMS.max_share) ** 2
+    def _add_deviation(self, deviation_m: float, distance_m: float) -> None:
+        """Add by how much a corrected distance was off."""
+        share = min(abs(deviation_m) / distance_m, PARAMS.max_share)
+        self._weight = PARAMS.share_fading * self._weight + 1.0
+        self._wander_m2 = PARAMS.share_fading * self._wander_m2 + share**2 * distance_m
