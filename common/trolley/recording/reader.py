@@ -119,7 +119,7 @@ class RecordingFile:
             number: _row(channel) for number, channel in known.items()
         }
         damage = self.damage = Damage()
-        for record in self._records(damage):
+        for record in read_records(self.path, damage):
             if isinstance(record, Channel):
                 rows[record.id] = _row(record)
             elif isinstance(record, Message):
@@ -129,36 +129,6 @@ class RecordingFile:
                     yield Entry(record.log_time, name, topic, record.data, encoding)
                 elif record.channel_id not in rows:
                     damage.lost_messages += 1
-
-    def _records(self, damage: Damage) -> Iterator[McapRecord]:
-        """The records of the file and of its chunks, as far as they are good."""
-        with self._open() as file:
-            stream = _WholeReads(file)
-            good = 0
-            try:
-                reader = StreamReader(
-                    cast("IO[bytes]", stream), emit_chunks=True, record_size_limit=MAX_RECORD_BYTES
-                )
-                for record in reader.records:
-                    good = stream.count
-                    if isinstance(record, DataEnd):  # what follows is the index
-                        return
-                    if isinstance(record, Chunk):
-                        yield from self._open_chunk(record, damage)
-                    else:
-                        yield record
-            except _BROKEN:
-                damage.unread_bytes = self._size() - good
-
-    def _open_chunk(self, chunk: Chunk, damage: Damage) -> Iterator[McapRecord]:
-        try:
-            plain = _decompressed(chunk)
-            whole = dataclasses.replace(chunk, compression="", data=plain)
-            records = breakup_chunk(whole, validate_crc=True)
-        except _BROKEN:
-            damage.bad_chunks += 1
-            return
-        yield from records
 
     def _read_summary(self) -> Summary | None:
         """The index at the end of the file, None where it was cut."""
@@ -181,7 +151,7 @@ class RecordingFile:
         if self._summary is not None and self._summary.channels:
             channels = iter(self._summary.channels.values())
         else:
-            channels = self._records(Damage())
+            channels = read_records(self.path, Damage())
         for record in channels:
             if isinstance(record, Channel):
                 found = split_key(record.topic) if _row(record) is not None else None
@@ -202,9 +172,6 @@ class RecordingFile:
         except OSError as error:
             raise BadRecording(f"{self.path}: cannot be read: {error.strerror or error}") from error
 
-    def _size(self) -> int:
-        return self.path.stat().st_size
-
 
 def _row(channel: Channel) -> tuple[str, Topic[Any], str] | None:
     """Name, topic and encoding of a channel of the wire, None for any other channel."""
@@ -213,6 +180,38 @@ def _row(channel: Channel) -> tuple[str, Topic[Any], str] | None:
     if found is None or topic is None or WIRE not in channel.metadata:
         return None
     return found[1], topic, channel.metadata[WIRE]
+
+
+def read_records(path: Path, damage: Damage) -> Iterator[McapRecord]:
+    """The records of an MCAP file and of its chunks up to its index, as far as they are good."""
+    with open_file(path) as file:
+        stream = _WholeReads(file)
+        good = 0
+        try:
+            reader = StreamReader(
+                cast("IO[bytes]", stream), emit_chunks=True, record_size_limit=MAX_RECORD_BYTES
+            )
+            for record in reader.records:
+                good = stream.count
+                if isinstance(record, DataEnd):  # what follows is the index
+                    return
+                if isinstance(record, Chunk):
+                    yield from _open_chunk(record, damage)
+                else:
+                    yield record
+        except _BROKEN:
+            damage.unread_bytes = path.stat().st_size - good
+
+
+def _open_chunk(chunk: Chunk, damage: Damage) -> Iterator[McapRecord]:
+    try:
+        plain = _decompressed(chunk)
+        whole = dataclasses.replace(chunk, compression="", data=plain)
+        records = breakup_chunk(whole, validate_crc=True)
+    except _BROKEN:
+        damage.bad_chunks += 1
+        return
+    yield from records
 
 
 def _decompressed(chunk: Chunk) -> bytes:
