@@ -1,4 +1,4 @@
-"""`trolley ros2`: the bridge, in the foreground until it is ended."""
+"""`trolley ros2`, the bridge, in the foreground until it is ended, and `trolley import bag`."""
 
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,10 @@ from msgspec import structs
 from trolley.cli.options import given, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import connected, reports_errors
-from trolley.config import Ros2Config, find_config, load_host_config
+from trolley.config import ConfigError, Ros2Config, find_config, load_host_config
 from trolley.connection import find_target, pick_robot
+from trolley.geometry import Pose2D
+from trolley.topics import is_robot_name
 
 
 @click.command(name="ros2")
@@ -66,3 +68,66 @@ def with_options(settings: Ros2Config, options: dict[str, Any]) -> Ros2Config:
 
 def _settings(path: Path | None) -> Ros2Config:
     return Ros2Config() if path is None else load_host_config(path).ros2
+
+
+@click.command(name="bag")
+@click.argument("bag", type=click.Path(exists=True, path_type=Path))
+@click.argument("file", required=False, type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--scan", metavar="TOPIC", help="The laser scans, if there are several.")
+@click.option("--odom", metavar="TOPIC", help="The odometry; /tf for the transforms.")
+@click.option(
+    "--laser",
+    type=(float, float, float),
+    metavar="X Y YAW",
+    help="Where the lidar sits on the robot [m, m, rad], if the bag does not say.",
+)
+@click.option(
+    "--radius",
+    "radius_m",
+    type=click.FloatRange(min=0.02, max=5.0),
+    default=0.2,
+    show_default=True,
+    help="Half the robot's width [m]: no bag says it.",
+)
+@click.option("--name", default="bag", show_default=True, help="What the robot is called.")
+@reports_errors
+def import_bag(  # noqa: PLR0913 -- each is an option
+    bag: Path,
+    file: Path | None,
+    scan: str | None,
+    odom: str | None,
+    laser: tuple[float, float, float] | None,
+    radius_m: float,
+    name: str,
+) -> None:
+    """Make a recording of a ROS 1 bag or a rosbag2 (mcap, db3; a file or its folder).
+
+    It takes one topic of laser scans, one of odometry (else the transforms odom -> base_link), and
+    where the lidar sits, and lists what it did not take and why. Without FILE it is
+    BAG.trolley.mcap in the current folder; an existing file is never overwritten. `trolley replay` and
+    `trolley demo --recording` play it.
+    """
+    if not is_robot_name(name):
+        raise click.BadParameter(f"{name!r} is no robot's name: a-z, 0-9, _ and -", param_hint="--name")
+    from trolley_ros2.bag import BadBag, Bag
+    from trolley_ros2.import_bag import Wishes, convert
+
+    path = file or Path(f"{bag.resolve().stem}.trolley.mcap")
+    try:
+        mount = None if laser is None else Pose2D.from_array(laser)
+        found = convert(Bag(bag), name, path, Wishes(scan, odom, mount, radius_m))
+    except BadBag as error:
+        raise ConfigError(f"{bag}: {str(error).removeprefix(f'{bag}: ')}") from error
+    except FileExistsError as error:
+        raise ConfigError(f"{path} already exists; name another file") from error
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {error.strerror or error}") from error
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--laser") from error
+    say(f"{path}: {found.seconds:.1f} s.")
+    for topic, what in found.taken.items():
+        say(f"taken      {topic}  {what}")
+    for topic, why in found.left.items():
+        say(f"not taken  {topic}  {why}")
+    for note in found.notes:
+        say(note)
