@@ -262,4 +262,3 @@ def _topics(base: sqlite3.Connection) -> list[tuple[int, str, str, str, str]]:
             )
         )
     return [(*row, definitions.get(row[2], "")) for row in rows]
-

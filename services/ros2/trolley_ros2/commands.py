@@ -13,7 +13,7 @@ from trolley.cli.robots import connected, reports_errors
 from trolley.config import ConfigError, Ros2Config, find_config, load_host_config
 from trolley.connection import find_target, pick_robot
 from trolley.geometry import Pose2D
-from trolley.topics import is_robot_name
+from trolley.topics import names_robot
 
 
 @click.command(name="ros2")
@@ -91,7 +91,7 @@ def _settings(path: Path | None) -> Ros2Config:
 )
 @click.option("--name", default="bag", show_default=True, help="What the robot is called.")
 @reports_errors
-def import_bag(  # noqa: PLR0913 -- each is an option
+def import_bag(
     bag: Path,
     file: Path | None,
     scan: str | None,
@@ -104,11 +104,13 @@ def import_bag(  # noqa: PLR0913 -- each is an option
 
     It takes one topic of laser scans, one of odometry (else the transforms odom -> base_link), and
     where the lidar sits, and lists what it did not take and why. Without FILE it is
-    BAG.trolley.mcap in the current folder; an existing file is never overwritten. `trolley replay` and
-    `trolley demo --recording` play it.
+    BAG.trolley.mcap in the current folder; an existing file is never overwritten. `trolley replay`
+    and `trolley demo --recording` play it.
     """
-    if not is_robot_name(name):
-        raise click.BadParameter(f"{name!r} is no robot's name: a-z, 0-9, _ and -", param_hint="--name")
+    if not names_robot(name):
+        raise click.BadParameter(
+            f"{name!r} is no robot's name: a-z, 0-9, _ and -", param_hint="--name"
+        )
     from trolley_ros2.bag import BadBag, Bag
     from trolley_ros2.import_bag import Wishes, convert
 

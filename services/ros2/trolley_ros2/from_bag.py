@@ -241,4 +241,3 @@ def _matrix(at: tuple[float, ...], quaternion: tuple[float, ...]) -> Matrix:
             [0.0, 0.0, 0.0, 1.0],
         ]
     )
-

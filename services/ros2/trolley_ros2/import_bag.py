@@ -16,7 +16,7 @@ from trolley.runtime import codec
 from trolley.runtime.bus import Sample
 from trolley.topics import Topic
 from trolley_ros2 import cdr
-from trolley_ros2.bag import Bag, BadBag, Channel, NotRead
+from trolley_ros2.bag import BadBag, Bag, Channel, NotRead
 from trolley_ros2.from_bag import (
     Frames,
     NotTaken,
@@ -97,8 +97,7 @@ def convert(bag: Bag, robot: str, path: Path, wishes: Wishes) -> Outcome:
         try:
             run.begin = _about(robot, mount, wishes.radius_m)
             _copy(bag, run, (scan, odom), (odom_frame, is_inverted))
-            if not run.counts[Scan] or not run.counts[Odometry]:
-                raise BadBag(_nothing(run))
+            run.check()
             writer.finish()
         except (BadBag, OSError):
             path.unlink()
@@ -242,6 +241,17 @@ class _Run:
         self._take(topic.key(self._robot), message)
         self.counts[type(message)] += 1
 
+    def check(self) -> None:
+        """Refuse a drive that lacks one of both.
+
+        Raises:
+            BadBag: There is nothing to play.
+        """
+        for kind, what in ((Scan, "scan"), (Odometry, "odometry")):
+            if not self.counts[kind]:
+                why = " ".join(self.sentences())
+                raise BadBag(f"no {what} in the bag can be used. {why}".strip())
+
     def sentences(self) -> list[str]:
         """What was left out."""
         return [f"Left out: {number} {why}." for why, number in sorted(self.dropped.items())]
@@ -257,9 +267,7 @@ class _Run:
         self._recorder.take(sample, self._now_ns, self._now_ns)
 
 
-def _copy(
-    bag: Bag, run: _Run, chosen: tuple[Channel, Channel], how: tuple[str, bool]
-) -> None:
+def _copy(bag: Bag, run: _Run, chosen: tuple[Channel, Channel], how: tuple[str, bool]) -> None:
     scan, odom = chosen
     odom_frame, is_inverted = how
     stamps = {scan: Stamps(), odom: Stamps()}
@@ -284,11 +292,6 @@ def _copy(
                 before = found
         except (NotRead, NotTaken, AttributeError) as error:
             run.dropped[f"{kind}: {error}"] += 1
-
-
-def _nothing(run: _Run) -> str:
-    what = "scan" if not run.counts[Scan] else "odometry"
-    return f"no {what} in the bag can be used. {' '.join(run.sentences())}".strip()
 
 
 def _why_not(channel: Channel, found: Survey) -> str:
