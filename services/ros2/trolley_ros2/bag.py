@@ -235,6 +235,8 @@ def _db3(path: Path, damage: list[str]) -> Iterator[Message]:
     # Nothing is written, not even beside a bag that was not closed.
     base = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
     try:
+        # Else SQLite opens no file that is shorter than it says.
+        base.execute("PRAGMA writable_schema = ON")
         known = {
             number: Channel(topic, normalize_msgtype(name), encoding, definition)
             for number, topic, name, encoding, definition in _topics(base)
