@@ -7,4 +7,4 @@ from trolley.cli import PluggedGroup
 
 @click.group(name="import", cls=PluggedGroup)
 def import_command() -> None:
-    """Import settings from another system."""
+    """Import settings or drives from another system."""
