@@ -55,7 +55,7 @@ SECTIONS = {
         "replay": ("trolley.cli.replay", "Play a recording under another robot's name."),
         "backup": ("trolley.cli.backup", "Save everything the robot knows in one file."),
         "restore": ("trolley.cli.backup", "Restore what `trolley backup` saved."),
-        "import": ("trolley.cli.importing", "Import settings from another system."),
+        "import": ("trolley.cli.importing", "Import settings or drives from another system."),
     },
     "For hosts and programs": {
         "keys": ("trolley.cli.keys", "Make certificates for the hosts that may connect."),

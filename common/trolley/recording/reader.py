@@ -10,7 +10,7 @@ import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
 import zstandard
 from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
@@ -119,7 +119,7 @@ class RecordingFile:
             number: _row(channel) for number, channel in known.items()
         }
         damage = self.damage = Damage()
-        for record in read_records(self.path, damage):
+        for record in _read_records(self.path, damage):
             if isinstance(record, Channel):
                 rows[record.id] = _row(record)
             elif isinstance(record, Message):
@@ -151,7 +151,7 @@ class RecordingFile:
         if self._summary is not None and self._summary.channels:
             channels = iter(self._summary.channels.values())
         else:
-            channels = read_records(self.path, Damage())
+            channels = _read_records(self.path, Damage())
         for record in channels:
             if isinstance(record, Channel):
                 found = split_key(record.topic) if _row(record) is not None else None
@@ -182,7 +182,26 @@ def _row(channel: Channel) -> tuple[str, Topic[Any], str] | None:
     return found[1], topic, channel.metadata[WIRE]
 
 
-def read_records(path: Path, damage: Damage) -> Iterator[McapRecord]:
+def read_any(path: Path, damage: Damage) -> Iterator[tuple[Message, Channel, Schema | None]]:
+    """The messages of anybody's MCAP file in their order, as far as they are good."""
+    channels: dict[int, Channel] = {}
+    schemas: dict[int, Schema] = {}
+    for record in _read_records(path, damage):
+        match record:
+            case Schema():
+                schemas[record.id] = record
+            case Channel():
+                channels[record.id] = record
+            case Message() if record.channel_id in channels:
+                channel = channels[record.channel_id]
+                yield record, channel, schemas.get(channel.schema_id)
+            case Message():
+                damage.lost_messages += 1
+            case _:
+                pass
+
+
+def _read_records(path: Path, damage: Damage) -> Iterator[McapRecord]:
     """The records of an MCAP file and of its chunks up to its index, as far as they are good."""
     with open_file(path) as file:
         stream = _WholeReads(file)

@@ -12,9 +12,6 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from mcap.records import Channel as McapChannel
-from mcap.records import Message as McapMessage
-from mcap.records import Schema
 from rosbags.rosbag1.reader import Header, ReaderError, RecordType, decompressors
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
@@ -22,7 +19,7 @@ from rosbags.typesys.msg import normalize_msgtype
 
 from trolley.files import open_file
 from trolley.recording.layout import MAX_RECORD_BYTES
-from trolley.recording.reader import Damage, read_records
+from trolley.recording.reader import Damage, read_any
 
 _BAG1 = b"#ROSBAG V"
 _SQLITE = b"SQLite format 3"
@@ -201,34 +198,19 @@ def _in_record(header: Header, data: bytes, known: dict[int, Channel]) -> Iterat
 
 
 def _mcap(path: Path, damage: list[str]) -> Iterator[Message]:
-    schemas: dict[int, Schema] = {}
     known: dict[int, Channel] = {}
     lost = Damage()
-    for record in read_records(path, lost):
-        match record:
-            case Schema():
-                schemas[record.id] = record
-            case McapChannel():
-                schema = schemas.get(record.schema_id)
-                known[record.id] = Channel(
-                    topic=record.topic,
-                    type_name="" if schema is None else normalize_msgtype(schema.name),
-                    encoding=record.message_encoding,
-                    definition=_mcap_definition(schema),
-                )
-            case McapMessage() if record.channel_id in known:
-                yield Message(known[record.channel_id], record.log_time, record.data)
-            case McapMessage():
-                lost.lost_messages += 1
-            case _:
-                pass
+    for record, channel, schema in read_any(path, lost):
+        if channel.id not in known:
+            has_text = schema is not None and schema.encoding in {"ros2msg", "ros1msg"}
+            known[channel.id] = Channel(
+                topic=channel.topic,
+                type_name="" if schema is None else normalize_msgtype(schema.name),
+                encoding=channel.message_encoding,
+                definition=schema.data.decode("utf-8", "replace") if schema and has_text else "",
+            )
+        yield Message(known[channel.id], record.log_time, record.data)
     damage += [f"{path}: {sentence}" for sentence in lost.sentences()]
-
-
-def _mcap_definition(schema: Schema | None) -> str:
-    if schema is None or schema.encoding not in {"ros2msg", "ros1msg"}:
-        return ""
-    return schema.data.decode("utf-8", "replace")
 
 
 def _db3(path: Path, damage: list[str]) -> Iterator[Message]:
