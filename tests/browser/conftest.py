@@ -22,7 +22,6 @@ ARGUMENTS = [
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--disable-gpu-compositing",
     "--no-sandbox",
 ]
 START = Pose2D(0.549, 0.218, 0.2579)
@@ -33,13 +32,13 @@ DELETES = {
     "tours": requests.TOURS_DELETE,
 }
 PATIENCE_MS = 1000.0 * PATIENCE_S
-# The scene is drawn with a quarter of the pixels and at most four times a second: that is what a
+# The scene is drawn with a quarter of the pixels and at most ten times a second: that is what a
 # processor has left for it beside the robot, and a tablet's graphics card does no better. Where
 # nobody looks at it, `undrawn` in `seeing.py` makes that once a second.
 SCENE = "?fixedDpr=0.5"
 SLOW_FRAMES = """(() => {
   const draw = window.requestAnimationFrame.bind(window);
-  window.framePeriod = 250;
+  window.framePeriod = 100;
   const waiting = new Map();
   let last = 0, number = 0, isDue = false;
   window.requestAnimationFrame = (callback) => {

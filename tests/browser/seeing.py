@@ -67,10 +67,9 @@ def wait_for_frames(page: Page) -> None:
 def undrawn(page: Page) -> Generator[None]:
     """Hardly draw the scene meanwhile: without a graphics card that takes most of a processor."""
     frame = scene(page)
-    before = frame.evaluate("framePeriod")
     frame.evaluate("framePeriod = 1000")
     yield
-    frame.evaluate(f"framePeriod = {before}")
+    frame.evaluate("framePeriod = 100")
 
 
 def picture(page: Page) -> Pixels:
