@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from trolley_base.odometry.turn_ratio import TurnRatio
+from trolley_base.odometry.motion_ratio import MotionRatio
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,16 +55,16 @@ class GyroCheck:
     """Learns how much the gyro turns per turn of the wheels."""
 
     def __init__(self) -> None:
-        self._ratio = TurnRatio(PARAMS.min_turn_rate, PARAMS.forgetting_turn, PARAMS.most)
-        self._lately = TurnRatio(PARAMS.min_turn_rate, PARAMS.still_turn, PARAMS.most)
+        self._ratio = MotionRatio(PARAMS.min_turn_rate, PARAMS.forgetting_turn, PARAMS.most)
+        self._lately = MotionRatio(PARAMS.min_turn_rate, PARAMS.still_turn, PARAMS.most)
 
     @property
     def trouble(self) -> GyroTrouble | None:
         """What is wrong, None while that is not known or nothing is."""
         lately, ratio = self._lately, self._ratio.value
-        if lately.turned >= PARAMS.still_turn and abs(lately.value) < PARAMS.still_below:
+        if lately.covered >= PARAMS.still_turn and abs(lately.value) < PARAMS.still_below:
             return GyroTrouble.STILL
-        if self._ratio.turned < PARAMS.judged_turn:
+        if self._ratio.covered < PARAMS.judged_turn:
             return None
         if ratio > PARAMS.degrees_above:
             return GyroTrouble.DEGREES

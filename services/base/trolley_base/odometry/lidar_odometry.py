@@ -20,8 +20,8 @@ from trolley.geometry import Pose2D, Twist2D, angle_difference, exp_twist, log_p
 from trolley.scan_matching.scan_odometry import Prior, ScanMotion, ScanOdometry
 from trolley.scanning import ScanInput
 from trolley_base.drivers import LidarScan, MotionSample
+from trolley_base.odometry.motion_ratio import MotionRatio
 from trolley_base.odometry.track import OdometryTrack
-from trolley_base.odometry.turn_ratio import TurnRatio
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,16 +104,16 @@ class WheelCheck:
 
     def __init__(self) -> None:
         away, turn = PARAMS.judged_m, PARAMS.judged_rad
-        self._ahead = TurnRatio(PARAMS.slow_mps, PARAMS.forgetting * away, PARAMS.most)
-        self._turn = TurnRatio(PARAMS.slow_radps, PARAMS.forgetting * turn, PARAMS.most)
+        self._ahead = MotionRatio(PARAMS.slow_mps, PARAMS.forgetting * away, PARAMS.most)
+        self._turn = MotionRatio(PARAMS.slow_radps, PARAMS.forgetting * turn, PARAMS.most)
 
     @property
     def trouble(self) -> WheelTrouble | None:
         """What is wrong, None while that is not known or nothing is."""
         ahead, turn = self._ahead, self._turn
-        if turn.turned >= PARAMS.judged_rad and turn.value < PARAMS.reversed_below:
+        if turn.covered >= PARAMS.judged_rad and turn.value < PARAMS.reversed_below:
             return WheelTrouble.TURNS_BACKWARDS
-        if ahead.turned < PARAMS.judged_m or ahead.value > PARAMS.slips_below:
+        if ahead.covered < PARAMS.judged_m or ahead.value > PARAMS.slips_below:
             return None
         is_reversed = ahead.value < PARAMS.reversed_below
         return WheelTrouble.BACKWARDS if is_reversed else WheelTrouble.SLIP

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from trolley_base.odometry.gyro_bias import GyroBias
 from trolley_base.odometry.gyro_check import GyroCheck, GyroTrouble
-from trolley_base.odometry.turn_ratio import TurnRatio
+from trolley_base.odometry.motion_ratio import MotionRatio
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class YawFusion:
         self._changed_ns: int | None = None
         self._bias = GyroBias()
         self._check = GyroCheck()
-        self._ratio = TurnRatio(PARAMS.min_turn_rate, PARAMS.forgetting_turn, PARAMS.most_ratio)
+        self._ratio = MotionRatio(PARAMS.min_turn_rate, PARAMS.forgetting_turn, PARAMS.most_ratio)
         self._differs_since_ns: int | None = None
         self._differed_until_ns = 0
         self.state = GyroState.SILENT
@@ -173,7 +173,7 @@ class YawFusion:
         if not differs:
             self._differs_since_ns = None
             is_known = (
-                self._ratio.turned >= PARAMS.learning_turn
+                self._ratio.covered >= PARAMS.learning_turn
                 and end_ns - self._differed_until_ns > PARAMS.trusted_after_ns
             )
             return (GyroState.USED if is_known else GyroState.LEARNING), gyro_rad
@@ -192,7 +192,7 @@ class YawFusion:
 
     def _turns_alike(self) -> bool:
         least, most = PARAMS.gyro_per_wheel_turn
-        return self._ratio.turned < PARAMS.learning_turn or least <= self._ratio.value <= most
+        return self._ratio.covered < PARAMS.learning_turn or least <= self._ratio.value <= most
 
     def _integrate(self, start_ns: int, end_ns: int) -> tuple[float, float]:
         """Return the readings' integral over an interval [rad] and their largest size [rad/s].

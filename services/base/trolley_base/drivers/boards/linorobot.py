@@ -42,7 +42,7 @@ from trolley_base.drivers.boards.rosserial import (
     parse_topic_info,
     time_reply,
 )
-from trolley_base.drivers.boards.velocities import VelocityIntegrator
+from trolley_base.drivers.boards.velocities import NO_SPEED, VelocityIntegrator
 from trolley_base.drivers.dialogue import Line, Status
 from trolley_base.drivers.interface import ChassisReading
 
@@ -53,10 +53,6 @@ NO_TIME_REQUEST_NS = 15_000_000_000
 MOST_TIME_REQUESTS = 8
 """Each answer waits for one call of `outgoing`; a board that asks this often is broken."""
 WARNING, ERROR = 2, 3
-NO_SPEED = (
-    "The motor board reports speeds that no robot can have; they are not used. Restart it, and "
-    "look at its encoders' cables."
-)
 
 
 class LinorobotDialogue:

@@ -25,7 +25,7 @@ from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.device_clock import DeviceClock
 from trolley_base.drivers.boards.linorobot2_messages import NoMessageError
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
-from trolley_base.drivers.boards.velocities import StampedVelocities
+from trolley_base.drivers.boards.velocities import NO_SPEED, StampedVelocities
 from trolley_base.drivers.boards.xrce_agent import Delivery, XrceAgent, matches
 from trolley_base.drivers.boards.xrce_frames import FrameDecoder, encode
 from trolley_base.drivers.boards.xrce_pings import PingResponder
@@ -42,10 +42,6 @@ COUNTS_FOR_NS = 3_000_000_000
 the mean since the last one."""
 LEAST_VOLTAGE = 1.0
 """Firmware without a battery's pin reports less [V]."""
-NO_SPEED = (
-    "The motor board reports speeds that no robot can have; they are not used. Restart it, and "
-    "look at its encoders' cables."
-)
 STRANGER = (
     "The motor board talks in a session of another agent. It comes over within a second; if it "
     "does not, its firmware was built with USE_STAY_CONNECTED: restart it."

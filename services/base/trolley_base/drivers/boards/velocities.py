@@ -8,6 +8,10 @@ from trolley_base.drivers.interface import MotionSample
 
 LONGEST_NS = 500_000_000
 """After a longer interval nobody knows what the wheels did."""
+NO_SPEED = (
+    "The motor board reports speeds that no robot can have; they are not used. Restart it, and "
+    "look at its encoders' cables."
+)
 
 
 class VelocityIntegrator:
