@@ -11,6 +11,9 @@ from trolley.messages.types import Count, Covariance, NonNegative, Positive, Sha
 Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
 TripState = Literal["idle", "driving", "dwelling", "waiting", "paused", "done", "failed", "stopped"]
 
+HOME = "home"
+"""The place that a robot returns to: when its battery is low, or when it is told to go home."""
+
 
 class SavedPose(Struct, frozen=True, kw_only=True):
     """A named place: map_T_base on the map called `map`. `saved_at` is UTC, ISO 8601, or null.

@@ -13,15 +13,16 @@ from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
 from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
+from trolley.messages.touring import HOME
 from trolley.requests import Request
 from trolley_mqtt.robot_view import GOING
 
 GO, TOUR, STOP, PAUSE, RESUME, CANCEL = "go", "tour", "stop", "pause", "resume", "cancel"
-START, HOME, LOCATE = "start", "home", "locate"
-VERBS = (GO, TOUR, STOP, PAUSE, RESUME, CANCEL, START, HOME, LOCATE)
+START, RETURN, LOCATE = "start", "home", "locate"
+VERBS = (GO, TOUR, STOP, PAUSE, RESUME, CANCEL, START, RETURN, LOCATE)
 NAMED = (GO, TOUR)
 VACUUM = "vacuum"
-VACUUM_VERBS = (START, PAUSE, HOME, LOCATE)
+VACUUM_VERBS = (START, PAUSE, RETURN, LOCATE)
 MAX_PAYLOAD = 512
 """A name has 64 characters of 4 bytes at most."""
 
@@ -88,8 +89,8 @@ def order_of(
     goal, trip = known
     if verb == START:
         verb, name = (RESUME, "") if _is_paused(goal, trip) else (TOUR, start_tour or _only(tours))
-    if verb in (GO, HOME):
-        return _go(HOME if verb == HOME else name, places, new_id)
+    if verb in (GO, RETURN):
+        return _go(HOME if verb == RETURN else name, places, new_id)
     if verb == TOUR:
         return _tour(name, tours)
     title = {PAUSE: "Pause", RESUME: "Continue", CANCEL: "Cancel"}[verb]

@@ -78,7 +78,7 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
             "supported_features": ["start", "pause", "return_home", "locate"],
             "payload_start": commands.START,
             "payload_pause": commands.PAUSE,
-            "payload_return_to_base": commands.HOME,
+            "payload_return_to_base": commands.RETURN,
             "payload_locate": commands.LOCATE,
             "icon": "mdi:robot",
         },

@@ -21,6 +21,9 @@ ACTIVITIES = (
     "ready",
 )
 
+AWAY = "The robot is switched off or out of reach."
+LOST = "The robot does not know where it is."
+
 Activity = tuple[str, str]
 """One of `ACTIVITIES`, and the sentence."""
 
@@ -33,10 +36,10 @@ def activity_of(view: RobotView) -> Activity:
 def where(view: RobotView) -> str:
     """Where the robot is, as a sentence."""
     if view.is_away:
-        return "The robot is switched off or out of reach."
+        return AWAY
     pose = None if view.estimate is None else view.estimate.pose
     if not view.is_placed or pose is None:
-        return "The robot does not know where it is."
+        return LOST
     if view.place is not None:
         return f"The robot is at {view.place}."
     if view.room is not None:
@@ -45,7 +48,7 @@ def where(view: RobotView) -> str:
 
 
 def _away(view: RobotView) -> Activity | None:
-    return ("away", "The robot is switched off or out of reach.") if view.is_away else None
+    return ("away", AWAY) if view.is_away else None
 
 
 def _base(view: RobotView) -> Activity | None:
@@ -69,7 +72,7 @@ def _held(view: RobotView) -> Activity | None:
 def _lost(view: RobotView) -> Activity | None:
     match view.position:
         case "lost" | "stale":
-            return ("lost", "The robot does not know where it is.")
+            return ("lost", LOST)
         case "searching":
             return ("waiting", "The robot is working out where it is.")
         case _:

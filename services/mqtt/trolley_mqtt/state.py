@@ -2,7 +2,7 @@
 
 from msgspec import Struct
 
-from trolley_mqtt.commands import HOME
+from trolley.messages.touring import HOME
 from trolley_mqtt.robot_view import RobotView
 from trolley_mqtt.sentences import activity_of
 

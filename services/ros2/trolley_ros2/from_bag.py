@@ -13,9 +13,9 @@ from trolley.messages import Odometry, Scan
 from trolley.runtime import codec
 from trolley_ros2 import cdr
 from trolley_ros2.bag import Channel
+from trolley_ros2.incoming import BASE_FRAMES
 
 TF_TYPES = (cdr.TF_MESSAGE, "tf/msg/tfMessage")
-BASE_FRAMES = ("base_link", "base_footprint")
 MAX_TILT_RAD = math.radians(15.0)
 """A lidar that is tilted further does not see a plane."""
 LONGEST_LEAP_NS = 60_000_000_000

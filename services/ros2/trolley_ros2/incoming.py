@@ -9,7 +9,9 @@ import numpy as np
 from trolley.geometry import Pose2D, Twist2D, pose_from_quaternion
 from trolley_ros2 import cdr
 
-BODY_FRAMES = ("", "base_link", "base_footprint")
+BASE_FRAMES = ("base_link", "base_footprint")
+"""What nodes call the robot's body."""
+BODY_FRAMES = ("", *BASE_FRAMES)
 """Frames that a velocity may be given in; most programs leave it out."""
 
 MAX_VARIANCE = 1e12

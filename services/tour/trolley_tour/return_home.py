@@ -3,6 +3,7 @@
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import Stop, Tour
+from trolley.messages.touring import HOME
 from trolley.runtime.service import Service, every
 from trolley_tour import sentences
 from trolley_tour.charge_monitor import Activity, BatteryParams, ChargeMonitor, ReturnDecision
@@ -12,7 +13,6 @@ from trolley_tour.stored.places import Places
 from trolley_tour.trips.runner import TripRunner
 from trolley_tour.trips.trip import ACTIVE, PLANNER
 
-HOME = "home"
 HOME_TOUR = Tour(stops=[Stop(name=HOME, retries=20)])
 AT_HOME_M = 0.3
 """A robot this near is at home already."""
