@@ -24,6 +24,8 @@ BENCHES = $(shell grep -rhoE '^    (TROLLEY_DATA=\S+ )?python -m bench[a-z_.]+( 
 export UV_PYTHON_DOWNLOADS := never
 # Matrices are small here: more threads only take the cores from other tests.
 export OPENBLAS_NUM_THREADS ?= 1
+# Containers like to forbid compiled modules to be kept: each program would compile them again.
+export PYTHONDONTWRITEBYTECODE :=
 
 help: ## Show this list.
 	@echo 'Usage: make TARGET [ARGS="..."]   (Python for .venv: make setup PYTHON=python3.12)'
@@ -138,7 +140,7 @@ $(STAMPS)/venv:
 # uv does not read pip's settings: where only those know the way to the packages, pip does the work.
 $(STAMPS)/packages: $(STAMPS)/venv requirements.lock
 	@echo "Installing the packages of requirements.lock ..."
-	@$(UV) pip sync --quiet --python $(BIN)/python --require-hashes requirements.lock || { \
+	@$(UV) pip sync --quiet --python $(BIN)/python --require-hashes --compile-bytecode requirements.lock || { \
 		echo "uv could not; trying pip ..."; \
 		$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements.lock; }
 	@touch $@
