@@ -14,6 +14,8 @@ FROM_ABOVE = math.radians(89.7)
 NORTH = 0.5 * math.pi
 NEAR_M = 5.0
 """How far the camera is from what is looked at from near, and from a robot that it follows."""
+BESIDE = np.array([0.0, 0.0, 1e-3])
+"""What viser takes for another point to look at [m], and nobody sees."""
 MARGIN = 1.1
 SHIFT = 0.05
 """How far the map is moved up, by its height: Stop lies over the lower edge."""
@@ -117,9 +119,15 @@ def fit(
 def move(
     client: viser.ClientHandle, position: NDArray[np.float64], look_at: NDArray[np.float64]
 ) -> None:
-    """Move one browser's camera: where it stands and what it looks at, (3,) [m] each."""
+    """Move one browser's camera: where it stands and what it looks at, (3,) [m] each.
+
+    To move it, viser moves what it looks at along. It leaves out to set that back where it believes
+    that the page looks there, and a page's report of before makes it believe so: hence by way of a
+    point beside it.
+    """
     with client.atomic():
         client.camera.position = position
+        client.camera.look_at = look_at + BESIDE
         client.camera.look_at = look_at
 
 
