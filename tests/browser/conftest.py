@@ -12,7 +12,7 @@ from support.processes import find_free_port
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import requests, topics
-from trolley.client import Refused, Robot
+from trolley.client import Refused
 from trolley.geometry import Pose2D, wrap_angle
 from trolley.messages.request_params import Named
 
@@ -22,6 +22,7 @@ ARGUMENTS = [
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--disable-gpu-compositing",
     "--no-sandbox",
 ]
 START = Pose2D(0.549, 0.218, 0.2579)
@@ -32,13 +33,13 @@ DELETES = {
     "tours": requests.TOURS_DELETE,
 }
 PATIENCE_MS = 1000.0 * PATIENCE_S
-# The scene is drawn with a quarter of the pixels and at most ten times a second: that is what a
+# The scene is drawn with a quarter of the pixels and at most four times a second: that is what a
 # processor has left for it beside the robot, and a tablet's graphics card does no better. Where
 # nobody looks at it, `undrawn` in `seeing.py` makes that once a second.
 SCENE = "?fixedDpr=0.5"
 SLOW_FRAMES = """(() => {
   const draw = window.requestAnimationFrame.bind(window);
-  window.framePeriod = 100;
+  window.framePeriod = 250;
   const waiting = new Map();
   let last = 0, number = 0, isDue = false;
   window.requestAnimationFrame = (callback) => {
@@ -73,7 +74,7 @@ class Shown:
         self.folder = folder
         self.viz_port = find_free_port()
         self.demo = Demo(folder, "--viz-port", str(self.viz_port), "--seed", "3")
-        self.robot = Robot(self.demo.name, [self.demo.endpoint])
+        self.robot = self.demo.client()
         self._first: dict[str, set[str]] = {}
 
     @property
@@ -124,10 +125,16 @@ class Shown:
         }
 
 
-def run_demo(folder: Path) -> Iterator[Shown]:
-    """A demo of one's own."""
+@pytest.fixture(scope="session")
+def chromium() -> Path:
+    """Debian's Chromium; without it the test is skipped."""
     if not CHROMIUM.exists():
         pytest.skip(f"{CHROMIUM} is not installed")
+    return CHROMIUM
+
+
+def run_demo(folder: Path) -> Iterator[Shown]:
+    """A demo of one's own."""
     shown = Shown(folder)
     try:
         wait_until(shown.is_ready, "the demo's robot is localized")
@@ -138,7 +145,7 @@ def run_demo(folder: Path) -> Iterator[Shown]:
 
 
 @pytest.fixture(scope="package")
-def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
+def shown(tmp_path_factory: pytest.TempPathFactory, chromium: Path) -> Iterator[Shown]:
     """The demo that all files share: to start one takes most of a minute of a processor."""
     yield from run_demo(tmp_path_factory.mktemp("viewer"))
 
@@ -150,9 +157,9 @@ def settled(shown: Shown) -> None:
 
 
 @pytest.fixture(scope="package")
-def browser() -> Iterator[Browser]:
+def browser(chromium: Path) -> Iterator[Browser]:
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
+        browser = playwright.chromium.launch(executable_path=str(chromium), args=ARGUMENTS)
         expect.set_options(timeout=PATIENCE_MS)
         yield browser
         browser.close()
@@ -170,8 +177,8 @@ def open_page(browser: Browser, width: int, height: int, **options: Any) -> Page
 def open_viewer(page: Page, url: str) -> None:
     """Open the viewer, until it knows where the robot is and shows the map."""
     page.goto(url)
-    page.get_by_text("Localized").first.wait_for()
-    page.locator("#scene-wait").wait_for(state="hidden")
+    expect(page.get_by_text("Localized").first).to_be_visible()
+    expect(page.locator("#scene-wait")).to_be_hidden()
 
 
 @pytest.fixture(scope="module")

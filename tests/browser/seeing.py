@@ -69,7 +69,7 @@ def undrawn(page: Page) -> Generator[None]:
     frame = scene(page)
     frame.evaluate("framePeriod = 1000")
     yield
-    frame.evaluate("framePeriod = 100")
+    frame.evaluate("framePeriod = 250")
 
 
 def picture(page: Page) -> Pixels:

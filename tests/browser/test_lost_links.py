@@ -17,7 +17,7 @@ from trolley.cli.demo_robot import Choices, write_settings
 from trolley.client import Robot
 from trolley.runtime.zenoh_bus import open_router
 
-from .conftest import CHROMIUM, open_page
+from .conftest import open_page
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
@@ -92,9 +92,7 @@ def settled() -> None:
 
 
 @pytest.fixture(scope="module")
-def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
-    if not CHROMIUM.exists():
-        pytest.skip(f"{CHROMIUM} is not installed")
+def house(tmp_path_factory: pytest.TempPathFactory, chromium: Path) -> Iterator[House]:
     with ExitStack() as stack:
         yield House(tmp_path_factory.mktemp("house"), stack)
 

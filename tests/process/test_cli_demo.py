@@ -12,7 +12,6 @@ from support.processes import Process, find_free_port, write_config
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics, worlds
-from trolley.client import Robot
 from trolley.connection import Connection
 
 SERVICES = {"base", "localizer", "mapper", "planner", "tour"}
@@ -82,7 +81,7 @@ def test_two_demos_run_side_by_side(tmp_path: Path) -> None:
             (tmp_path / name).mkdir()
             demos.append(Demo(tmp_path / name, "--headless", name=name))
         for demo in demos:
-            with Robot(demo.name, demo.endpoint, connect_timeout=PATIENCE_S) as robot:
+            with demo.client() as robot:
                 wait_until(lambda: robot.latest(topics.POSE), f"{demo.name} has a pose")
     finally:
         for demo in demos:

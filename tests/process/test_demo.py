@@ -59,7 +59,7 @@ def quiet_demo(tmp_path: Path) -> Generator[Demo]:
     """A demo that stands and waits, with its places saved."""
     demo = Demo(tmp_path, "--headless")
     try:
-        with Robot(demo.name, [demo.endpoint]) as robot:
+        with demo.client() as robot:
             wait_until(lambda: has_kitchen(robot), "the demo has saved its places")
             wait_until(lambda: is_localized(robot), "the robot is localized")
         yield demo
@@ -114,7 +114,7 @@ def test_recording_plays_as_real_processes(tmp_path: Path, recordings: Path) -> 
         str(recordings / "mac_1st_floor_final.yaml"),
     )
     try:
-        with Robot(demo.name, [demo.endpoint]) as robot:
+        with demo.client() as robot:
             wait_until(lambda: is_localized(robot), "localized on the recording")
     finally:
         demo.end()

@@ -8,7 +8,6 @@ from support.demo import Demo, Latest, speed_of
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import requests, topics
-from trolley.client import Robot
 from trolley.messages import Truth, VelocityCommand
 from trolley.runtime import codec
 from trolley.runtime.zenoh_bus import open_bus
@@ -87,7 +86,7 @@ def test_trip_waits_for_a_person_after_base_died(demo: Demo) -> None:
         assert latest.truth is not None
         assert latest.truth.pose.distance_to(stood.pose) < 1.0
         assert latest.fastest_within(2.0) < 0.01
-        with Robot(demo.name, [demo.endpoint]) as robot:
+        with demo.client() as robot:
             robot.ask(requests.TOUR_RESUME)
         status = latest.wait_for_trip("done")
         assert [result.state for result in status.results] == ["reached"] * 3

@@ -7,6 +7,7 @@ from pathlib import Path
 from support.processes import Process, find_free_port
 from support.waiting import PATIENCE_S, wait_until
 from trolley import topics
+from trolley.client import Robot
 from trolley.messages import TourStatus, Truth
 from trolley.runtime import codec
 from trolley.runtime.bus import Sample
@@ -55,6 +56,10 @@ class Demo:
                     if part.startswith("trolley_"):
                         found[part.removeprefix("trolley_")] = int(pid)
         return found
+
+    def client(self) -> Robot:
+        """A client of the robot, once it is there: the router is the first of its processes."""
+        return Robot(self.name, self.endpoint, connect_timeout=PATIENCE_S)
 
     def kill_service(self, service: str) -> None:
         """SIGKILL a service; its supervisor brings it back."""

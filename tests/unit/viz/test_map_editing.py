@@ -153,6 +153,26 @@ def test_strokes_are_seen_at_once_and_stored_when_it_is_said(hand: Hand, mapper:
     assert hand.browser.notices[-1] == ("Saved", "Stored.")
 
 
+def test_the_picture_before_a_stroke_stays_until_the_one_after_it_is_loaded(hand: Hand) -> None:
+    def floor() -> Any:
+        return hand.editor._preview._map.nodes[0]._impl
+
+    hand.editor.choose("wall")
+    hand.tap(0.0, 0.0)
+    hand.tap(1.0, 0.5)
+    first = floor()
+    hand.tap(0.5, 0.0)
+    hand.tap(1.0, 1.0)
+    assert floor() is not first
+    assert not first.removed
+    hand.stage.runtime.run(3.0)
+    assert first.removed
+    second = floor()
+    hand.editor.turn_to(20.0)  # beside it, the one before would be seen
+    hand.wait()
+    assert second.removed
+
+
 def test_a_drag_that_is_called_off_changes_nothing(hand: Hand) -> None:
     for tool in ("erase", "wall", "crop"):
         hand.editor.choose(tool)

@@ -161,7 +161,9 @@ class MapEditor:
 
     def update(self) -> None:
         """Leave when the robot is on another map by now."""
-        grid = self._view().map
+        view = self._view()
+        self._preview.update(view.now_ns)
+        grid = view.map
         if self.is_open and not self.is_busy and grid is not self._message:
             is_same = (
                 grid is not None
@@ -342,7 +344,8 @@ class MapEditor:
                 self._preview.clear()
             else:
                 self._drawn, model = result
-                self._preview.show(model, self._drawn.grid.origin, self._drawn.walls)
+                shown_ns = self._view().now_ns
+                self._preview.show(model, self._drawn.grid.origin, self._drawn.walls, shown_ns)
             self._draw_wanted()
 
         self._view().work(work, done)

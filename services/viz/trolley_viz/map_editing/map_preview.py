@@ -28,6 +28,7 @@ class MapPreview:
     def __init__(self, picture: Picture) -> None:
         self._picture = picture
         self._map: DrawnMap | None = None
+        self._origin = Pose2D.identity()
         self._merged: viser.PointCloudHandle | None = None
         self._stroke: viser.LineSegmentsHandle | None = None
 
@@ -36,16 +37,21 @@ class MapPreview:
         """Whether it stands in place of the stored map."""
         return self._map is not None and bool(self._map.nodes)
 
-    def show(self, model: MapModel, origin: Pose2D, merged: NDArray[np.float64]) -> None:
+    def show(
+        self, model: MapModel, origin: Pose2D, merged: NDArray[np.float64], now_ns: int
+    ) -> None:
         """Show a map, and points of the walls that a merge brings along."""
         client = self._picture.client
         if client is None:
             return
         scene = client.scene
         with client.atomic():
-            self.clear()
+            self._clear_sketch()
             self._map = self._map or DrawnMap(scene, "/map_editing")
-            self._map.show(model, origin)
+            if origin != self._origin:  # it was turned or moved
+                self._map.clear()
+            self._origin = origin
+            self._map.show(model, origin, now_ns)
             if len(merged):
                 points = np.column_stack([merged, np.full(len(merged), Z_STROKE)])
                 self._merged = scene.add_point_cloud(
@@ -71,10 +77,18 @@ class MapPreview:
             thickness=max(width, 0.03),
         )
 
+    def update(self, now_ns: int) -> None:
+        """Take away what another map has taken the place of."""
+        if self._map is not None:
+            self._map.update(now_ns)
+
     def clear(self) -> None:
         """Take everything away."""
         if self._map is not None:
             self._map.clear()
+        self._clear_sketch()
+
+    def _clear_sketch(self) -> None:
         if self._merged is not None:
             self._merged.remove()
             self._merged = None

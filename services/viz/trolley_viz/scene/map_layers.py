@@ -70,12 +70,14 @@ class DrawnMap:
         self._scene, self._path = scene, path
         self._count = 0
         self._old: list[viser.SceneNodeHandle] = []
+        self._old_until_ns = 0
         self.nodes: list[viser.SceneNodeHandle] = []
         """Of the newest map."""
 
-    def show(self, model: MapModel, world_T_grid: Pose2D) -> None:
-        """Draw a map over the one before, which stays until `drop_old`."""
-        self.drop_old()
+    def show(self, model: MapModel, world_T_grid: Pose2D, now_ns: int) -> None:
+        """Draw a map over the one before, which stays until this one is surely loaded."""
+        self._drop_old()
+        self._old_until_ns = now_ns + OLD_NS
         self._count += 1
         path = f"{self._path}/{self._count}"
         floor = self._scene.add_glb(
@@ -96,17 +98,21 @@ class DrawnMap:
         for node in self.nodes:
             place(node, world_T_grid, 0.0)
 
-    def drop_old(self) -> None:
-        """Take away the map before."""
-        for node in self._old:
-            node.remove()
-        self._old = []
+    def update(self, now_ns: int) -> None:
+        """Take away the map before once it is time."""
+        if self._old and now_ns >= self._old_until_ns:
+            self._drop_old()
 
     def clear(self) -> None:
         """Take everything away."""
-        self.drop_old()
+        self._drop_old()
         self._old, self.nodes = self.nodes, []
-        self.drop_old()
+        self._drop_old()
+
+    def _drop_old(self) -> None:
+        for node in self._old:
+            node.remove()
+        self._old = []
 
 
 class MapLayer(Layer):
@@ -121,13 +127,10 @@ class MapLayer(Layer):
         super().__init__(server, above)
         self._map = DrawnMap(self.scene, self.root)
         self._where: tuple[str, Pose2D] | None = None
-        self._old_until_ns: int | None = None
 
     def draw(self, view: View) -> None:
         """Draw the map when another one arrived."""
-        if self._old_until_ns is not None and view.now_ns >= self._old_until_ns:
-            self._old_until_ns = None
-            self._map.drop_old()
+        self._map.update(view.now_ns)
         grid = view.streams.latest(topics.MAP)
         world_T_map = None if grid is None else view.placement.world_T(grid.frame)
         if not self.changed(grid, world_T_map):
@@ -147,8 +150,7 @@ class MapLayer(Layer):
         def show(model: MapModel) -> None:
             if self._drawn is inputs:  # no other map came meanwhile
                 with self.server.atomic():
-                    self._map.show(model, world_T_grid)
-                self._old_until_ns = view.now_ns + OLD_NS
+                    self._map.show(model, world_T_grid, view.now_ns)
 
         view.work(lambda: MapModel.of(grid), show)
 

@@ -89,6 +89,10 @@ DECISION = web.RequestKey("decision", AccessDecision)
 """What was decided on a request."""
 
 
+AMBIENT_LIGHT = 6.4
+"""How bright what viser's lamps leave dark is, as three.js counts."""
+
+
 class PortTaken(RuntimeError):
     """The viewer cannot listen on its port."""
 
@@ -127,6 +131,9 @@ def open_scene() -> SceneServer:
     scene.gui.configure_theme(show_logo=False, show_share_button=False)
     # Drawing the shadows would be most of the work for each picture, and nothing here needs one.
     scene.scene.configure_default_lights(cast_shadow=False)
+    # Nor a picture of surroundings to be lit by: to prepare it takes a weak processor seconds.
+    scene.scene.configure_environment_map(None)
+    scene.scene.add_light_ambient("/light", intensity=AMBIENT_LIGHT)
     # Set from the beginning: the first change moves the cameras that are there, later ones do not.
     camera.set_initial(scene, camera.UNKNOWN_MAP)
     scene.initial_camera.near = 0.1  # a distant near plane keeps flat layers from flickering
