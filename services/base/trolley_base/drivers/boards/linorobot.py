@@ -50,6 +50,8 @@ PERIOD_NS = 50_000_000
 """The pace of `raw_vel`."""
 NO_TIME_REQUEST_NS = 15_000_000_000
 """rosserial's own rule: a board asks for the time every 2.5 s, or it has forgotten its host."""
+STALL_NS = 500_000_000
+"""Base looks every 20 ms; after this long without a look much may have been lost."""
 MOST_TIME_REQUESTS = 8
 """Each answer waits for one call of `outgoing`; a board that asks this often is broken."""
 WARNING, ERROR = 2, 3
@@ -68,7 +70,7 @@ class LinorobotDialogue:
         self._baud = baud
         self._can_drive_sideways = can_drive_sideways
         self._report = Report()
-        self._decoder = FrameDecoder(self._report.count)
+        self._decoder = FrameDecoder(self._count_damage)
         self._topics = Negotiation(self._report.count)
         self._wheels = VelocityIntegrator(PERIOD_NS, self._report.count)
         self._pace = CommandPace()
@@ -86,12 +88,23 @@ class LinorobotDialogue:
         self._wheels.reset()
         self._wanted = Twist2D.zero()
         self._pace.reset()
-        self._byte_ns = self._time_request_ns = now_ns
+        self._looked_ns = self._byte_ns = self._time_request_ns = now_ns
         self._velocity_ns: int | None = None
         self._no_speed_ns: int | None = None
         self._has_bytes = self._has_frames = False
         self._time_requests = 0
         self._owes_pid = False
+
+    def _look(self, now_ns: int) -> None:
+        """Notice that base itself stood still: nothing of that time speaks against the board."""
+        if now_ns - self._looked_ns >= STALL_NS:
+            self._byte_ns = now_ns
+            self._topics.note_stall(now_ns)
+        self._looked_ns = now_ns
+
+    def _count_damage(self, what: str, more: int) -> None:
+        self._report.count(what, more)
+        self._topics.note_damage()
 
     # What arrives.
     def receive(self, data: bytes, arrived_ns: int) -> None:
@@ -162,6 +175,7 @@ class LinorobotDialogue:
 
     def outgoing(self, now_ns: int) -> bytes:
         """Return a command if one is due, then answers and questions; less than 20 ms of bytes."""
+        self._look(now_ns)
         self._judge(now_ns)
         parts: list[bytes] = []
         command_id, pid_id = self._topics.id_of(CMD_VEL), self._topics.id_of(PID)
@@ -246,4 +260,5 @@ class LinorobotDialogue:
 
     def take(self, now_ns: int) -> ChassisReading:
         """Hand over what was reported."""
+        self._look(now_ns)
         return self._report.take(self.status(now_ns))

@@ -1,6 +1,8 @@
 """Asks a linorobot board for its topics and judges what it announces.
 
 A round begins with each topic request and is judged as a whole when no more announcements come.
+One of which a part may have been lost is not judged: where base itself stood still, or a frame came
+damaged, and something is missing. The board is asked again.
 Ids are taken from the announcements alone: the firmware looks up what it receives by id without
 checking its bounds. Of a round that announces one of the four topics with another layout nothing is
 used, and so nothing is ever sent.
@@ -48,6 +50,7 @@ class Negotiation:
         self._heard_ns: int | None = None  # the last announcement that was not judged yet
         self._mismatch = ""
         self._has_unknown = False
+        self._is_damaged = False
 
     @property
     def is_usable(self) -> bool:
@@ -100,12 +103,24 @@ class Negotiation:
             self._count("unknown_topics", 1)
             self._has_unknown = True
 
+    def note_damage(self) -> None:
+        """Take notice that something of this round came damaged."""
+        self._is_damaged = True
+
+    def note_stall(self, now_ns: int) -> None:
+        """Take notice that base stood still: what waits is discarded, an answer to come with it."""
+        if self._asked_ns is not None:
+            self.note_request(now_ns)
+
     def judge(self, now_ns: int) -> frozenset[Topic]:
         """Judge a round that is over; return, once, which topics it lacked."""
         if self._heard_ns is None or now_ns - self._heard_ns < LAST_WORD_NS:
             return frozenset()
         self._heard_ns = None
         missing = frozenset(TOPICS) - self._heard.keys()
+        if self._is_damaged and missing & NEEDED and not self._mismatch:
+            self._has_unknown = True
+            return frozenset()
         self.fault = self._mismatch or _lament(missing & NEEDED)
         self._ids = {} if self.fault else self._heard
         if self._mismatch:

@@ -120,6 +120,68 @@ def test_a_board_without_what_driving_needs_is_named(board: FakeLinorobot, name:
     assert board.commands == []
 
 
+def stall(talk: Talk, board: FakeLinorobot, seconds: float) -> None:
+    """Base stands still; what the board says meanwhile is discarded."""
+    talk.now_ns += round(seconds * 1e9)
+    board.step(talk.now_ns - talk.start_ns)
+
+
+@pytest.mark.parametrize("kept_from", [60, 150, 260])
+def test_a_round_is_not_judged_where_base_stood_still(
+    talk: Talk, board: FakeLinorobot, kept_from: int
+) -> None:
+    talk.run(1.0)
+    board.reboot()
+    stall(talk, board, 6.0)
+    ends = [0]
+    for topic_id, payload in slow_frames(announced()):
+        ends.append(ends[-1] + len(frame(topic_id, payload)))
+    cut = min(ends, key=lambda end: abs(end - kept_from))
+    woke_ns = talk.now_ns
+
+    def discard(data: bytes) -> bytes:
+        """For a moment after the stall whole frames are still discarded."""
+        return data[cut:] if talk.now_ns - woke_ns <= 100 * MS else data
+
+    talk.spoil = discard
+    talk.readings.clear()
+    assert talk.run(3.0).link.state == "up"
+    assert not any("firmware" in reading.link.message for reading in talk.readings)
+
+
+def test_half_a_round_before_a_stall_is_not_judged(board: FakeLinorobot) -> None:
+    talk = Talk(make(), board)
+    talk.spoil = lambda data: (
+        data[: len(frame(10, bytes(8)))]
+        + frame(0, topic_info(125, "raw_vel", "lino_msgs/Velocities"))
+        if data
+        else data
+    )
+    talk.run(0.04)
+    stall(talk, board, 3.0)
+    talk.spoil = lambda data: data
+    assert talk.run(3.0).link.state == "up"
+    assert not any("firmware" in reading.link.message for reading in talk.readings)
+
+
+def test_a_damaged_announcement_is_asked_for_again(board: FakeLinorobot) -> None:
+    talk = Talk(make(), board)
+    whole = announced()
+    at = whole.index(b"cmd_vel")
+    talk.spoil = lambda data: data[:at] + b"?" + data[at + 1 :] if len(data) > at else data
+    talk.run(0.5)
+    talk.spoil = lambda data: data
+    assert talk.run(2.0).link.state == "up"
+    assert not any("firmware" in reading.link.message for reading in talk.readings)
+
+
+def announced() -> bytes:
+    """What such a board says when it is asked for its topics."""
+    twin = FakeLinorobot()
+    twin.receive(frame(0), 0)
+    return twin.step(MS)
+
+
 def test_a_board_without_imu_and_pid_drives(board: FakeLinorobot) -> None:
     del board.publishes[126], board.subscribes[100]
     talk = Talk(make(pid=PidConfig(p=1.0, i=0.0, d=0.0)), board)
