@@ -42,6 +42,7 @@ FACTS = LidarFacts(
     turns_hz=(5.0, 13.0),
     usual_hz=10.0,
     speed_hint="Its PWM wire must be tied to ground for it to keep its speed by itself.",
+    has_speckle_filter=True,
 )
 FACTS_27L = LidarFacts(
     title="STL-27L",

@@ -24,6 +24,7 @@ class LidarFacts:
         speed_hint: what to do about a wrong speed.
         modes: what `[base.lidar] mode` may be.
         has_usb: it has USB of its own, so that its baud does not say how long bytes were under way.
+        has_speckle_filter: its maker's driver filters speckles by their intensity.
     """
 
     title: str
@@ -37,6 +38,7 @@ class LidarFacts:
     modes: tuple[str, ...] = ("auto",)
     other_bauds: tuple[int, ...] = ()
     has_usb: bool = False
+    has_speckle_filter: bool = False
 
 
 @dataclass(frozen=True, slots=True)

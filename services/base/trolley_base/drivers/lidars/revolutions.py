@@ -21,6 +21,7 @@ from trolley_base.drivers.interface import LidarScan
 from trolley_base.drivers.lidars.models import LidarFacts
 from trolley_base.drivers.lidars.sample_clock import SampleClock
 from trolley_base.drivers.lidars.scan_grid import Floats, Grid, fit_grid, place
+from trolley_base.drivers.lidars.speckles import speckles
 from trolley_base.units import NS_PER_S
 
 SHORT_REVOLUTIONS = "lidar/short_revolutions"
@@ -134,6 +135,7 @@ class Revolutions:
         self._near_m = config.range_min_m or facts.range_min_m
         self._far_m = config.range_max_m or facts.range_max_m
         self._masks_deg = config.masks_deg
+        self._drops_speckles = config.speckle_filter
         self._counts = counts
         self._parts: list[NDArray[np.float64]] = []
         self._held = 0
@@ -226,6 +228,8 @@ class Revolutions:
         range_m = np.where(rows[3] > self._far_m, math.inf, rows[3])
         range_m[(range_m < self._near_m) | self._is_masked(angle_deg)] = 0.0
         intensity = rows[4] if rows.shape[0] > 4 else np.empty(0)
+        if self._drops_speckles:
+            range_m[speckles(angle_deg, rows[3], intensity, grid.step_deg)] = 0.0
         ranges, intensities = place(grid, angle_deg, range_m, intensity)
         ranges[self._is_masked(grid.angles_deg())] = 0.0
         first_ns, time_increment = timing

@@ -250,3 +250,8 @@ def _check(facts: LidarFacts, config: LidarConfig) -> None:
         raise DriverError(
             f'[base.lidar] the {facts.title} has no mode "{config.mode}"; remove the line'
         )
+    if config.speckle_filter and not facts.has_speckle_filter:
+        raise DriverError(
+            f"[base.lidar] speckle_filter is for the LD19 alone, not for the {facts.title}; remove "
+            "the line"
+        )

@@ -124,6 +124,8 @@ def _take_mount(findings: LinorobotFindings, model: str | None) -> None:
             "ROS's driver of the RPLIDAR counts angles from the side opposite to the sensor's "
             "zero, so the lidar's yaw is turned by 180°."
         )
+    elif model is not None and model.startswith("ydlidar"):
+        yaw = _ydlidar_yaw(findings, yaw)
     pose = {"x": round(mount.x_m, 6), "y": round(mount.y_m, 6), "yaw": round(yaw, 6)}
     words = (
         f"lidar mounted at x {mount.x_m:.3f} m, y {mount.y_m:.3f} m, z {mount.z_m:.3f} m, "
@@ -138,6 +140,25 @@ def _take_mount(findings: LinorobotFindings, model: str | None) -> None:
         "Drivers count a lidar's angles differently: check in the viewer that the scan lies on "
         "the walls; if not, correct [base.lidar] pose."
     )
+
+
+def _ydlidar_yaw(findings: LinorobotFindings, yaw: float) -> float:
+    """Return the yaw of a YDLIDAR whose ROS driver may turn its angles by 180 degrees."""
+    given = first(findings.launch.of_package(tuple(PACKAGES)), ("reversion",))
+    if given is None:
+        findings.note(
+            "ROS's driver of the YDLIDAR turns its angles by 180° where its parameter `reversion` "
+            "is true, which is not set here: if the scan lies backwards, add 3.14159 to the "
+            "lidar's yaw."
+        )
+        return yaw
+    if str(given.value).strip().lower() not in ("true", "1"):
+        return yaw
+    findings.note(
+        f"{findings.place(given)}: `reversion` turns the YDLIDAR's angles by 180°, so the lidar's "
+        "yaw is turned by 180°."
+    )
+    return math.remainder(yaw + math.pi, math.tau)
 
 
 def _baud(given: Value | None) -> Value | None:

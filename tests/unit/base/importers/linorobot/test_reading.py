@@ -179,6 +179,25 @@ def test_knows_that_an_x4_is_faster(package: Package) -> None:
     assert "an X4 talks at 128000" in notes(findings)
 
 
+@pytest.mark.parametrize(
+    ("reversion", "yaw", "says"),
+    [("true", 0.5 - math.pi, "turns the YDLIDAR's angles"), ("false", 0.5, ""), (None, 0.5, "add")],
+)
+def test_turns_an_x4_as_its_driver_does(
+    package: Package, reversion: str | None, yaw: float, says: str
+) -> None:
+    if reversion is not None:
+        package.change(
+            "launch/include/lidar/ydlidar.launch",
+            "</node>",
+            f'<param name="reversion" type="bool" value="{reversion}"/></node>',
+        )
+    findings = read_linorobot(package.folder, "2wd", "ydlidar")
+    assert value(findings, "base.lidar.pose")["yaw"] == pytest.approx(yaw, abs=1e-6)
+    assert says in notes(findings)
+    assert says or "reversion" not in notes(findings)
+
+
 def test_knows_that_a_fast_rplidar_is_no_a1(package: Package) -> None:
     package.change("launch/include/lidar/rplidar.launch", "115200", "256000")
     findings = read_linorobot(package.folder, "2wd", "rplidar")

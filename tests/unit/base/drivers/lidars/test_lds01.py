@@ -1,0 +1,66 @@
+"""An LDS-01 whose checksum is not the one that is known."""
+
+import random
+from collections import Counter
+
+from bench.base.lidar_streams import chunks, lds01_stream
+
+from trolley.config.hardware import LidarConfig
+from trolley_base.drivers.interface import LidarScan
+from trolley_base.drivers.lidars import make_lidar
+
+
+def read(spoil: list[bool], seconds: float = 3.0) -> tuple[list[LidarScan], Counter[str]]:
+    """Read a stream in which some of the sums are wrong.
+
+    Args:
+        spoil: of each frame, over and over, whether its sum is.
+        seconds: of the stream.
+    """
+    lidar = make_lidar(LidarConfig(model="lds01"))
+    lidar.begin(0)
+    scans: list[LidarScan] = []
+    counts: Counter[str] = Counter()
+
+    def stream():
+        for number, frame in enumerate(lds01_stream()):
+            if spoil[number % len(spoil)]:
+                wrong = bytes([frame.data[40] ^ 0x5A, frame.data[41] ^ 0xA5])
+                frame = type(frame)(frame.at_s, frame.data[:40] + wrong)
+            yield frame
+
+    for at_s, data in chunks(stream(), 230400, seconds, 0.02):
+        lidar.receive(data, round(at_s * 1e9))
+        reading = lidar.take(round(at_s * 1e9))
+        scans += reading.scans
+        counts += Counter(reading.counts)
+    return scans, counts
+
+
+def test_wrong_sums_throughout_are_counted_and_do_not_mute_it() -> None:
+    right, none = read([False])
+    assert not none
+    scans, counts = read([True])
+    assert len(right) - 3 <= len(scans) < len(right)
+    assert counts["lidar/bad_checksum"] > 0.8 * 3.0 * 300
+    assert all((scan.ranges == right[-1].ranges).all() for scan in scans)
+
+
+def test_where_some_sums_are_right_the_wrong_ones_are_noise() -> None:
+    scans, counts = read([False] * 9 + [True])
+    assert scans
+    for scan in scans:
+        assert 30 <= (scan.ranges == 0.0).sum() <= 42
+    assert 80 <= counts["lidar/bad_checksum"] <= 95
+
+
+def test_frames_out_of_order_are_not_believed_without_their_sums() -> None:
+    lidar = make_lidar(LidarConfig(model="lds01"))
+    lidar.begin(0)
+    dice = random.Random(4)
+    for tick in range(400):
+        data = b"".join(
+            bytes([0xFA, dice.randrange(0xA0, 0xDC)]) + dice.randbytes(40) for _ in range(6)
+        )
+        lidar.receive(data, tick * 20_000_000)
+        assert not lidar.take(tick * 20_000_000).scans
