@@ -136,6 +136,16 @@ _MAP_BYTES = 32 << 20
 ROBOT = Topic("robot", m.Robot, "base", "on change", Qos.STATE, max_bytes=2 << 20)
 CLOCK = Topic("clock", m.Clock, "base", "10 Hz", Qos.SENSOR, real_time=True)
 SCAN = Topic("scan", m.Scan, "base", "5-50 Hz", Qos.SENSOR, of_epoch=True)
+SENSE = Topic(
+    "scan/{name}",
+    m.Scan,
+    "anyone",
+    "at most 20 Hz",
+    Qos.SENSOR,
+    of_epoch=True,
+    max_bytes=64 << 10,
+    max_keys=16,
+)
 ODOM = Topic("odom", m.Odometry, "base", "20-50 Hz", Qos.SENSOR, of_epoch=True)
 IMU = Topic("imu", m.Imu, "base", "if any", Qos.SENSOR, of_epoch=True)
 TF = Topic(

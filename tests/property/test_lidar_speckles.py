@@ -46,7 +46,7 @@ def kept_by_the_maker(echoes: list[Echo], step_deg: float) -> set[int]:
 def test_what_the_maker_drops_is_dropped(seed: int, wall_m: float, dim: float) -> None:
     rng = np.random.default_rng(seed)
     step_deg, count = 0.8, 450
-    angle_deg = 3.0 + step_deg * np.arange(count)
+    angle_deg = (3.0 + step_deg * np.arange(count)).astype(np.float64)
     runs = np.repeat(rng.random(count) < 0.3, rng.integers(1, 20, count))[:count]
     depth_mm = np.where(runs, 1000.0 * wall_m, rng.uniform(0.0, 6000.0, count)).round()
     depth_mm = np.where(rng.random(count) < 0.1, 0.0, depth_mm)

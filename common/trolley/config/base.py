@@ -9,6 +9,7 @@ from trolley.config.robot import PoseConfig
 
 Speed = Annotated[float, Meta(gt=0.0, le=5.0)]
 Rate = Annotated[float, Meta(gt=0.0, le=10.0)]
+SenseName = Annotated[str, Meta(pattern="^[a-z0-9_-]{1,32}$")]
 
 
 class BatteryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -64,6 +65,22 @@ class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     worse downhill."""
 
 
+SenseUse = Literal["stop", "mark"]
+
+
+class SenseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.scans.NAME]`: a further sense, whose echoes a program publishes as `scan/NAME`."""
+
+    pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
+    """Its pose in `base_link`: x forward, y left, yaw counter-clockwise to angle 0."""
+    z_m: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.2
+    """Height above the floor."""
+    uses: Annotated[list[SenseUse], Meta(min_length=1)] = field(
+        default_factory=lambda: ["stop", "mark"]
+    )
+    """What its echoes are for: `stop`, the stop field; `mark`, the planner's obstacles."""
+
+
 class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The base: what moves the robot, within which limits, and at whose command."""
 
@@ -79,5 +96,7 @@ class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         default_factory=lambda: {"teleop": 20, "calibrate": 15, "ros2": 12, "planner": 10}
     )
     """Priority of each source that may drive; the highest with a fresh command wins."""
+    scans: dict[SenseName, SenseConfig] = {}
+    """Further senses by name, each a table `[base.scans.NAME]`: only those listed are used."""
     stop_margin_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
     """Distance from an obstacle at which the stop field stops the robot [m]."""

@@ -14,11 +14,13 @@ from typing import Any, NamedTuple, cast
 import msgspec
 from msgspec import inspect as shapes
 
+from trolley.config.base import SenseConfig
 from trolley.config.load import RobotConfig
 from trolley.config.robot import FootprintConfig, PoseConfig
 
 INLINE: dict[type[msgspec.Struct], str] = {
     FootprintConfig: "{length_m, width_m}, {radius_m} or {polygon_m = [[x, y], ...]}",
+    SenseConfig: "{pose, z_m, uses}",
     PoseConfig: "{x, y, yaw} or {x, y, orientation = [x, y, z, w]}",
 }
 """Structs that stand on one line of the file, and how."""

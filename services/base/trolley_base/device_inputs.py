@@ -5,10 +5,11 @@ import numpy as np
 
 from trolley import codes, topics
 from trolley.config import RobotConfig
-from trolley.geometry import Pose2D, Twist2D
+from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley.messages import Battery, Link, Odometry, Scan, Transform, floats_to_bytes
 from trolley.messages.motion import CHASSIS
-from trolley.runtime.service import Service, gets
+from trolley.runtime.service import Service, gets, on
+from trolley.senses import Senses
 from trolley_base.device_log import DeviceLog
 from trolley_base.drivers import ChassisReading, Hardware, LidarScan
 from trolley_base.odometry.dead_reckoning import DeadReckoning, Measured
@@ -36,6 +37,7 @@ class DeviceInputs:
         space: which floor it has seen to be free.
         view: how much of its surroundings it sees.
         base_T_laser: where it sits.
+        senses: further senses that may stop the robot.
     """
 
     def __init__(
@@ -45,8 +47,10 @@ class DeviceInputs:
         space: ObservedSpace,
         view: LidarView,
         base_T_laser: Pose2D,
+        senses: Senses,
     ) -> None:
         self._service = service
+        self._senses = senses
         self._near_echoes = echoes
         self._space = space
         self._base_T_laser = base_T_laser
@@ -62,7 +66,9 @@ class DeviceInputs:
         self.battery: Battery | None = None
         """The newest charge, None while the board has not measured it."""
         self.echoes = echoes.points(Pose2D.identity())
-        """(n, 2) what the lidar saw near the robot [m] in `base_link`."""
+        """(n, 2) what the lidar, and further senses, saw near the robot [m] in `base_link`."""
+        self.silent_senses: list[str] = []
+        """Names of further senses that have gone silent."""
         self.unseen = space.unseen(Pose2D.identity())
         """What it has not seen near the robot, in `base_link`."""
 
@@ -71,6 +77,7 @@ class DeviceInputs:
     ) -> None:
         """Begin a run with devices that have been opened."""
         self._hardware = hardware
+        self._senses.forget()
         self._reckoning = DeadReckoning(config, scales, epoch_ns, self._base_T_laser)
         self._frozen = FrozenLidar(knows_motion=self._reckoning.has_wheels)
         self._device_log = DeviceLog(self._service.log, self._service.count)
@@ -117,7 +124,9 @@ class DeviceInputs:
         self._read_chassis(now_ns)
         self._read_lidar(now_ns)
         odom_T_base = self._reckoning.track.odom_T_base
-        self.echoes = self._near_echoes.points(odom_T_base)
+        further = odom_T_base.inverse().transform_points(self._senses.points_odom(now_ns))
+        self.echoes = np.concatenate([self._near_echoes.points(odom_T_base), further])
+        self.silent_senses = self._senses.silent(now_ns)
         self.unseen = self._space.unseen(odom_T_base)
 
     def command(self, now_ns: int, twist: Twist2D) -> None:
@@ -183,6 +192,18 @@ class DeviceInputs:
             intensities=floats_to_bytes(scan.intensities),
         )
         self._service.publish(topics.SCAN, message)
+
+    @on(topics.SENSE)
+    def take_sense(self, scan: Scan, name: str) -> None:
+        """Take the echoes of a further sense."""
+
+        def odom_T_base(stamp_ns: int) -> Pose2D:
+            x, y, yaw = self._reckoning.track.poses_at(np.array([stamp_ns])).tolist()[0]
+            return Pose2D(x, y, wrap_angle(yaw))
+
+        trouble = self._senses.update(name, scan, self._service.stamp_ns, odom_T_base)
+        if trouble:
+            self._service.count(f"scan/{trouble}")
 
     @gets(topics.TF, "base_link")
     def odometry_frame(self, _: dict[str, str]) -> dict[tuple[str, ...], Transform]:

@@ -9,6 +9,7 @@ from trolley.config import RobotConfig
 from trolley.config.changeable_settings import all_keys
 from trolley.messages import Transform
 from trolley.runtime.service import Service, every
+from trolley.senses import Senses
 from trolley_base.description import describe_robot, footprint_of, half_track_of, limits_of
 from trolley_base.device_factory import choose_device
 from trolley_base.device_inputs import DeviceInputs
@@ -68,6 +69,7 @@ class BaseService(Service):
             ObservedSpace(footprint, mount, sight.reach),
             LidarView(footprint, mount),
             mount,
+            Senses(config.base.scans, "stop"),
         )
         blur_s = LIDAR_BLUR_S if config.base.odometry.source == "lidar" else 0.0
         half_track_m = half_track_of(config, footprint)
@@ -157,6 +159,15 @@ class BaseService(Service):
             z=self._config.base.lidar.z_m,
         )
         self.publish(topics.TF, laser, "laser")
+        for name, sense in self._config.base.scans.items():
+            mount = Transform(
+                stamp_ns=now_ns,
+                parent="base_link",
+                child=name,
+                pose=sense.pose.as_pose(),
+                z=sense.z_m,
+            )
+            self.publish(topics.TF, mount, name)
         if self._robot.max_speed < self._config.base.limits.max_speed_mps:
             watchdog_s = self._device.watchdog_s
             stops = f"stops only after {watchdog_s:g} s" if isfinite(watchdog_s) else "drives on"

@@ -109,6 +109,11 @@ class StateReporter:
             )
         elif self._inputs.trouble:
             self._service.set_health("degraded", self._inputs.trouble)
+        elif self._inputs.silent_senses:
+            names = " and ".join(f"scan/{name}" for name in self._inputs.silent_senses)
+            self._service.set_health(
+                "degraded", f"Nothing comes from {names} any more: does its program still run?"
+            )
         elif self._inputs.has_ended:
             self._service.set_health(
                 "ok", "The recording has ended; the robot stands where it ended."

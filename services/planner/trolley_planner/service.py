@@ -25,7 +25,9 @@ from trolley.messages import (
 from trolley.messages.request_params import FollowPerson, SendGoal, WhichGoal
 from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Later, Service, answers, every, gets, on
+from trolley.senses import Senses
 from trolley_planner.navigator import OWN_SOURCE, Navigator
+from trolley_planner.sensing.inputs import odometry_at
 from trolley_planner.warmup import warm_up
 
 R = TypeVar("R")
@@ -64,6 +66,7 @@ class PlannerService(Service):
     def __init__(self, config: RobotConfig) -> None:
         self._config = config.planner
         self.navigator = Navigator(config.planner)
+        self.navigator.inputs.senses = Senses(config.base.scans, "mark")
         self._command_ns = command_period_ns(config.planner)
         self.parts = (LiveConfig(self, config, self._use),)
         self._commanded_ns = 0
@@ -164,6 +167,18 @@ class PlannerService(Service):
             self._command(now_ns, scan.stamp_ns)
         self.navigator.maintain(now_ns)
         self._publish_changes()
+
+    @on(topics.SENSE, wakes=False)
+    def on_sense(self, scan: Scan, name: str) -> None:
+        """Keep the echoes of a further sense; the next scan of the lidar puts them on the map."""
+        history = list(self._odometry.history)
+        if not history:
+            return
+        trouble = self.navigator.inputs.senses.update(
+            name, scan, self.stamp_ns, lambda stamp_ns: odometry_at(history, stamp_ns)
+        )
+        if trouble:
+            self.count(f"scan/{trouble}")
 
     def _on_odometry(self, odometry: Odometry) -> None:
         self.navigator.inputs.odometry = odometry

@@ -56,6 +56,7 @@ class CostmapParams:
 
 
 COSTMAP = CostmapParams()
+NO_POINTS = np.empty((0, 2))
 
 
 class Costmap:
@@ -135,8 +136,14 @@ class Costmap:
         if self.static.set_position(x, y):
             self.recompute()
 
-    def add_scan(self, sweep: Sweep, now_ns: int) -> None:
-        """Clear and mark by one scan, whose poses are in the frame of the goals."""
+    def add_scan(self, sweep: Sweep, now_ns: int, further: NDArray[np.float64] = NO_POINTS) -> None:
+        """Clear and mark by one scan, whose poses are in the frame of the goals.
+
+        Args:
+            sweep: the scan.
+            now_ns: its robot time.
+            further: (n, 2) echoes of further senses [m], which only mark.
+        """
         grid_T_frame = self.grid_T_frame
         in_grid = Sweep(
             sweep.ranges_m,
@@ -147,7 +154,8 @@ class Costmap:
         )
         lines = np.concatenate([self.static.mirrors, self._suspects])
         walls, walls_m = self.static.walls, self.static.wall_distance_m
-        self.obstacle_layer.update(in_grid, walls, walls_m, lines, now_ns)
+        in_cells = grid_T_frame.transform_points(further)
+        self.obstacle_layer.update(in_grid, walls, walls_m, lines, now_ns, in_cells)
         self.moving.update(now_ns, self.obstacle_layer.beams, walls_m, self.resolution_m)
         people = self.moving.people
         outline = in_grid.end.transform_points(sweep.body_laser)

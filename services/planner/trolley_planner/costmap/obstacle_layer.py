@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
 from trolley_planner.costmap.obstacle_grid import (
     OBSTACLES,
     ObstacleGrid,
@@ -19,7 +20,12 @@ from trolley_planner.costmap.obstacle_grid import (
     trace_beams,
 )
 from trolley_planner.sensing.beams import (
+    DX,
+    DY,
+    ECHO,
     Sweep,
+    X,
+    Y,
     cut_at_lines,
     place_beams_into,
     smooth_ranges_into,
@@ -71,6 +77,7 @@ class ObstacleLayer:
         wall_distance_m: NDArray[np.float32],
         segments: NDArray[np.float64],
         now_ns: int,
+        further: NDArray[np.float64],
     ) -> None:
         """Clear what the beams of a scan pass and mark where their echoes lie.
 
@@ -80,6 +87,7 @@ class ObstacleLayer:
             wall_distance_m: (rows, cols) distance to the nearest wall [m].
             segments: (m, 4) mirrors, glass, and where mirrors are suspected, in `grid` [m].
             now_ns: robot time of the scan.
+            further: (n, 2) echoes of further senses in `grid` [m], which only mark.
         """
         self._scan_number += 1
         self._walls = walls
@@ -99,15 +107,17 @@ class ObstacleLayer:
         )
         cut_at_lines(beams, segments, config.mirror_tolerance_m)
         trace_beams(self.grid, walls, beams, self._resolution_m, self._scan_number)
-        body_cells = sweep.end.transform_points(sweep.body_laser) / self._resolution_m
-        self._now_ticks = ticks(now_ns)
-        now = self._scan_number, self._now_ticks
-        clear_inside_robot(self.grid, body_cells, self._resolution_m, now)
         limits = (
             self._resolution_m,
             config.mark_range_m,
             OBSTACLES.explained_cells * self._resolution_m,
         )
+        self._now_ticks = ticks(now_ns)
+        now = self._scan_number, self._now_ticks
+        # Before the robot's own place is cleared, and apart from the beams that show people.
+        mark_echoes(self.grid, wall_distance_m, _beams_to(further, sweep.end), limits, *now)
+        body_cells = sweep.end.transform_points(sweep.body_laser) / self._resolution_m
+        clear_inside_robot(self.grid, body_cells, self._resolution_m, now)
         mark_echoes(self.grid, wall_distance_m, beams, limits, *now)
         self.beams = self.static_beams = beams
 
@@ -210,6 +220,16 @@ class ObstacleLayer:
         first_row, last_row, first_col, last_col = self.grid.dirty.tolist()
         self.grid.dirty[:] = NOTHING_DIRTY
         return None if last_row < first_row else (first_row, last_row, first_col, last_col)
+
+
+def _beams_to(points: NDArray[np.float64], start: Pose2D) -> NDArray[np.float64]:
+    """Return beams (n, 6) that clear nothing and have their echoes at points (n, 2)."""
+    beams = np.zeros((len(points), 6))
+    beams[:, X], beams[:, Y] = start.x, start.y
+    away = points - (start.x, start.y)
+    beams[:, ECHO] = np.maximum(np.hypot(away[:, 0], away[:, 1]), np.finfo(np.float64).tiny)
+    beams[:, DX], beams[:, DY] = (away / beams[:, ECHO, None]).T
+    return beams
 
 
 def ticks(now_ns: int) -> int:

@@ -20,6 +20,7 @@ from trolley.messages import (
     Zones,
 )
 from trolley.messages.types import floats_from_bytes
+from trolley.senses import Senses
 from trolley_planner.sensing.published_costs import PublishedCosts
 
 
@@ -57,6 +58,7 @@ class Inputs:
         self.zones: Zones | None = None
         self.suspects: Suspects | None = None
         self.costs = PublishedCosts()
+        self.senses = Senses({}, "mark")
         self.pose: PoseEstimate | None = None
         self.base: BaseState | None = None
         self.places: SavedPoses | None = None
@@ -96,6 +98,7 @@ class Inputs:
     def begin_epoch(self) -> None:
         """Forget what was measured before the base restarted."""
         self.scan = self.odometry = self.pose = None
+        self.senses.forget()
         if self.frame == "map":
             self.frame_T_odom = self.steady_T_odom = None
 
