@@ -1,16 +1,21 @@
 """The programs of `examples/`, as they are, with a scripted robot."""
 
+import io
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import zenoh
 from support.examples import EXAMPLES, load_example
 from support.waiting import PATIENCE_S
 
 from trolley import Robot, topics
+from trolley.messages.types import floats_from_bytes
 
 from .test_python import MAP, SCAN, publish
 
@@ -26,8 +31,9 @@ SAYS = {
     "everybody": "one: localized",
     "at_once": "arrived after 0 s",
 }
-ELSEWHERE = {"own_planner", "keep_away"}
-"""Programs that go on until they are ended; what they do is tested in tests/service/planner."""
+ELSEWHERE = {"own_planner", "keep_away", "depth", "oak"}
+"""Programs that go on until they are ended; what they do is tested in tests/service/planner, of
+depth and oak in tests/unit."""
 
 
 @pytest.fixture
@@ -74,6 +80,34 @@ def test_costs_are_published_until_the_program_ends(robot: None, endpoint: str) 
     assert first.parts == ("keep_away",)
     assert max(first.message.cells) > 90
     assert (first.message.name, first.message.frame) == ("home", "map")
+
+
+def test_depth_images_on_the_wire_become_scans(robot: None, endpoint: str) -> None:
+    program = [
+        *(sys.executable, str(EXAMPLES / "depth.py"), "front", "--router", endpoint),
+        *("--focal", "110", "110", "--centre", "80", "40", "--height", "0.5"),
+    ]
+    wall = io.BytesIO()
+    np.save(wall, np.full((80, 160), 1200, np.uint16))
+    settings = zenoh.Config()
+    settings.insert_json5("mode", '"client"')
+    settings.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    with (
+        Robot(connect=endpoint) as watcher,
+        watcher.subscribe(topics.SENSE) as heard,
+        zenoh.open(settings) as session,
+        subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as running,
+    ):
+        scan, until_s = None, time.monotonic() + PATIENCE_S
+        while scan is None and time.monotonic() < until_s:
+            session.put("trolley/one/depth/front", b"no image")
+            session.put("trolley/one/depth/front", wall.getvalue())
+            scan = heard.next(0.2)
+        running.terminate()
+    assert scan is not None
+    assert scan.parts == ("front",)
+    ranges = floats_from_bytes(scan.message.ranges)
+    assert ranges[len(ranges) // 2] == pytest.approx(1.2, abs=0.01)
 
 
 def test_the_notebook_runs(robot: None) -> None:
