@@ -78,7 +78,7 @@ STARTING = 100
 def started(title: str) -> LidarDialogue:
     """A dialogue whose sensor is about to stream, at time 0."""
     mode = "standard" if "standard" in title else "auto"
-    lidar = make_lidar(LidarConfig(model=STREAMS[title][0], mode=mode))  # pyright: ignore[reportArgumentType]
+    lidar = make_lidar(LidarConfig(model=STREAMS[title][0], mode=mode))
     answers = answers_of(title)
     now_ns = -STARTING * 20_000_000
     lidar.begin(now_ns)

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from support.metal import Metal
 from support.waiting import PATIENCE_S
 
-from trolley import topics
+from trolley import drivers, topics
+from trolley.drivers import BUILT_IN
 from trolley.geometry import Pose2D
 from trolley.messages import Scan, floats_from_bytes
-from trolley_base.emulators.catalogue import FAMILIES, LIDARS
+from trolley_base.emulators.catalogue import LIDARS
 
 # Half a cell of the map, and the sensor's noise.
 NEAR_M = 0.06
@@ -23,7 +24,7 @@ MOUNT = Pose2D(0.08, 0.03, 0.6)
 SETTINGS = "pose = {x = 0.08, y = 0.03, yaw = 0.6}\nmasks_deg = [[170, -170]]\n"
 STANDARD = "rplidar_a1, standard"
 NUM_SCANS = 4
-FIRST = {*(next(iter(family.LIDARS)) for family in FAMILIES), STANDARD}
+FIRST = {*(models[0] for models in BUILT_IN[drivers.LIDARS].values()), STANDARD}
 """One of each family; the others are tried in the slow run."""
 MODELS = [
     pytest.param(model, marks=[] if model in FIRST else pytest.mark.slow)

@@ -10,7 +10,6 @@ from bench.base.plain_lidars import PLAIN, SAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley.config.hardware import LidarModel
 from trolley_base.drivers.lidars import (
     coin_d4,
     delta2,
@@ -98,7 +97,7 @@ def intense_yd(begins: int, heads: tuple[int, int], quarters: list[int]) -> byte
     return ydlidar_emulator.encode_with_intensity(7.0 if begins else None, heads, rows)
 
 
-def of_ydlidar(model: LidarModel) -> Callable[[Counter[str]], Decoder]:
+def of_ydlidar(model: str) -> Callable[[Counter[str]], Decoder]:
     return lambda counts: ydlidar.YdDecoder(ydlidar.KINDS[model], counts)
 
 

@@ -22,9 +22,9 @@ MS = 1_000_000
 START_NS = 1_790_000_000 * 10**9
 SETTINGS: dict[str, dict[str, Any]] = {
     "create2": {},
-    "hoverboard": {"hoverboard": {"diameter_m": 0.165, "track_m": 0.34}},
+    "hoverboard": {"settings": {"diameter_m": 0.165, "track_m": 0.34}},
     "linorobot2": {},
-    "waveshare_ugv": {"waveshare_ugv": {"type": "ugv_rover"}},
+    "waveshare_ugv": {"settings": {"type": "ugv_rover"}},
 }
 """What `[base.chassis]` says besides the board's name."""
 EMULATORS: dict[str, Callable[[], Board]] = {

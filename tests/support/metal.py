@@ -32,8 +32,8 @@ ticks_per_revolution = 1550
 diameter_m = 0.10
 track_m = 0.20
 """,
-    "hoverboard": "[base.chassis.hoverboard]\ndiameter_m = 0.165\ntrack_m = 0.34\n",
-    "waveshare_ugv": '[base.chassis.waveshare_ugv]\ntype = "ugv_rover"\n',
+    "hoverboard": "[base.chassis.settings]\ndiameter_m = 0.165\ntrack_m = 0.34\n",
+    "waveshare_ugv": '[base.chassis.settings]\ntype = "ugv_rover"\n',
 }
 """What boards need to know of the robot."""
 

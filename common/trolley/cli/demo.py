@@ -6,7 +6,7 @@ import time
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import click
 
@@ -45,8 +45,8 @@ from trolley.cli.running import (
 )
 from trolley.client import Robot
 from trolley.config import ConfigError, load_config
-from trolley.config.hardware import Board, LidarModel
 from trolley.connection import Connection
+from trolley.drivers import BOARDS, LIDARS, Driver, Drivers
 from trolley.interrupts import Interrupts
 from trolley.runtime.zenoh_bus import open_router
 
@@ -60,7 +60,8 @@ def _devices_option(
     if text is None:
         return None
     board, _, lidar = text.partition(",")
-    for name, known in ((board, get_args(Board)), (lidar, get_args(LidarModel))):
+    for name, group in ((board, BOARDS), (lidar, LIDARS)):
+        known = Drivers(Driver, group).names
         if name not in known:
             raise click.BadParameter(
                 f"give a board and a lidar, such as linorobot,ld19; {name!r} is not one of "

@@ -12,6 +12,7 @@ import tomli_w
 
 from trolley import worlds
 from trolley.config import ConfigError
+from trolley.drivers import BOARDS, LIDARS, Driver, Drivers, DriverUnusable
 from trolley.files import open_file, read_text
 from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.gridmap import MapError
@@ -26,17 +27,6 @@ TITLE = "Demo robot"
 FOOTPRINT = {"length_m": 0.30, "width_m": 0.24}
 PORTS = "ports"
 """The folder of emulated ports, beside robot.toml."""
-BOARD_TABLES: dict[str, dict[str, Any]] = {
-    "arduino_bridge": {
-        "wheels": {"ticks_per_revolution": 1550.0, "diameter_m": 0.10, "track_m": 0.20}
-    },
-    "waveshare_ugv": {"waveshare_ugv": {"type": "ugv_rover"}},
-    "hoverboard": {
-        "hoverboard": {"diameter_m": 0.165, "track_m": 0.34},
-        "inputs": {"battery_empty_v": 35.0, "battery_full_v": 42.0},
-    },
-}
-"""What boards need to know of the robot that they are in: tables of `[base.chassis]`."""
 
 
 def _about_z(x: float, y: float, z: float, w: float) -> Pose2D:
@@ -148,9 +138,15 @@ def _simulated(choices: Choices) -> tuple[dict[str, Any], Path, Pose2D | None]:
 
 def _real(board: str, lidar: str) -> dict[str, Any]:
     """The settings of real drivers, whose ports the emulator puts beside robot.toml."""
-    chassis: dict[str, Any] = {"board": board, "port": f"{PORTS}/{board}"}
-    chassis |= BOARD_TABLES.get(board, {})
-    seeing = {"model": lidar, "port": f"{PORTS}/{lidar}"}
+    try:
+        examples = [
+            Drivers(Driver, group).find(name).example
+            for group, name in ((BOARDS, board), (LIDARS, lidar))
+        ]
+    except DriverUnusable as error:
+        raise ConfigError(f"--emulate: {error}") from error
+    chassis = {"board": board, "port": f"{PORTS}/{board}", **examples[0]}
+    seeing = {"model": lidar, "port": f"{PORTS}/{lidar}", **examples[1]}
     return {"driver": "hardware", "chassis": chassis, "lidar": seeing}
 
 

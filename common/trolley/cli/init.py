@@ -10,7 +10,8 @@ import click
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.config import load_config
-from trolley.config.describe import Key, Section, sections, to_toml
+from trolley.config.describe import Key, Section, driver_sections, sections, to_toml
+from trolley.drivers import Driver, Drivers
 
 WIDTH = 96
 
@@ -57,7 +58,15 @@ def render(chosen: Mapping[str, str]) -> str:
     Tables that must be given in full once they are there (`base.recording`) are commented out.
     """
     head = "# One robot. Settings that are commented out have the value shown, or none.\n"
-    return head + "".join(_render_section(section, chosen) for section in sections())
+    own = [_render_section(section, chosen) for section in sections()]
+    return head + "".join([*own, *(_render_driver(*one) for one in driver_sections())])
+
+
+def _render_driver(name: str, section: Section) -> str:
+    """A driver's own settings, all commented out: there is one such table, of the one in use."""
+    body = "".join(f"{line}\n" for key in section.keys for line in _render_key(key, None))
+    head = "\n".join(_comment(f"With {name}: {section.meaning}"))
+    return f"\n{head}\n# [{section.name}]\n{body}"
 
 
 def _render_section(section: Section, chosen: Mapping[str, str]) -> str:
@@ -74,7 +83,9 @@ def _render_section(section: Section, chosen: Mapping[str, str]) -> str:
 
 
 def _render_key(key: Key, value: str | None) -> list[str]:
-    words = f"{key.meaning} ({key.allowed})".strip().replace("`", "")
+    added = Drivers(Driver, key.drivers).added if key.drivers else ()
+    names = " or ".join([key.allowed, *map(to_toml, added)])
+    words = f"{key.meaning} ({names})".strip().replace("`", "")
     if value is not None:
         return [*_comment(words), f"{key.name} = {value}"]
     return [*_comment(words), f"# {key.name} = {key.default or ''}".rstrip()]

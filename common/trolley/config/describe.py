@@ -17,6 +17,7 @@ from msgspec import inspect as shapes
 from trolley.config.base import SenseConfig
 from trolley.config.load import RobotConfig
 from trolley.config.robot import FootprintConfig, PoseConfig
+from trolley.drivers import BOARDS, BUILT_IN, LIDARS, Driver, Drivers
 
 INLINE: dict[type[msgspec.Struct], str] = {
     FootprintConfig: "{length_m, width_m}, {radius_m} or {polygon_m = [[x, y], ...]}",
@@ -24,6 +25,7 @@ INLINE: dict[type[msgspec.Struct], str] = {
     PoseConfig: "{x, y, yaw} or {x, y, orientation = [x, y, z, w]}",
 }
 """Structs that stand on one line of the file, and how."""
+DRIVER_TABLES = {BOARDS: "base.chassis.settings", LIDARS: "base.lidar.settings"}
 _LARGE = 1e15
 
 
@@ -44,6 +46,13 @@ class Key(NamedTuple):
     """Upper limit of a number, None for none."""
     choices: tuple[str, ...] = ()
     """All values of a word."""
+    drivers: str = ""
+    """The group of the drivers of which it names one."""
+
+    @property
+    def placeholder(self) -> str:
+        """What stands in a file for a value that a person has to fill in: mostly not allowed."""
+        return "0.0" if "number" in self.allowed else '""'
 
 
 class Section(NamedTuple):
@@ -60,30 +69,61 @@ def sections() -> list[Section]:
     return _sections(RobotConfig, "")
 
 
-def _sections(struct: type[msgspec.Struct], name: str) -> list[Section]:
+def driver_sections() -> list[tuple[str, Section]]:
+    """The tables of the drivers' own settings, each behind the name of its driver.
+
+    It imports all drivers that can be used.
+    """
+    found: list[tuple[str, Section]] = []
+    for group, table in DRIVER_TABLES.items():
+        for name, driver in Drivers(Driver, group).items():
+            keys = keys_of(driver.settings)
+            if keys:
+                meaning = inspect.cleandoc(driver.settings.__doc__ or "").split("\n\n", 1)[0]
+                found.append((name, Section(table, meaning.replace("\n", " "), keys)))
+    return found
+
+
+def keys_of(struct: type[msgspec.Struct]) -> list[Key]:
+    """The settings of a table, those in tables below it left out."""
     words = attribute_docs(struct)
-    keys: list[Key] = []
+    return [
+        Key(
+            field.name,
+            words.get(field.name, ""),
+            allowed(field.type),
+            None if (default := _default(field)) is None else to_toml(default),
+            field.required,
+            msgspec.to_builtins(default),
+            *_range(field.type),
+            _choices(field.type),
+            _drivers(field.type),
+        )
+        for field in cast("shapes.StructType", shapes.type_info(struct)).fields
+        if _table(field.type) is None
+    ]
+
+
+def table_of(struct: type[msgspec.Struct], name: str) -> type[msgspec.Struct]:
+    """The struct of a table below another.
+
+    Raises:
+        KeyError: there is no such table.
+    """
+    for field in cast("shapes.StructType", shapes.type_info(struct)).fields:
+        table = _table(field.type)
+        if field.name == name and table is not None:
+            return table
+    raise KeyError(name)
+
+
+def _sections(struct: type[msgspec.Struct], name: str) -> list[Section]:
+    keys = keys_of(struct) if name else []
     below: list[Section] = []
-    shape = cast("shapes.StructType", shapes.type_info(struct))
-    for field in shape.fields:
+    for field in cast("shapes.StructType", shapes.type_info(struct)).fields:
         table = _table(field.type)
         if table is not None:
             below += _sections(table, f"{name}.{field.name}".lstrip("."))
-        elif name:
-            meaning = words.get(field.name, "")
-            default = _default(field)
-            keys.append(
-                Key(
-                    field.name,
-                    meaning,
-                    allowed(field.type),
-                    None if default is None else to_toml(default),
-                    field.required,
-                    msgspec.to_builtins(default),
-                    *_range(field.type),
-                    _choices(field.type),
-                )
-            )
     meaning = inspect.cleandoc(struct.__doc__ or "").split("\n\n", 1)[0].replace("\n", " ")
     meaning = meaning.removeprefix(f"`[{name}]`: ")
     meaning = meaning[:1].upper() + meaning[1:]
@@ -145,6 +185,15 @@ def _choices(shape: shapes.Type) -> tuple[str, ...]:
     return tuple(str(value) for value in shape.values)
 
 
+def _drivers(shape: shapes.Type) -> str:
+    """The group of drivers of which a value names one, "" for other values."""
+    options = shape.types if isinstance(shape, shapes.UnionType) else (shape,)
+    for option in options:
+        if isinstance(option, shapes.Metadata) and option.extra:
+            return str(option.extra["drivers"])
+    return ""
+
+
 def to_toml(value: Any) -> str:
     """A value as it stands behind `key = ` in the file."""
     plain = msgspec.to_builtins(value)
@@ -168,6 +217,10 @@ def allowed(shape: shapes.Type) -> str:
             return "text" if most is None else f"text of {most} characters at most"
         case shapes.LiteralType():
             return " or ".join(f"`{to_toml(value)}`" for value in shape.values)
+        case shapes.Metadata():
+            names = [name for models in BUILT_IN[_drivers(shape)].values() for name in models]
+            words = " or ".join(f"`{to_toml(name)}`" for name in names)
+            return f"{words} or a driver of another package"
         case shapes.UnionType():
             some = [one for one in shape.types if not isinstance(one, shapes.NoneType)]
             return " or ".join(map(allowed, some))
@@ -183,6 +236,8 @@ def _allowed_inside(shape: shapes.Type) -> str:
             return f"list of {allowed(shape.item_type)}"
         case shapes.TupleType():
             return f"{len(shape.item_types)} numbers"
+        case shapes.DictType(value_type=shapes.AnyType()):
+            return "table"
         case shapes.DictType():
             return f"table of {allowed(shape.value_type)}"
         case shapes.StructType():

@@ -1,40 +1,14 @@
 """`[base.chassis]`, `[base.lidar]`, `[base.odometry]`: the devices of a real robot."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
 from trolley.config.robot import PoseConfig
+from trolley.drivers import BOARDS, LIDARS
 
-Board = Literal[
-    "linorobot", "linorobot2", "arduino_bridge", "waveshare_ugv", "create2", "hoverboard"
-]
-LidarModel = Literal[
-    "rplidar_a1",
-    "rplidar_a2",
-    "rplidar_a3",
-    "rplidar_c1",
-    "rplidar_s1",
-    "rplidar_s2",
-    "rplidar_s3",
-    "ydlidar_x4",
-    "ydlidar_x4_pro",
-    "ydlidar_x2",
-    "ydlidar_g2",
-    "ydlidar_g4",
-    "ydlidar_tmini",
-    "ld19",
-    "stl27l",
-    "ld14p",
-    "xv11",
-    "lds01",
-    "camsense_x1",
-    "hokuyo_urg",
-    "delta2a",
-    "delta2b",
-    "coin_d4",
-    "lds02rr",
-]
+Board = Annotated[str, Meta(max_length=32, extra={"drivers": BOARDS})]
+LidarModel = Annotated[str, Meta(max_length=32, extra={"drivers": LIDARS})]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 Pin = Annotated[int, Meta(ge=0, le=99)]
@@ -72,6 +46,8 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     speckle_filter: bool = False
     """Whether dim single echoes nearer than 5 m are dropped, as LDROBOT's own driver does (`ld19`);
     thin things, such as the legs of chairs, may then not be seen."""
+    settings: dict[str, Any] = {}
+    """What only this model's driver knows; its page says what there is."""
 
     def __post_init__(self) -> None:
         """Refuse limits that leave nothing between them."""
@@ -122,38 +98,6 @@ class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             raise ValueError("battery_empty_v must be less than battery_full_v")
 
 
-UgvType = Literal["ugv_rover", "ugv_beast"]
-UGV_TRACKS_M: dict[UgvType, float] = {"ugv_rover": 0.172, "ugv_beast": 0.141}
-"""The tracks that Waveshare's firmware counts with."""
-
-
-CREATE2_TRACK_M = 0.235
-"""Between the middles of a Create's wheels."""
-
-
-class WaveshareUgvConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.chassis.waveshare_ugv]`: the robot that a `waveshare_ugv` board sits in."""
-
-    type: UgvType
-    """Which robot it is; sent to the board on each connection, since its wheels and the direction
-    of its motors differ. The tracked UGV Beast was sold as UGV01 as well."""
-
-
-class HoverboardConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.chassis.hoverboard]`: wheels and firmware of a `hoverboard`."""
-
-    diameter_m: Annotated[float, Meta(gt=0.0, le=1.0)]
-    """Diameter of a wheel under load; most hoverboards have about 0.165 m."""
-    track_m: Annotated[float, Meta(gt=0.0, le=3.0)]
-    """Distance between the middles of both wheels."""
-    invert_left: bool = False
-    """Whether the firmware is built with INVERT_L_DIRECTION."""
-    invert_right: bool = False
-    """Whether the firmware is built with INVERT_R_DIRECTION."""
-    tank_steering: bool = False
-    """Whether the firmware is built with TANK_STEERING."""
-
-
 class PidConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[base.chassis.pid]`: gains of the board's speed control, sent on each connection."""
 
@@ -189,39 +133,17 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """The axes of the chip that point forward, left and up; `-y` is opposite to y."""
     pid: PidConfig | None = None
     wheels: WheelsConfig | None = None
-    waveshare_ugv: WaveshareUgvConfig | None = None
-    hoverboard: HoverboardConfig | None = None
     inputs: InputsConfig = InputsConfig()
+    settings: dict[str, Any] = {}
+    """What only this board's driver knows; its page says what there is."""
 
     def __post_init__(self) -> None:
-        """Refuse axes that do not make a right-handed frame, and a board without its wheels."""
+        """Refuse axes that do not make a right-handed frame."""
         if not _is_right_handed(self.imu_axes):
             raise ValueError(
                 "imu_axes must name x, y and z once each and be right-handed, such as "
                 '["y", "-x", "z"]'
             )
-        if self.board == "arduino_bridge" and self.wheels is None:
-            raise ValueError(
-                "arduino_bridge needs [base.chassis.wheels] ticks_per_revolution, diameter_m "
-                "and track_m"
-            )
-        if self.board == "waveshare_ugv" and self.waveshare_ugv is None:
-            raise ValueError(
-                'waveshare_ugv needs [base.chassis.waveshare_ugv] type: "ugv_rover" or "ugv_beast"'
-            )
-        if self.board == "hoverboard" and self.hoverboard is None:
-            raise ValueError("hoverboard needs [base.chassis.hoverboard] diameter_m and track_m")
-
-    @property
-    def track_m(self) -> float | None:
-        """The track that the board counts with [m]; None where only its firmware knows."""
-        if self.board == "waveshare_ugv" and self.waveshare_ugv is not None:
-            return UGV_TRACKS_M[self.waveshare_ugv.type]
-        if self.board == "hoverboard" and self.hoverboard is not None:
-            return self.hoverboard.track_m
-        if self.board == "create2":
-            return CREATE2_TRACK_M
-        return None if self.wheels is None else self.wheels.track_m
 
 
 def _is_right_handed(axes: tuple[Axis, Axis, Axis]) -> bool:

@@ -10,6 +10,7 @@ from pathlib import Path
 from trolley.config import RobotConfig
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.doctor.users import READ, WRITE, User, closed_at, rights_in_words
+from trolley.drivers import BOARDS, LIDARS, Driver, Drivers
 from trolley.serial_diagnosis import (
     Holder,
     Holders,
@@ -187,3 +188,15 @@ def _check_port(port: Port) -> list[Finding]:
             )
         ]
     return found or [ok("devices", f"{port.path} ([{port.key}]) is there and free to use.")]
+
+
+def check_drivers() -> list[Finding]:
+    """Whether the drivers that other packages bring along can be used; imports all there are."""
+    found: list[Finding] = []
+    for group in (BOARDS, LIDARS):
+        known = Drivers(Driver, group)
+        remedy = "Correct or uninstall that package; everything else works without it."
+        found += [warning("devices", str(one), remedy) for one in known.refused()]
+        good = [name for name in known.added if name in known]
+        found += [ok("devices", f"The driver {name} can be used.") for name in good]
+    return found

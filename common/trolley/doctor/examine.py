@@ -99,6 +99,7 @@ def examine_host(place: Place) -> list[Finding]:
         ("certificates", lambda: certificates.check_keys(config, _now())),
         ("services", lambda: units.check_units(place.units)),
         ("devices", lambda: _check_devices(place)),
+        ("devices", devices.check_drivers),
         ("router", lambda: _check_uplinks(config)),
     ]
     return [finding for about, check in checks for finding in looked_at(about, check)]

@@ -15,6 +15,7 @@ from trolley.cli.show import Progress, print_json, print_table
 from trolley.config import ConfigError, find_config, robot_toml
 from trolley_base.detection import settings, udev_rules
 from trolley_base.detection.detector import detect_devices
+from trolley_base.detection.known import what_is_left_out
 from trolley_base.detection.ports import find_ports
 from trolley_base.detection.results import PortResult
 from trolley_base.detection.settings import Proposal
@@ -69,6 +70,7 @@ def detect_command(
     finally:
         progress.clear()
     proposal = settings.propose(seen, tomllib.loads(text))
+    proposal.notes += what_is_left_out()
     if as_json:
         print_json(_plain(seen, proposal))
     else:

@@ -29,7 +29,7 @@ from trolley_base.emulators import (
     WheelFacts,
 )
 from trolley_base.emulators.advice import base_settings, describe_ports
-from trolley_base.emulators.catalogue import BOARDS, LIDARS
+from trolley_base.emulators.catalogue import BOARDS, LEFT_OUT, LIDARS
 from trolley_base.emulators.faults import KINDS
 from trolley_base.emulators.pseudo_terminal import PortError
 from trolley_base.emulators.truth import TruthPublisher
@@ -40,7 +40,11 @@ POLL_S = 0.2
 
 
 def _epilog() -> str:
-    options = {f"{kind}:{name}": text for kind in BOARDS for name, text in BOARDS[kind].items()}
+    options = {
+        f"{kind}:{name}": text
+        for kind, board in BOARDS.items()
+        for name, text in board.options.items()
+    }
     lists = {"Options of devices (several: linorobot:quiet,exact)": options, "Faults": KINDS}
     devices = f"Devices: {', '.join(BOARDS)}; {', '.join(LIDARS)}."
     blocks = [devices]
@@ -98,6 +102,9 @@ def emulate_command(
     footprint, lidar's pose and wheels are those of that file. With --robot or --config it publishes
     sim/truth. Faults can also be typed while it runs, in the form that --fault takes.
     """
+    if not quiet:
+        for name, why in LEFT_OUT.items():
+            say(f"{name} cannot be emulated: {why}", err=True, fg="yellow")
     path: Path | None = given("config")
     config = None if path is None else load_config(path)
     interrupts = Interrupts()

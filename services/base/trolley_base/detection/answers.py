@@ -1,28 +1,20 @@
-"""Telling a device by its answer to a harmless question.
+"""Telling a lidar by its answer to "who are you".
 
 Sources:
-    SLAMTEC rplidar_sdk (`sl_lidar_protocol.h`); YDLIDAR X4 development manual; hbrobotics
-    ros_arduino_bridge (`commands.h`).
+    SLAMTEC rplidar_sdk (`sl_lidar_protocol.h`); YDLIDAR X4 development manual.
 """
 
-import re
 import struct
 from typing import NamedTuple
 
+from trolley_base.detection.known import guard
 from trolley_base.detection.results import FoundDevice
-from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.lidars import MODELS
 from trolley_base.drivers.lidars.handshake import HEALTH, HEALTH_BYTES, INFO, INFO_BYTES
 from trolley_base.drivers.lidars.models import Identity
 
-BRIDGE = BOARDS["arduino_bridge"]
-
 _FAULTY = 2
 """The health status of a lidar that does not measure."""
-
-_REFUSAL = "Invalid Command"
-_BAUD_LINE = re.compile(rb"(?:^|[\r\n])%d\r\n" % BRIDGE.baud)
-_COUNTS_LINE = re.compile(rb"(?:^|\n)(-?\d+ -?\d+|Invalid Command)\r\n")
 
 
 class Info(NamedTuple):
@@ -65,41 +57,10 @@ def describe_lidar(
     """
     details, problems = _describe_health(info, identity.serial(info.serial), health)
     for model, driver in MODELS.items():
-        if driver.identity is identity and driver.is_model(info.model):
+        if driver.identity is identity and guard(model, driver.is_model)(info.model):
             return FoundDevice("lidar", model, driver.facts.title, baud, details, problems)
     title, advice = identity.other_model(info.model)
     return FoundDevice("lidar", None, title, baud, details, (*problems, advice))
-
-
-def is_bridge(data: bytes) -> bool:
-    """Whether this is a ROSArduinoBridge's reply to `b`: its baud rate, on a line of its own."""
-    return _BAUD_LINE.search(data) is not None
-
-
-def read_counts(data: bytes) -> str | None:
-    """Find a ROSArduinoBridge's answer to `e`, two counts or a refusal; None until it is there."""
-    answer = _COUNTS_LINE.search(data)
-    return None if answer is None else answer[1].decode("ascii")
-
-
-def describe_bridge(counts: str | None) -> FoundDevice:
-    """Describe the device by a ROSArduinoBridge's answer to `e`.
-
-    Args:
-        counts: what `read_counts` found.
-    """
-    details: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
-    if counts is None:
-        problems = ("It does not answer when asked for its encoders.",)
-    elif counts == _REFUSAL:
-        problems = (
-            "Its sketch was built without USE_BASE and cannot drive: take the // away before "
-            '"#define USE_BASE" in ROSArduinoBridge.ino, choose your motor driver, and upload it.',
-        )
-    else:
-        details = (f"encoders at {counts}",)
-    return FoundDevice("board", "arduino_bridge", BRIDGE.title, BRIDGE.baud, details, problems)
 
 
 def _body(data: bytes, descriptor: bytes, length: int) -> bytes | None:

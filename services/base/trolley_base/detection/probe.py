@@ -8,7 +8,9 @@ meant for:
 - 57600: boards. A board may reboot when its port is opened, so it is asked until some seconds have
   passed. To an Arduino's line buffer the rosserial question is a word that it does not know, ended
   by the CR that follows; to rosserial, letters are noise between frames.
-- The boards of `board_questions.py`, at 115200; a hoverboard and a linorobot2 talk unasked.
+- The boards that are there at once, at 115200; a hoverboard and a linorobot2 talk unasked. None of
+  their questions holds an A5, with which all that the lidars of 115200 are told begins: to a Create
+  that was started, A5 and the byte behind it are buttons that are pressed.
 - 115200: a Hokuyo, which has USB of its own, by lines of text.
 - From 115200 to 1000000: "who are you" of RPLIDAR and YDLIDAR, after "stop" for one that a dead
   program has left streaming. Bits at 57600 are two at 115200 and more at the others, so the
@@ -31,14 +33,23 @@ from typing import TypeVar
 
 import serial
 
-from trolley.config.hardware import LidarModel
-from trolley_base.detection import answers, rosserial_answer, streams
-from trolley_base.detection.board_questions import BOARD_QUESTIONS, recognise_talking
+from trolley_base.detection import answers, streams
+from trolley_base.detection.known import (
+    ASKED,
+    BOOTING,
+    GREETINGS,
+    IDENTITIES,
+    STARTED,
+    STREAM_BAUDS,
+    KnownBoard,
+    guard,
+    recognise_talking,
+)
 from trolley_base.detection.results import FoundDevice
-from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
+from trolley_base.drivers.boards.models import Answer
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars import MODELS
-from trolley_base.drivers.lidars.models import Greeting, Identity, LidarDriver
+from trolley_base.drivers.lidars.models import Identity, LidarDriver
 from trolley_base.drivers.serial_port import SerialPort
 
 T = TypeVar("T")
@@ -48,35 +59,12 @@ BOARDS_UNTIL_S = 3.2
 """The slowest boards talk about 2 s after their port was opened."""
 BOARD_TRIES = 2
 """On a busy computer a single try may come too late to count."""
-ROSSERIAL_S = 0.35
-TOPICS_S = 0.5
-LINE_S = 0.2
 LIDAR_S = (0.15, 0.3, 0.5)
 """How long an answer is waited for at each speed, in one round after another."""
 QUIET_TRIES = 2
 """So many rounds. The last one only where something talks that nobody has recognised: it may be a
 lidar that was left streaming, and on a busy computer its answer comes behind what it said."""
-QUESTIONS = tuple(
-    dict.fromkeys(
-        (driver.identity, baud)
-        for driver in MODELS.values()
-        if driver.identity is not None
-        for baud in (driver.facts.baud, *driver.facts.other_bauds)
-    )
-)
-"""Which lidars are asked who they are, at which speeds."""
-GREETINGS: tuple[tuple[LidarModel, Greeting, int], ...] = tuple(
-    (model, driver.greeting, driver.facts.baud)
-    for model, driver in MODELS.items()
-    if driver.greeting is not None
-)
-"""Which lidars are asked in words of their own, at which speeds."""
 GREETED_S = 0.2
-STARTED: dict[int, list[LidarModel]] = {
-    baud: [one for one, driver in MODELS.items() if driver.start and driver.facts.baud == baud]
-    for baud in dict.fromkeys(driver.facts.baud for driver in MODELS.values() if driver.start)
-}
-"""Which lidars are started to be known by their frames, by their speed: all of one at once."""
 SPIN_UP_S = 1.5
 STOP_TRIES, OBEYED_ENOUGH, QUIET_S = 3, 2, 0.4
 """A lidar obeys a stop that is silent for so long, in so many of the tries."""
@@ -90,7 +78,7 @@ MOST_HELD = 65536
 """At most this many bytes are kept in one step."""
 
 
-def _recognise_unasked(data: bytes, baud: int) -> LidarModel | FoundDevice | None:
+def _recognise_unasked(data: bytes, baud: int) -> str | FoundDevice | None:
     return streams.recognise_stream(data, baud) or recognise_talking(data, baud)
 
 
@@ -122,7 +110,7 @@ class Probe:
         interrupt: set when the look is to end early.
     """
 
-    OPENING = Line(baud=streams.STREAM_BAUDS[0])
+    OPENING = Line(baud=STREAM_BAUDS[0])
 
     def __init__(self, port: ProbePort, interrupt: threading.Event) -> None:
         self._port = port
@@ -149,15 +137,15 @@ class Probe:
     def _look(self) -> FoundDevice | None:
         return (
             self._listen_to_streams()
+            or self._ask_booting_boards()
             or self._ask_boards()
-            or self._ask_known_boards()
             or self._greet_lidars()
             or self._ask_lidars()
             or self._start_lidars()
         )
 
     def _listen_to_streams(self) -> FoundDevice | None:
-        for baud in streams.STREAM_BAUDS:
+        for baud in STREAM_BAUDS:
             self._port.set_baud(baud)
             data = bytearray()
             model = self._read(LISTEN_S, partial(_recognise_unasked, baud=baud), data)
@@ -170,21 +158,21 @@ class Probe:
                     return found
         return None
 
-    def _tell_apart(self, model: LidarModel) -> FoundDevice | None:
+    def _tell_apart(self, model: str) -> FoundDevice | None:
         """Find out which of the models that send the same frames at the same speed this is.
 
         Some say who they are; one that was left streaming is stopped for that. Of the others one
         obeys a stop, and is started again; where none does it is called the first of them. None:
         nothing that it can be answers.
         """
-        kin: list[LidarModel] = [model, *streams.twins_of(model)]
+        kin: list[str] = [model, *streams.twins_of(model)]
         identities = dict.fromkeys(MODELS[one].identity for one in kin)
         for wait_s in LIDAR_S:
             for identity in filter(None, identities):
                 found = self._ask_lidar(identity, MODELS[model].facts.baud, wait_s)
                 if found is not None:
                     return found
-        mute: list[LidarModel] = [one for one in kin if MODELS[one].identity is None]
+        mute: list[str] = [one for one in kin if MODELS[one].identity is None]
         for one in mute:
             if len(mute) > 1 and self._obeys_stop(MODELS[one]):
                 return streams.describe_stream(one)
@@ -205,36 +193,70 @@ class Probe:
             self._read(SPIN_UP_S, bool)
         return obeyed >= OBEYED_ENOUGH
 
-    def _ask_boards(self) -> FoundDevice | None:
-        self._port.set_baud(answers.BRIDGE.baud)
-        data = bytearray()
-        num_asked = 0
-        while num_asked < BOARD_TRIES or time.monotonic() - self._opened_s < BOARDS_UNTIL_S:
-            num_asked += 1
-            self._port.write(TOPIC_REQUEST)
-            if self._read(ROSSERIAL_S, rosserial_answer.read_topics, data):
-                return self._describe_linorobot(data)
-            # The CR ends what the questions before have left in an Arduino's line.
-            self._port.write(b"\r")
-            self._pause(LINE_S)
-            self._port.write(b"b\r")
-            if self._read(LINE_S, answers.is_bridge, data):
-                return self._describe_bridge()
+    def _ask_booting_boards(self) -> FoundDevice | None:
+        for baud, boards in BOOTING.items():
+            self._port.set_baud(baud)
+            data = bytearray()
+            num_asked = 0
+            while num_asked < BOARD_TRIES or time.monotonic() - self._opened_s < BOARDS_UNTIL_S:
+                num_asked += 1
+                for known in boards:
+                    found = self._ask_board(known, [known], data)
+                    if found is not None:
+                        return found
         return None
 
-    def _ask_known_boards(self) -> FoundDevice | None:
-        for question in BOARD_TRIES * BOARD_QUESTIONS:
-            self._port.set_baud(question.baud)
-            for part in question.ask:
-                self._port.write(part)
-                self._pause(POLL_S)
-            found = self._read(question.wait_s, question.recognise)
-            if found is not None:
-                if question.leave:
-                    self._port.write(question.leave)
-                    time.sleep(POLL_S)  # closing drops what has not left
-                return found
+    def _ask_boards(self) -> FoundDevice | None:
+        """Ask the boards that are there at once; at each speed, listen to those that just talk."""
+        for _ in range(BOARD_TRIES):
+            for baud, boards in ASKED.items():
+                self._port.set_baud(baud)
+                data = bytearray()
+                for known in boards:
+                    found = self._ask_board(known, boards, data)
+                    if found is not None:
+                        return found
         return None
+
+    def _ask_board(
+        self, known: KnownBoard, all_here: list[KnownBoard], data: bytearray
+    ) -> FoundDevice | None:
+        """Ask a question.
+
+        Args:
+            known: whose.
+            all_here: those that may answer.
+            data: what has come at this speed; is added to.
+        """
+        question = known.question
+        for part in question.ask:
+            self._port.write(part)
+            self._pause(question.rest_s)
+
+        def recognise(received: bytes) -> tuple[KnownBoard, Answer] | None:
+            found = ((one, one.recognise(received)) for one in all_here)
+            return next(((one, answer) for one, answer in found if answer is not None), None)
+
+        heard = self._read(question.wait_s, recognise, data)
+        return None if heard is None else self._hear_out(*heard, data)
+
+    def _hear_out(self, known: KnownBoard, answer: Answer, data: bytearray) -> FoundDevice:
+        """Hear the rest of what a board has to say, and leave it as it was."""
+        more, leave = known.question.follow_up, known.question.leave
+        try:
+            if more is not None:
+                if more.ask:
+                    self._pause(known.question.rest_s)  # what comes until then answers the last one
+                    self._port.discard_input()
+                    self._port.write(more.ask)
+                    data = bytearray()
+                self._read(more.wait_s, guard(known.model, more.is_complete), data)
+                answer = guard(known.model, more.describe)(bytes(data)) or answer
+        finally:
+            if leave:
+                self._port.write(leave)
+                time.sleep(POLL_S)  # closing drops what has not left
+        return known.describe(answer)
 
     def _greet_lidars(self) -> FoundDevice | None:
         for model, greeting, baud in QUIET_TRIES * GREETINGS:
@@ -242,35 +264,16 @@ class Probe:
             for part in greeting.ask:
                 self._port.write(part)
                 self._pause(POLL_S)
-            answer = self._read(GREETED_S, greeting.recognise)
+            answer = self._read(GREETED_S, guard(model, greeting.recognise))
             if answer is not None:
                 title, details = answer
                 return FoundDevice("lidar", model, title, baud, details)
         return None
 
-    def _describe_linorobot(self, data: bytearray) -> FoundDevice:
-        """Wait for the rest of the topics, and let the board fall silent again."""
-
-        def all_topics(received: bytes) -> bool:
-            return rosserial_answer.is_complete(rosserial_answer.read_topics(received))
-
-        try:
-            self._read(TOPICS_S, all_topics, data)
-        finally:
-            self._port.write(STOP_REQUEST)
-            time.sleep(POLL_S)  # closing drops what has not left
-        return rosserial_answer.describe(rosserial_answer.read_topics(bytes(data)))
-
-    def _describe_bridge(self) -> FoundDevice:
-        self._pause(LINE_S)  # answers that are still on their way belong to earlier questions
-        self._port.discard_input()
-        self._port.write(b"e\r")
-        return answers.describe_bridge(self._read(LINE_S, answers.read_counts))
-
     def _ask_lidars(self) -> FoundDevice | None:
         talks = any(self.received.values())
         for wait_s in LIDAR_S[: len(LIDAR_S) if talks else QUIET_TRIES]:
-            for identity, baud in QUESTIONS:
+            for identity, baud in IDENTITIES:
                 self._port.set_baud(baud)
                 found = self._ask_lidar(identity, baud, wait_s)
                 if found is not None:
@@ -316,7 +319,7 @@ class Probe:
             if found is not None:
                 # What was silent until it was told to start is that one and no twin of it.
                 frames = MODELS[found].frames
-                alike: list[LidarModel] = [one for one in started if MODELS[one].frames is frames]
+                alike: list[str] = [one for one in started if MODELS[one].frames is frames]
                 return streams.describe_stream(alike[0] if alike else found)
         return None
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from trolley.config.hardware import Board, LidarModel
 from trolley_base.detection.ports import Port
 
 
@@ -21,7 +20,7 @@ class FoundDevice:
     """
 
     kind: Literal["board", "lidar"]
-    model: Board | LidarModel | None
+    model: str | None
     title: str
     baud: int
     details: tuple[str, ...] = ()

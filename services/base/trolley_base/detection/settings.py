@@ -1,73 +1,25 @@
 """The `[base]` part of a `robot.toml` that uses what was found."""
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
-from trolley.config.describe import to_toml
+from trolley.config.describe import Key, keys_of, table_of, to_toml
+from trolley.config.hardware import ChassisConfig
 from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port
 from trolley_base.detection.results import FoundDevice, PortResult
-from trolley_base.drivers.boards import BOARDS
+from trolley_base.drivers.boards import BOARDS, BoardDriver
 from trolley_base.drivers.lidars import MODELS
 
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
 USUAL_BAUDS: dict[str | None, int] = {
     **{name: driver.facts.baud for name, driver in MODELS.items()},
-    **{name: facts.baud for name, facts in BOARDS.items()},
+    **{name: driver.facts.baud for name, driver in BOARDS.items()},
 }
 """What a driver takes where the settings name no speed."""
 
-
-class Missing(NamedTuple):
-    """What a board needs and only its owner knows.
-
-    Attributes:
-        table: of `[base.chassis]`, which says it.
-        template: that table as comments.
-        note: a sentence about what is to be done.
-    """
-
-    table: str
-    template: str
-    note: str
-
-
-MISSING = {
-    "arduino_bridge": Missing(
-        "wheels",
-        """\
-# Measure these, then take the # away here and before board = "arduino_bridge":
-# [base.chassis.wheels]
-# ticks_per_revolution = 0  # of the wheel: the encoder's resolution times the gear
-# diameter_m = 0.0          # of a driven wheel
-# track_m = 0.0             # between the middles of the left and the right wheel
-""",
-        "You still have to measure the wheels: [base.chassis] board stays commented out, and the "
-        "robot cannot drive, until [base.chassis.wheels] says how large they are.",
-    ),
-    "hoverboard": Missing(
-        "hoverboard",
-        """\
-# Measure these, then take the # away here and before board = "hoverboard":
-# [base.chassis.hoverboard]
-# diameter_m = 0.0          # of a wheel, about 0.165
-# track_m = 0.0             # between the middles of both wheels
-""",
-        "You still have to measure the wheels: [base.chassis] board stays commented out, and the "
-        "robot cannot drive, until [base.chassis.hoverboard] says how large they are.",
-    ),
-    "waveshare_ugv": Missing(
-        "waveshare_ugv",
-        """\
-# Say which robot it is, then take the # away here and before board = "waveshare_ugv":
-# [base.chassis.waveshare_ugv]
-# type = "ugv_rover"        # or "ugv_beast", which has tracks
-""",
-        "You still have to say which robot the board is in: [base.chassis] board stays commented "
-        "out, and the robot cannot drive, until [base.chassis.waveshare_ugv] type says it.",
-    ),
-}
 
 Settings = dict[tuple[str, ...], str | int | float]
 
@@ -148,11 +100,15 @@ def _the_only(
 def _propose_board(
     proposal: Proposal, port: Port, found: FoundDevice, chassis: dict[str, Any]
 ) -> None:
-    missing = MISSING.get(found.model or "")
-    if found.model is not None and missing is not None and missing.table not in chassis:
+    missing = _missing(BOARDS[found.model], chassis) if found.model is not None else {}
+    if found.model is not None and missing:
         proposal.waiting[*CHASSIS, "board"] = found.model
-        proposal.appendix = missing.template
-        proposal.notes.append(missing.note)
+        proposal.appendix = _template(found.model, missing)
+        names = " and ".join(f"[base.chassis.{table}]" for table in missing)
+        proposal.notes.append(
+            f"You still have to fill in {names}: [base.chassis] board stays commented out, and "
+            "the robot cannot drive, until it is there."
+        )
     else:
         proposal.values[*CHASSIS, "board"] = found.model or ""
     proposal.values[*CHASSIS, "port"] = port.name
@@ -165,3 +121,25 @@ def _propose_baud(
     """Set the speed at which the device answered, where neither file nor model say it."""
     if present.get("baud", USUAL_BAUDS.get(found.model, found.baud)) != found.baud:
         proposal.values[*table, "baud"] = found.baud
+
+
+def _missing(driver: BoardDriver, chassis: dict[str, Any]) -> dict[str, list[Key]]:
+    """Return what a board needs and only its owner knows: keys by their tables."""
+    kinds = {table: table_of(ChassisConfig, table) for table in driver.needs}
+    kinds["settings"] = driver.settings
+    needed = {
+        table: [key for key in keys_of(kind) if key.is_required] for table, kind in kinds.items()
+    }
+    return {table: keys for table, keys in needed.items() if keys and table not in chassis}
+
+
+def _template(board: str, missing: dict[str, list[Key]]) -> str:
+    """Return the tables that are missing as comments."""
+    lines = [f'# Fill this in, then take the # away here and before board = "{board}":']
+    for table, keys in missing.items():
+        lines.append(f"# [base.chassis.{table}]")
+        for key in keys:
+            words = f"{key.meaning} ({key.allowed})".replace("`", "")
+            lines += textwrap.wrap(words, 94, initial_indent="# # ", subsequent_indent="# # ")
+            lines.append(f"# {key.name} = {key.placeholder}")
+    return "\n".join(lines) + "\n"

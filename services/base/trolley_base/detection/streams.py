@@ -3,35 +3,34 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from trolley.config.hardware import LidarModel
+from trolley_base.detection.known import guard
 from trolley_base.detection.results import FoundDevice
-from trolley_base.drivers.lidars import MODELS
+from trolley_base.drivers.lidars import MODELS, LidarDriver
 from trolley_base.drivers.lidars.frames import FrameFinder
 
 ENOUGH_FRAMES = 5
 """Each carries a checksum of 8 bits or more besides its header: so many are no coincidence."""
 
-STREAM_BAUDS = tuple(
-    dict.fromkeys(driver.facts.baud for driver in MODELS.values() if driver.frames is not None)
-)
-"""The speeds at which a lidar may talk unasked."""
 
-
-def recognise_stream(data: bytes, baud: int) -> LidarModel | None:
+def recognise_stream(data: bytes, baud: int) -> str | None:
     """Recognise a lidar that streams at a speed, if enough sound frames of it are there.
 
     Returns:
         The first of the models that send such frames.
     """
     for model, driver in MODELS.items():
-        if driver.frames is None or driver.facts.baud != baud:
-            continue
-        if len(FrameFinder(driver.frames, Counter()).feed(data)) >= ENOUGH_FRAMES:
+        if driver.facts.baud == baud and guard(model, _sends)(driver, data):
             return model
     return None
 
 
-def describe_stream(model: LidarModel, others: Sequence[LidarModel] = ()) -> FoundDevice:
+def _sends(driver: LidarDriver, data: bytes) -> bool:
+    if driver.frames is None:
+        return False
+    return len(FrameFinder(driver.frames, Counter()).feed(data)) >= ENOUGH_FRAMES
+
+
+def describe_stream(model: str, others: Sequence[str] = ()) -> FoundDevice:
     """Describe a lidar that was known by its frames.
 
     Args:
@@ -39,9 +38,7 @@ def describe_stream(model: LidarModel, others: Sequence[LidarModel] = ()) -> Fou
         others: what it may be as well: nothing that can be asked tells them apart.
     """
     facts = MODELS[model].facts
-    unlike: list[LidarModel] = [
-        one for one in others if MODELS[one].facts.clockwise != facts.clockwise
-    ]
+    unlike = [one for one in others if MODELS[one].facts.clockwise != facts.clockwise]
     details = tuple(
         f'or an {MODELS[one].facts.title}, if left and right are swapped: model = "{one}"'
         for one in unlike
@@ -49,7 +46,7 @@ def describe_stream(model: LidarModel, others: Sequence[LidarModel] = ()) -> Fou
     return FoundDevice("lidar", model, facts.title, facts.baud, details)
 
 
-def twins_of(model: LidarModel) -> list[LidarModel]:
+def twins_of(model: str) -> list[str]:
     """Return the models that send the same frames at the same speed."""
     own = MODELS[model]
     return [

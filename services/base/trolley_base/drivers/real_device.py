@@ -6,7 +6,7 @@ from trolley.config import ConfigError, RobotConfig
 from trolley.config.hardware import ChassisConfig
 from trolley.serial_diagnosis import explain
 from trolley_base.drivers import CallSoon, DriverError
-from trolley_base.drivers.boards import BOARDS, make_board
+from trolley_base.drivers.boards import find_board, make_board
 from trolley_base.drivers.device import Opened
 from trolley_base.drivers.lidars import make_lidar
 from trolley_base.drivers.real_hardware import RealHardware
@@ -42,12 +42,12 @@ class RealDevice:
         self._config = config
         self.base_T_laser = lidar.pose.as_pose()
         self.cannot_drive = NO_BOARD if chassis.board is None else ""
-        self.watchdog_s = _watchdog_s(chassis)
         self.delay_s = LONGEST_DELAY_S if chassis.delay_s is None else chassis.delay_s
         try:
             make_lidar(lidar)
             if chassis.board is not None:
                 make_board(chassis, config.robot.drive)
+            self.watchdog_s = _watchdog_s(chassis)
         except DriverError as error:
             raise ConfigError(str(error)) from error
 
@@ -73,7 +73,7 @@ def _watchdog_s(chassis: ChassisConfig) -> float:
     """Return after what silence the board stops [s]: as its owner says, else as it is delivered."""
     if chassis.board is None:
         return 0.0
-    return chassis.watchdog_s or BOARDS[chassis.board].watchdog_s
+    return chassis.watchdog_s or find_board(chassis).facts.watchdog_s
 
 
 def _same_port(config: RobotConfig, one: str, other: str) -> bool:

@@ -10,10 +10,11 @@ Source:
 """
 
 import math
-from dataclasses import dataclass
+from typing import Any
 
 from trolley.geometry import Twist2D
 from trolley_base.emulators.device import Board
+from trolley_base.emulators.surroundings import EmulatedBoard, WheelFacts
 from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
 
@@ -29,20 +30,6 @@ LEAP_TICKS, LEAP_NS = 1 << 20, 1_000 * NS_PER_MS
 """A bit of the left count that falls over."""
 TOUCHING_M = 0.003
 NO_SONAR_CM = 0
-
-
-@dataclass(frozen=True, slots=True)
-class WheelFacts:
-    """The robot's wheels: ticks per wheel revolution, wheel diameter, track."""
-
-    ticks_per_revolution: float = 1550.0
-    diameter_m: float = 0.10
-    track_m: float = 0.20
-
-    @property
-    def ticks_per_m(self) -> float:
-        """Ticks per metre driven."""
-        return self.ticks_per_revolution / (math.pi * self.diameter_m)
 
 
 class ArduinoBridge(Board):
@@ -192,3 +179,29 @@ def _atoi(text: str) -> int:
             break
         digits += character
     return as_signed(int(f"{sign}{digits}"), 16) if digits else 0
+
+
+def _tables(board: Board, wheels: WheelFacts) -> dict[str, Any]:
+    del board
+    return {
+        "wheels": {
+            "ticks_per_revolution": wheels.ticks_per_revolution,
+            "diameter_m": wheels.diameter_m,
+            "track_m": wheels.track_m,
+        },
+        "inputs": {
+            "bumper_pins": [BUMPER_PIN],
+            "cliff_pins": [CLIFF_PIN],
+            "battery_pin": BATTERY_PIN,
+            "battery_volts_per_count": BATTERY_VOLTS_PER_COUNT,
+        },
+    }
+
+
+BOARDS = {
+    "arduino_bridge": EmulatedBoard(
+        lambda options, around, _: ArduinoBridge(around.wheels, use_base="no-base" not in options),
+        {"no-base": "built without USE_BASE, as the sketch ships"},
+        _tables,
+    )
+}

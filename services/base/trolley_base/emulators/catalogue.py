@@ -1,77 +1,54 @@
-"""The devices that can be emulated, by name, and their options."""
+"""The devices that can be emulated, by name, and their options: what the drivers name."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from trolley_base.emulators import (
-    camsense,
-    coin_d4,
-    delta2,
-    hokuyo,
-    ld19,
-    lds01,
-    rplidar,
-    xv11,
-    ydlidar,
-)
-from trolley_base.emulators.arduino_bridge import ArduinoBridge, WheelFacts
-from trolley_base.emulators.create2 import Create2
+from trolley.drivers import Driver, DriverUnusable, load_named
+from trolley_base.drivers import boards, lidars
 from trolley_base.emulators.device import Board, Device, DeviceError
-from trolley_base.emulators.hoverboard import Hoverboard
-from trolley_base.emulators.lidar import MakeLidar, Mount
-from trolley_base.emulators.linorobot import Linorobot, LinorobotOptions
-from trolley_base.emulators.linorobot2 import Linorobot2, Linorobot2Options
-from trolley_base.emulators.waveshare_ugv import WaveshareUgv
-from trolley_base.world import LidarSpec
+from trolley_base.emulators.lidar import MakeLidar
+from trolley_base.emulators.surroundings import EmulatedBoard, Surroundings
 
-FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01, camsense, hokuyo, delta2, coin_d4)
-"""The emulators' modules; each knows one protocol, and its models by name in `LIDARS`."""
-LIDARS: dict[str, MakeLidar] = {
-    name: make for family in FAMILIES for name, make in family.LIDARS.items()
-}
-BOARDS = {
-    "linorobot": {
-        "exact": "its wheel speeds are not rounded to whole revolutions per minute",
-        "quiet": "built without DEBUG: no log lines",
-        "no-imu": "no inertial unit answers",
-    },
-    "linorobot2": {
-        "uart": "an ESP32 behind a serial adapter at 115200 baud; else on USB of its own",
-        "fast": "the same at 921600 baud, as a fork has it",
-        "stops": "it stops its motors when it has lost its agent, as a fork does",
-        "no-wdt": "nothing restarts it when it has given up",
-        "2021": "the first version, whose reports are not acknowledged",
-    },
-    "arduino_bridge": {"no-base": "built without USE_BASE, as the sketch ships"},
-    "waveshare_ugv": {
-        "beast": "a UGV Beast, which has tracks; else a UGV Rover",
-        "general": "with ugv_base_general: no counts, and a UGV Rover drives without encoders",
-    },
-    "create2": {"asleep": "it sleeps until its port is opened"},
-    "hoverboard": {
-        "tank": "built with TANK_STEERING",
-        "voltage": "built with VLT_MODE, as it ships: its targets are no speeds",
-    },
-}
-"""Boards and their options."""
+LEFT_OUT: dict[str, str] = {}
+"""Emulators that cannot be used, by name, and why."""
+
+
+def _emulators(drivers: Mapping[str, Driver]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, driver in drivers.items():
+        try:
+            if driver.emulator:
+                found[name] = load_named(driver.emulator, name)
+        except DriverUnusable as error:
+            LEFT_OUT[name] = str(error)
+    return found
+
+
+def _boards() -> dict[str, EmulatedBoard]:
+    found: dict[str, EmulatedBoard] = {}
+    for name, emulator in _emulators(boards.BOARDS).items():
+        if isinstance(emulator, EmulatedBoard):
+            found[name] = emulator
+        else:
+            LEFT_OUT[name] = "its emulator is no EmulatedBoard"
+    return found
+
+
+def _lidars() -> dict[str, MakeLidar]:
+    found: dict[str, MakeLidar] = {}
+    for name, emulator in _emulators(lidars.MODELS).items():
+        if callable(emulator):
+            found[name] = emulator
+        else:
+            LEFT_OUT[name] = "its emulator cannot be called to make a device"
+    return found
+
+
+BOARDS: Mapping[str, EmulatedBoard] = _boards()
+LIDARS: Mapping[str, MakeLidar] = _lidars()
 NAMES = (*BOARDS, *LIDARS)
-
-
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What devices are built from.
-
-    Attributes:
-        mount: how the lidars sit on the robot.
-        errors: of the world's lidar.
-        wheels: of a board that counts ticks.
-    """
-
-    mount: Mount
-    errors: LidarSpec
-    wheels: WheelFacts
 
 
 def make_devices(wanted: Sequence[str], surroundings: Surroundings, seed: int) -> dict[str, Device]:
@@ -93,49 +70,38 @@ def make_devices(wanted: Sequence[str], surroundings: Surroundings, seed: int) -
     devices: dict[str, Device] = {}
     streams = np.random.SeedSequence(seed).spawn(len(wanted))
     for text, stream in zip(wanted, streams, strict=True):
-        kind, _, options = text.partition(":")
-        number = sum(name.partition("-")[0] == kind for name in devices) + 1
+        kind, options = parse_device(text)
+        number = sum(kind_of(name) == kind for name in devices) + 1
         name = kind if number == 1 else f"{kind}-{number}"
-        devices[name] = _make(kind, options, surroundings, np.random.default_rng(stream))
-    boards = [name for name, device in devices.items() if isinstance(device, Board)]
-    if len(boards) > 1:
-        raise DeviceError(f"a robot has one motor board, not {' and '.join(boards)}")
+        rng = np.random.default_rng(stream)
+        if kind in BOARDS:
+            devices[name] = BOARDS[kind].make(options, surroundings, rng)
+        else:
+            devices[name] = LIDARS[kind](surroundings.mount, surroundings.errors, rng)
+    found = [name for name, device in devices.items() if isinstance(device, Board)]
+    if len(found) > 1:
+        raise DeviceError(f"a robot has one motor board, not {' and '.join(found)}")
     return devices
 
 
-def _make(kind: str, options: str, surroundings: Surroundings, rng: np.random.Generator) -> Device:
-    given = set(filter(None, options.split(",")))
-    known = BOARDS.get(kind, {})
+def parse_device(text: str) -> tuple[str, frozenset[str]]:
+    """Read a device such as "linorobot:quiet,exact": its name, and its options.
+
+    Raises:
+        DeviceError: there is no such device or option.
+    """
+    kind, _, options = text.partition(":")
+    given = frozenset(filter(None, options.split(",")))
     if kind not in NAMES:
-        raise DeviceError(f"there is no device {kind!r}; there are {', '.join(NAMES)}")
+        why = f"; {kind}: {LEFT_OUT[kind]}" if kind in LEFT_OUT else ""
+        raise DeviceError(f"there is no device {kind!r}; there are {', '.join(NAMES)}{why}")
+    known: Mapping[str, str] = BOARDS[kind].options if kind in BOARDS else {}
     if given - set(known):
         have = f"only {', '.join(known)}" if known else "none"
         raise DeviceError(f"{kind} has no option {', '.join(sorted(given - set(known)))}; {have}")
-    match kind:
-        case "linorobot":
-            built = LinorobotOptions(
-                truncates="exact" not in given,
-                debug="quiet" not in given,
-                has_imu="no-imu" not in given,
-            )
-            return Linorobot(built, rng)
-        case "linorobot2":
-            build = Linorobot2Options(
-                is_uart="uart" in given,
-                is_fast="fast" in given,
-                stops="stops" in given,
-                is_of_2021="2021" in given,
-                has_wdt="no-wdt" not in given,
-            )
-            return Linorobot2(build, rng)
-        case "arduino_bridge":
-            return ArduinoBridge(surroundings.wheels, use_base="no-base" not in given)
-        case "waveshare_ugv":
-            robot = "ugv_beast" if "beast" in given else "ugv_rover"
-            return WaveshareUgv(robot, is_general="general" in given)
-        case "create2":
-            return Create2(is_asleep="asleep" in given)
-        case "hoverboard":
-            return Hoverboard(is_tank="tank" in given, is_voltage="voltage" in given)
-        case _:
-            return LIDARS[kind](surroundings.mount, surroundings.errors, rng)
+    return kind, given
+
+
+def kind_of(port: str) -> str:
+    """Return which device a port's name stands for: that of "ld19-2" is "ld19"."""
+    return port.partition("-")[0]

@@ -15,6 +15,7 @@ from enum import IntEnum
 
 from trolley.geometry import Twist2D
 from trolley_base.emulators.device import Board
+from trolley_base.emulators.surroundings import EmulatedBoard
 from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
 
@@ -254,3 +255,11 @@ class Create2(Board):
 
 def _within(speed: int) -> int:
     return max(-MOST_MMPS, min(MOST_MMPS, speed))
+
+
+BOARDS = {
+    "create2": EmulatedBoard(
+        lambda options, _around, _rng: Create2(is_asleep="asleep" in options),
+        {"asleep": "it sleeps until its port is opened"},
+    )
+}

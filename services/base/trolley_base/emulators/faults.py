@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trolley_base.drivers.boards import BOARDS
 from trolley_base.emulators.create2 import FEELINGS
 from trolley_base.emulators.device import Frame
 from trolley_base.world.faulty_wheels import BOTH, NONE, WELL, Sides, Trouble
@@ -73,7 +74,6 @@ _RANGES = {
     "gyro": (-100.0, 100.0),
 }
 SIDES = {"left": frozenset(("left",)), "right": frozenset(("right",)), "both": BOTH}
-BOARDS = ("linorobot", "linorobot2", "arduino_bridge", "waveshare_ugv", "create2", "hoverboard")
 OF_BOARDS = ("deaf", "drives", "factor", "motor", "encoder", "swapped", "lifted", "pushed", "jump")
 OF_LIDARS = ("blind", "fail", "cover")
 OF_LINOROBOT = ("md5", "nan", "gyro")
@@ -128,17 +128,18 @@ def parse_fault(text: str, devices: Collection[str]) -> Fault:
         raise FaultError(f"{text!r}: there is no {device} here, only {', '.join(devices)}")
     if kind not in KINDS:
         raise FaultError(f"{text!r}: there is no fault {kind}, only {', '.join(KINDS)}")
+    is_board = device.partition("-")[0] in BOARDS.names
     if kind in OF_LINOROBOT and not device.startswith("linorobot"):
         raise FaultError(f"{text!r}: only linorobot knows {kind}")
     if kind == "session" and not device.startswith("linorobot2"):
         raise FaultError(f"{text!r}: only linorobot2 has sessions")
-    if kind in OF_BOARDS and not device.startswith(BOARDS):
+    if kind in OF_BOARDS and not is_board:
         raise FaultError(f"{text!r}: only motor boards know {kind}")
     if kind == "pin" and not device.startswith("arduino_bridge"):
         raise FaultError(f"{text!r}: only arduino_bridge has pins")
     if kind == "feels" and not device.startswith("create2"):
         raise FaultError(f"{text!r}: only create2 feels something")
-    if kind in OF_LIDARS and device.startswith(BOARDS):
+    if kind in OF_LIDARS and is_board:
         raise FaultError(f"{text!r}: only lidars can be {kind}")
     start, duration = match["start"], match["duration"]
     return Fault(

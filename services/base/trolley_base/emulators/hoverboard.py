@@ -14,6 +14,7 @@ import struct
 
 from trolley.geometry import Twist2D
 from trolley_base.emulators.device import Board
+from trolley_base.emulators.surroundings import EmulatedBoard
 from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
 
@@ -142,3 +143,20 @@ class Hoverboard(Board):
 
 def _within(value: int) -> int:
     return max(-MOST_INPUT, min(MOST_INPUT, value))
+
+
+BOARDS = {
+    "hoverboard": EmulatedBoard(
+        lambda options, _around, _rng: Hoverboard(
+            is_tank="tank" in options, is_voltage="voltage" in options
+        ),
+        {
+            "tank": "built with TANK_STEERING",
+            "voltage": "built with VLT_MODE, as it ships: its targets are no speeds",
+        },
+        lambda _board, _wheels: {
+            "settings": {"diameter_m": TIRE_M, "track_m": GAUGE_M},
+            "inputs": {"battery_empty_v": 35.0, "battery_full_v": 42.0},
+        },
+    )
+}

@@ -18,6 +18,7 @@ from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_base.emulators import rosserial
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.rosserial import Message, Receiver, encode, encode_string
+from trolley_base.emulators.surroundings import EmulatedBoard
 from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
 
@@ -238,3 +239,22 @@ class Linorobot(Board):
         counts = {"FrontLeft ": left, "FrontRight": right, "RearLeft  ": 0, "RearRight ": 0}
         for place, count in counts.items():
             self._log(now_ns, INFO, f"Encoder {place} : {count}")
+
+
+BOARDS = {
+    "linorobot": EmulatedBoard(
+        lambda options, _, rng: Linorobot(
+            LinorobotOptions(
+                truncates="exact" not in options,
+                debug="quiet" not in options,
+                has_imu="no-imu" not in options,
+            ),
+            rng,
+        ),
+        {
+            "exact": "its wheel speeds are not rounded to whole revolutions per minute",
+            "quiet": "built without DEBUG: no log lines",
+            "no-imu": "no inertial unit answers",
+        },
+    )
+}

@@ -23,6 +23,7 @@ from trolley_base.emulators import micro_ros
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.linorobot import ACCELERATION_NOISE, GRAVITY
 from trolley_base.emulators.micro_ros import Cdr, MicroRosClient, Publisher, Sleep, object_id
+from trolley_base.emulators.surroundings import EmulatedBoard
 from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
 
@@ -347,3 +348,26 @@ def _header(stamp_ns: int, frame: str) -> Cdr:
 def _battery(stamp_ns: int) -> bytes:
     told = _header(stamp_ns, "").put("7f", VOLTS, math.nan, *[math.nan] * 4, math.nan)
     return told.put("4B", 0, 0, 0, 1).put("I", 0).put("I", 0).text("").text("").data
+
+
+BOARDS = {
+    "linorobot2": EmulatedBoard(
+        lambda options, _, rng: Linorobot2(
+            Linorobot2Options(
+                is_uart="uart" in options,
+                is_fast="fast" in options,
+                stops="stops" in options,
+                is_of_2021="2021" in options,
+                has_wdt="no-wdt" not in options,
+            ),
+            rng,
+        ),
+        {
+            "uart": "an ESP32 behind a serial adapter at 115200 baud; else on USB of its own",
+            "fast": "the same at 921600 baud, as a fork has it",
+            "stops": "it stops its motors when it has lost its agent, as a fork does",
+            "no-wdt": "nothing restarts it when it has given up",
+            "2021": "the first version, whose reports are not acknowledged",
+        },
+    )
+}

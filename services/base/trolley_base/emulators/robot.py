@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
-from trolley_base.emulators.arduino_bridge import WheelFacts
-from trolley_base.emulators.catalogue import Surroundings, make_devices
+from trolley_base.emulators.catalogue import make_devices
 from trolley_base.emulators.device import Board, ReceivedCommand
 from trolley_base.emulators.faults import FaultPlan, parse_fault
 from trolley_base.emulators.lidar import Mount
 from trolley_base.emulators.port import DevicePort
+from trolley_base.emulators.surroundings import Surroundings, WheelFacts
 from trolley_base.world import (
     STEP_NS,
     LidarSpec,

@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple, cast
 
 from trolley.geometry import Twist2D
 from trolley_base.emulators.device import Board
+from trolley_base.emulators.surroundings import EmulatedBoard, WheelFacts
 from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
 
@@ -254,3 +255,23 @@ def _number(value: object) -> float:
 
 def _limited(power: float) -> float:
     return max(-float(MOST_POWER), min(float(MOST_POWER), power))
+
+
+def _tables(board: Board, wheels: WheelFacts) -> dict[str, Any]:
+    del wheels
+    assert isinstance(board, WaveshareUgv)
+    return {"settings": {"type": board.robot}}
+
+
+BOARDS = {
+    "waveshare_ugv": EmulatedBoard(
+        lambda options, _around, _rng: WaveshareUgv(
+            "ugv_beast" if "beast" in options else "ugv_rover", is_general="general" in options
+        ),
+        {
+            "beast": "a UGV Beast, which has tracks; else a UGV Rover",
+            "general": "with ugv_base_general: no counts, and a UGV Rover drives without encoders",
+        },
+        _tables,
+    )
+}

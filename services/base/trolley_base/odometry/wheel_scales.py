@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from trolley.config import ConfigError, RobotConfig
 from trolley.geometry import Pose2D, Twist2D, exp_twist, log_pose
+from trolley_base.drivers import DriverError
+from trolley_base.drivers.boards import counted_track_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +115,13 @@ def scales_of(config: RobotConfig) -> WheelScales:
 
 
 def counted_track_of(config: RobotConfig) -> float | None:
-    """Return the track that the board assumes [m], None where nothing says it."""
-    track_m = config.base.chassis.track_m
+    """Return the track that the board assumes [m], None where nothing says it.
+
+    Raises:
+        ConfigError: the board cannot be used.
+    """
+    try:
+        track_m = counted_track_m(config.base.chassis)
+    except DriverError as error:
+        raise ConfigError(str(error)) from error
     return config.base.odometry.track_m if track_m is None else track_m

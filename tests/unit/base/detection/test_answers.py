@@ -7,10 +7,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trolley.config.hardware import LidarModel
-from trolley_base.detection import answers, board_questions, rosserial_answer, streams
-from trolley_base.detection.probe import GREETINGS, QUESTIONS
+from trolley_base.detection import answers, streams
+from trolley_base.detection.known import (
+    GREETINGS,
+    IDENTITIES,
+    STREAM_BAUDS,
+    KnownBoard,
+    recognise_talking,
+)
 from trolley_base.detection.results import FoundDevice
+from trolley_base.drivers.boards import (
+    BOARDS,
+    arduino_bridge,
+    linorobot2,
+    rosserial_answer,
+    waveshare_ugv,
+)
 from trolley_base.drivers.boards.lino_messages import TOPICS
 from trolley_base.drivers.boards.rosserial import PUBLISHER, SUBSCRIBER, encode
 from trolley_base.drivers.lidars import MODELS, coin_d4, hokuyo
@@ -26,6 +38,7 @@ LDS01 = bytes.fromhex(
     "FA A0 B8 0B C8 00 E8 03 00 00 C8 00 E9 03 00 00 C8 00 EA 03 00 00 C8 00 EB 03 00 00"
     "C8 00 EC 03 00 00 C8 00 ED 03 00 00 61 61"
 )
+BOARD_QUESTIONS = [one for driver in BOARDS.values() for one in driver.questions]
 INFO = bytes.fromhex("A55A 1400 0000 04")
 HEALTH = bytes.fromhex("A55A 0300 0000 06")
 
@@ -53,17 +66,17 @@ def test_lidars_with_the_same_frames_at_the_same_speed_are_twins() -> None:
 
 @given(st.binary(max_size=4000))
 def test_rubbish_is_no_device(data: bytes) -> None:
-    assert all(streams.recognise_stream(data, baud) is None for baud in streams.STREAM_BAUDS)
+    assert all(streams.recognise_stream(data, baud) is None for baud in STREAM_BAUDS)
     assert rosserial_answer.read_topics(data) == {}
-    assert all(question.recognise(data) is None for question in board_questions.BOARD_QUESTIONS)
-    assert board_questions.recognise_talking(data, 115200) is None
+    assert all(one.recognise(data) is None for one in BOARD_QUESTIONS)
+    assert recognise_talking(data, 115200) is None
 
 
 def info(model: int) -> bytes:
     return INFO + struct.pack("<4B", model, 29, 1, 7) + bytes(range(16))
 
 
-def describe(model: LidarModel, told: answers.Info, health: tuple[int, int] | None) -> FoundDevice:
+def describe(model: str, told: answers.Info, health: tuple[int, int] | None) -> FoundDevice:
     identity = MODELS[model].identity
     assert identity is not None
     return answers.describe_lidar(identity, MODELS[model].facts.baud, told, health)
@@ -104,10 +117,10 @@ def test_an_rplidar_is_known_by_its_number(number: int, model: str | None, title
 
 
 def test_no_question_at_one_speed_is_heard_as_one_at_another() -> None:
-    bauds = {baud for _, baud in QUESTIONS} | set(streams.STREAM_BAUDS)
+    bauds = {baud for _, baud in IDENTITIES} | set(STREAM_BAUDS)
     said = {
         (baud, text)
-        for identity, baud in QUESTIONS
+        for identity, baud in IDENTITIES
         for text in (*identity.stop, identity.get_info, identity.get_health)
     }
     said |= {
@@ -136,18 +149,18 @@ def test_a_faulty_lidar_is_said() -> None:
 
 
 def test_an_arduino_is_known_by_its_baud_rate_on_a_line() -> None:
-    assert answers.is_bridge(b"Invalid Command\r\n57600\r\n")
-    assert not answers.is_bridge(b"157600\r\n")
-    assert not answers.is_bridge(b"57600")
-    counts = answers.read_counts(b"57600\r\n-12 3456\r\n")
-    assert answers.describe_bridge(counts).details == ("encoders at -12 3456",)
+    assert arduino_bridge.recognise(b"Invalid Command\r\n57600\r\n")
+    assert not arduino_bridge.recognise(b"157600\r\n")
+    assert not arduino_bridge.recognise(b"57600")
+    found = arduino_bridge.describe(b"57600\r\n-12 3456\r\n")
+    assert found.details == ("encoders at -12 3456",)
 
 
 def test_an_arduino_without_motors_is_told_what_to_do() -> None:
-    found = answers.describe_bridge(answers.read_counts(b"Invalid Command\r\n"))
-    assert found.model == "arduino_bridge"
+    found = arduino_bridge.describe(b"Invalid Command\r\n")
+    assert found.is_usable
     assert "USE_BASE" in found.problems[0]
-    assert "does not answer" in answers.describe_bridge(None).problems[0]
+    assert "does not answer" in arduino_bridge.describe(b"").problems[0]
 
 
 def announce(name: str, kind: int, type_name: str, md5: str) -> bytes:
@@ -170,70 +183,67 @@ def announced(**other_md5: str) -> bytes:
 
 
 def test_a_linorobot_is_known_by_its_topics() -> None:
-    topics = rosserial_answer.read_topics(b"\xff\xfe\x00" + announced())
-    assert rosserial_answer.is_complete(topics)
-    found = rosserial_answer.describe(topics)
-    assert (found.model, found.problems) == ("linorobot", ())
+    data = b"\xff\xfe\x00" + announced()
+    assert rosserial_answer.recognise(data[:-20])
+    assert not rosserial_answer.is_complete(data[:-20])
+    assert rosserial_answer.is_complete(data)
+    found = rosserial_answer.describe(data)
+    assert (found.is_usable, found.problems) == (True, ())
 
 
 def test_a_linorobot_with_other_messages_is_not_driven() -> None:
-    found = rosserial_answer.describe(rosserial_answer.read_topics(announced(raw_vel="0" * 32)))
-    assert found.model is None
+    found = rosserial_answer.describe(announced(raw_vel="0" * 32))
+    assert not found.is_usable
     assert "raw_vel" in found.problems[0]
     assert "0" * 32 in found.problems[0]
 
 
 def test_another_rosserial_board_is_none() -> None:
-    one = announce("chatter", PUBLISHER, "std_msgs/String", "1" * 32)
-    found = rosserial_answer.describe(rosserial_answer.read_topics(one))
-    assert found.model is None
+    answer = rosserial_answer.describe(announce("chatter", PUBLISHER, "std_msgs/String", "1" * 32))
+    found = KnownBoard("linorobot", BOARDS["linorobot"].questions[0]).describe(answer)
+    assert (found.model, found.title) == (None, "a rosserial board")
     assert "does not announce raw_vel and cmd_vel" in found.problems[0]
 
 
 def test_a_waveshare_board_is_known_by_a_report() -> None:
     whole = b'oot\r\n{"T":130}\n{"T":1001,"L":0,"R":0.0,"r":1.5,"p":2,"v":11.93}\r\n'
-    found = board_questions.recognise_ugv(whole)
+    found = waveshare_ugv.recognise(whole)
     assert found is not None
-    assert (found.model, found.baud, found.details) == (
-        "waveshare_ugv",
-        115200,
-        ("battery at 11.9 V",),
-    )
-    assert board_questions.recognise_ugv(whole[:-2]) is None
-    assert board_questions.recognise_ugv(b'{"T":1001,"L":null,"R":1}\n{"T":1002}\n') is None
+    assert found.details == ("battery at 11.9 V",)
+    assert waveshare_ugv.recognise(whole[:-2]) is None
+    assert waveshare_ugv.recognise(b'{"T":1001,"L":null,"R":1}\n{"T":1002}\n') is None
 
 
 def test_no_question_to_a_board_begins_a_lidars_command() -> None:
-    for question in board_questions.BOARD_QUESTIONS:
+    for question in BOARD_QUESTIONS:
         assert b"\xa5" not in b"".join((*question.ask, question.leave))
 
 
 def test_a_hoverboard_is_known_by_its_feedback() -> None:
     frame = bytes.fromhex("CD AB 00 00 64 00 62 00 61 00 D8 0E 36 01 00 00 44 A4")
-    found = board_questions.recognise_talking(b"\xab" + frame * 5, 115200)
+    found = recognise_talking(b"\xab" + frame * 5, 115200)
     assert found is not None
     assert (found.model, found.details) == ("hoverboard", ("battery at 38.0 V",))
-    assert board_questions.recognise_talking(frame * 5, 230400) is None
-    assert board_questions.recognise_talking(frame * 4, 115200) is None
+    assert recognise_talking(frame * 5, 230400) is None
+    assert recognise_talking(frame * 4, 115200) is None
 
 
 def test_a_linorobot2_is_known_by_its_pings_at_its_two_speeds() -> None:
     ping = bytes.fromhex("7E00001000 80000000 02010800 000AFFFD 02000000 CF12")
     for baud in (115200, 921600):
-        found = board_questions.recognise_talking(b"boot\r\n" + ping, baud)
+        found = recognise_talking(b"boot\r\n" + ping, baud)
         assert found is not None
         assert (found.model, found.baud, found.problems) == ("linorobot2", baud, ())
-    assert board_questions.recognise_talking(ping, 230400) is None
-    assert board_questions.recognise_linorobot2(ping[:-1], 115200) is None
+    assert recognise_talking(ping, 230400) is None
+    assert linorobot2.recognise(ping[:-1]) is None
 
 
 def test_a_linorobot2_that_talks_to_an_agent_is_known_too() -> None:
     frame = framed(bytes.fromhex("81010000 07010800 0000 0015 0000803F"))
-    found = board_questions.recognise_linorobot2(frame * 3, 115200)
+    found = linorobot2.recognise(frame * 3)
     assert found is not None
-    assert found.model == "linorobot2"
     assert "restart it" in found.problems[0]
-    assert board_questions.recognise_linorobot2(frame * 2, 115200) is None
+    assert linorobot2.recognise(frame * 2) is None
 
 
 def test_a_hokuyo_is_known_by_what_it_says_of_itself() -> None:
@@ -249,7 +259,7 @@ def test_a_hokuyo_is_known_by_what_it_says_of_itself() -> None:
 
 
 def test_no_question_to_a_hokuyo_is_one_to_another_lidar() -> None:
-    bauds = {baud for _, baud in QUESTIONS} | set(streams.STREAM_BAUDS)
+    bauds = {baud for _, baud in IDENTITIES} | set(STREAM_BAUDS)
     commands = {
         (driver.facts.baud, command)
         for driver in MODELS.values()

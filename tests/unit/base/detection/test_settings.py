@@ -11,6 +11,7 @@ from trolley.config import ConfigError, load_config, robot_toml
 from trolley_base.detection import settings
 from trolley_base.detection.ports import Port
 from trolley_base.detection.results import FoundDevice, PortResult
+from trolley_base.drivers.boards import counted_track_m
 
 LINOROBOT = PortResult(
     Port("/dev/ttyACM0", "/dev/serial/by-id/teensy"),
@@ -107,9 +108,9 @@ def test_leaves_a_board_commented_out_until_its_wheels_are_known(
     path.write_text(text)
     assert load_config(path).base.chassis.board is None
     lines = text.replace('# board = "arduino_bridge"', 'board = "arduino_bridge"').splitlines()
-    start = next(i for i, line in enumerate(lines) if "Measure these" in line)
+    start = next(i for i, line in enumerate(lines) if "Fill this in" in line)
     lines[start + 1 :] = [line.removeprefix("# ") for line in lines[start + 1 :]]
-    filled = "\n".join(lines).replace("revolution = 0 ", "revolution = 1550 ")
+    filled = "\n".join(lines).replace("revolution = 0.0", "revolution = 1550")
     path.write_text(filled.replace("_m = 0.0", "_m = 0.1"))
     config = load_config(path)
     assert config.base.chassis.board == "arduino_bridge"
@@ -138,10 +139,11 @@ def test_asks_which_robot_a_waveshare_board_is_in(tmp_path: Path) -> None:
         line.removeprefix("# ") if line.startswith(("# board =", "# [", "# type")) else line
         for line in text.splitlines()
     ]
-    path.write_text("\n".join(lines))
+    assert "ugv_beast" in text  # what it may be
+    path.write_text("\n".join(lines).replace('type = ""', 'type = "ugv_rover"'))
     chassis = load_config(path).base.chassis
     assert chassis.board == "waveshare_ugv"
-    assert chassis.track_m == 0.172
+    assert counted_track_m(chassis) == 0.172
 
 
 def test_keeps_known_wheels() -> None:

@@ -44,11 +44,11 @@ def test_board_and_lidar_cannot_claim_one_port_by_whatever_name(tmp_path: Path) 
         ({"board": "linorobot2", "watchdog_s": 0.5}, 0.5, 0.5),
         ({"board": "create2", "watchdog_s": 0.4}, 0.4, 0.5),
         (
-            {"board": "hoverboard", "hoverboard": {"diameter_m": 0.165, "track_m": 0.34}},
+            {"board": "hoverboard", "settings": {"diameter_m": 0.165, "track_m": 0.34}},
             0.8,
             UNWATCHED_SPEED,
         ),
-        ({"board": "waveshare_ugv", "waveshare_ugv": {"type": "ugv_beast"}}, 0.4, 0.5),
+        ({"board": "waveshare_ugv", "settings": {"type": "ugv_beast"}}, 0.4, 0.5),
     ],
 )
 def test_a_board_that_drives_on_is_driven_slowly_unless_its_owner_knows_better(

@@ -4,8 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trolley.config.hardware import LidarModel
-from trolley_base.detection.answers import BRIDGE
 from trolley_base.drivers.boards.rosserial import STOP_REQUEST, TOPIC_REQUEST
 from trolley_base.drivers.lidars import MODELS
 from trolley_base.emulators.line import Line, misheard
@@ -77,8 +75,8 @@ def test_bits_are_sampled_at_the_speed_of_whoever_listens() -> None:
 
 
 @pytest.mark.parametrize("model", ["rplidar_a1", "ydlidar_x4"])
-def test_what_boards_are_asked_is_no_command_to_a_lidar(model: LidarModel) -> None:
+def test_what_boards_are_asked_is_no_command_to_a_lidar(model: str) -> None:
     for question in (TOPIC_REQUEST, STOP_REQUEST, b"\r", b"b\r", b"e\r"):
-        heard = misheard(question, BRIDGE.baud, MODELS[model].facts.baud)
+        heard = misheard(question, 57600, MODELS[model].facts.baud)
         assert heard
         assert 0xA5 not in heard

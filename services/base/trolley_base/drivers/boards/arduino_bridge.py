@@ -17,8 +17,17 @@ from collections import deque
 from dataclasses import dataclass
 
 from trolley.config.hardware import ChassisConfig, PidConfig, WheelsConfig
+from trolley.drivers import API
 from trolley.geometry import Twist2D
+from trolley.messages.motion import Drive
 from trolley_base.drivers.boards.inputs import Inputs
+from trolley_base.drivers.boards.models import (
+    Answer,
+    BoardDriver,
+    BoardFacts,
+    BoardQuestion,
+    FollowUp,
+)
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.wheel_ticks import Counts, TickTargets, WheelOdometry
 from trolley_base.drivers.dialogue import Line, Status
@@ -293,3 +302,66 @@ class ArduinoBridgeDialogue:
     def take(self, now_ns: int) -> ChassisReading:
         """Hand over what was reported."""
         return self._report.take(self.status(now_ns), self._inputs.alarms(), self._inputs.battery)
+
+
+FACTS = BoardFacts("ROSArduinoBridge (Arduino)", 57600, 2.0, has_inputs=True)
+_BAUD_LINE = re.compile(rb"(?:^|[\r\n])%d\r\n" % FACTS.baud)
+_COUNTS_LINE = re.compile(rb"(?:^|\n)(-?\d+ -?\d+|%s)\r\n" % INVALID)
+
+
+def recognise(data: bytes) -> Answer | None:
+    """Find a reply to `b`: the baud rate, on a line of its own."""
+    return Answer() if _BAUD_LINE.search(data) else None
+
+
+def read_counts(data: bytes) -> str | None:
+    """Find an answer to `e`, two counts or a refusal; None until it is there."""
+    answer = _COUNTS_LINE.search(data)
+    return None if answer is None else answer[1].decode("ascii")
+
+
+def describe(data: bytes) -> Answer:
+    """Say how it does by its answer to `e`."""
+    counts = read_counts(data)
+    if counts is None:
+        return Answer(problems=("It does not answer when asked for its encoders.",))
+    if counts != INVALID.decode():
+        return Answer((f"encoders at {counts}",))
+    problem = (
+        "Its sketch was built without USE_BASE and cannot drive: take the // away before "
+        '"#define USE_BASE" in ROSArduinoBridge.ino, choose your motor driver, and upload it.'
+    )
+    return Answer(problems=(problem,))
+
+
+# The CR ends what other questions have left in an Arduino's line: to it they are words that it does
+# not know, and it says so.
+QUESTION = BoardQuestion(
+    FACTS.baud,
+    (b"\r", b"b\r"),
+    recognise,
+    wait_s=0.2,
+    rest_s=0.2,
+    boots=True,
+    follow_up=FollowUp(0.2, lambda data: read_counts(data) is not None, describe, ask=b"e\r"),
+)
+
+
+def _make(config: ChassisConfig, baud: int, drive: Drive) -> ArduinoBridgeDialogue:
+    del drive
+    assert config.wheels is not None
+    return ArduinoBridgeDialogue(config, config.wheels, baud)
+
+
+DRIVERS = {
+    "arduino_bridge": BoardDriver(
+        FACTS,
+        _make,
+        (QUESTION,),
+        needs=("wheels",),
+        api=API,
+        page="arduino-bridge.md",
+        example={"wheels": {"ticks_per_revolution": 1550.0, "diameter_m": 0.10, "track_m": 0.20}},
+        emulator="trolley_base.emulators.arduino_bridge:BOARDS",
+    )
+}

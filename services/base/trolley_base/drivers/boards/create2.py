@@ -15,16 +15,25 @@ Source:
     iRobot Create 2 Open Interface Specification (2018); AutonomyLab libcreate.
 """
 
+import math
 import struct
 from typing import NamedTuple
 
 from trolley import codes
-from trolley.config.hardware import CREATE2_TRACK_M, ChassisConfig, WheelsConfig
+from trolley.config.hardware import ChassisConfig, WheelsConfig
+from trolley.drivers import API
 from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
+from trolley_base.drivers.boards.models import (
+    Answer,
+    BoardDriver,
+    BoardFacts,
+    BoardQuestion,
+    count_nothing,
+)
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.wheel_ticks import StreamedOdometry
 from trolley_base.drivers.dialogue import Line, Status, travel_ns
@@ -75,10 +84,14 @@ SETTLES_NS = 300_000_000
 they are not counted, and it does not drive."""
 EMPTY_CHARGE = 0.05
 """Share of its capacity below which it counts as empty."""
+ENOUGH_FRAMES = 3
+"""Frames with a sum and fifteen numbers of packets: so many are no coincidence."""
 COUNT_RANGE = 1 << 16
 FIRST_COUNT = 1 << 20
 """Counts go on from here, far from those of a board that has just started."""
-WHEELS = WheelsConfig(ticks_per_revolution=508.8, diameter_m=0.072, track_m=CREATE2_TRACK_M)
+TRACK_M = 0.235
+"""Between the middles of its wheels."""
+WHEELS = WheelsConfig(ticks_per_revolution=508.8, diameter_m=0.072, track_m=TRACK_M)
 
 
 class Senses(NamedTuple):
@@ -247,7 +260,7 @@ class Create2Dialogue:
         if self._must_change_mode(now_ns) and self._pace.is_standing and wanted.is_zero:
             return b""  # what it would not obey
         self._pace.note(now_ns, stands=wanted.is_zero)
-        left, right = (1000.0 * side for side in sides_of(wanted, 0.5 * CREATE2_TRACK_M))
+        left, right = (1000.0 * side for side in sides_of(wanted, 0.5 * TRACK_M))
         # Beyond what the robot can take: slower on the same arc.
         scale = min(1.0, FASTEST_MMPS / max(abs(left), abs(right), 1.0))
         return drive_direct(round(scale * left), round(scale * right))
@@ -344,3 +357,29 @@ def _why_not(senses: Senses) -> str:
 def _shorter(difference: int) -> int:
     """Return a difference of 16-bit counts as the shorter way round."""
     return (difference + COUNT_RANGE // 2) % COUNT_RANGE - COUNT_RANGE // 2
+
+
+def recognise(data: bytes) -> Answer | None:
+    """Find frames of its stream."""
+    frames, _ = FrameReader(FRAME, count_nothing).feed(data)
+    if len(frames) < ENOUGH_FRAMES:
+        return None
+    senses = parse_frame(frames[-1].data)
+    details = (f"battery at {senses.millivolts * 1e-3:.1f} V",)
+    problems = ("It is being charged, and does not drive meanwhile.",) if senses.is_charged else ()
+    return Answer(details, problems)
+
+
+# It is started, which moves nothing, asked for its stream, and left off again.
+QUESTION = BoardQuestion(115200, (bytes((START,)), ASK_STREAM), recognise, leave=PAUSE_STREAM + END)
+DRIVERS = {
+    "create2": BoardDriver(
+        BoardFacts("Create 2 or Roomba", 115200, math.inf),
+        lambda config, baud, _: Create2Dialogue(config, baud),
+        (QUESTION,),
+        track_m=lambda _: TRACK_M,
+        api=API,
+        page="create2.md",
+        emulator="trolley_base.emulators.create2:BOARDS",
+    )
+}

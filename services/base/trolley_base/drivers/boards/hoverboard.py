@@ -15,14 +15,25 @@ Source:
 
 import math
 import struct
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from trolley.config.hardware import ChassisConfig, HoverboardConfig
+from msgspec import Meta, Struct
+
+from trolley.config.hardware import ChassisConfig
+from trolley.drivers import API, read_settings
 from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of, twist_of
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
+from trolley_base.drivers.boards.models import (
+    SETTINGS,
+    Answer,
+    BoardDriver,
+    BoardFacts,
+    BoardQuestion,
+    count_nothing,
+)
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.velocities import VelocityIntegrator
 from trolley_base.drivers.boards.wheel_ticks import MOST_SPEED
@@ -34,10 +45,27 @@ HEAD = struct.pack("<H", HEAD_WORD)
 FEEDBACK, COMMAND = struct.Struct("<H6hHH"), struct.Struct("<HhhH")
 MOST_TARGET_RPM = 1000
 FEEDBACK_NS = 10_000_000
+ENOUGH_FEEDBACK = 5
+"""Frames with two known bytes and a sum of 16 bits: so many are no coincidence."""
 NO_RPM = (
     "The hoverboard reports speeds that no robot can have; they are not used. Look at the cables "
     "of its motors' Hall sensors."
 )
+
+
+class HoverboardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Wheels and firmware of a `hoverboard`."""
+
+    diameter_m: Annotated[float, Meta(gt=0.0, le=1.0)]
+    """Diameter of a wheel under load; most hoverboards have about 0.165 m."""
+    track_m: Annotated[float, Meta(gt=0.0, le=3.0)]
+    """Distance between the middles of both wheels."""
+    invert_left: bool = False
+    """Whether the firmware is built with INVERT_L_DIRECTION."""
+    invert_right: bool = False
+    """Whether the firmware is built with INVERT_R_DIRECTION."""
+    tank_steering: bool = False
+    """Whether the firmware is built with TANK_STEERING."""
 
 
 class Feedback(NamedTuple):
@@ -85,7 +113,7 @@ class HoverboardDialogue:
         baud: bits per second.
     """
 
-    def __init__(self, config: ChassisConfig, wheels: HoverboardConfig, baud: int) -> None:
+    def __init__(self, config: ChassisConfig, wheels: HoverboardSettings, baud: int) -> None:
         self._baud = baud
         self._build = wheels
         self._half_track_m = 0.5 * wheels.track_m
@@ -206,3 +234,34 @@ class HoverboardDialogue:
     def take(self, now_ns: int) -> ChassisReading:
         """Hand over what was reported."""
         return self._report.take(self.status(now_ns), self._gauge.alarms(), self._gauge.battery)
+
+
+def recognise(data: bytes) -> Answer | None:
+    """Find feedback, which it sends unasked."""
+    frames, _ = FrameReader(FRAME, count_nothing).feed(data)
+    if len(frames) < ENOUGH_FEEDBACK:
+        return None
+    told = parse_feedback(frames[-1].data)
+    return Answer((f"battery at {told.centivolts * 1e-2:.1f} V",))
+
+
+def _settings(config: ChassisConfig) -> HoverboardSettings:
+    return read_settings(config.settings, HoverboardSettings, SETTINGS)
+
+
+DRIVERS = {
+    "hoverboard": BoardDriver(
+        BoardFacts("hoverboard (FOC firmware)", 115200, 0.8),
+        lambda config, baud, _: HoverboardDialogue(config, _settings(config), baud),
+        (BoardQuestion(115200, (), recognise, wait_s=0.0),),
+        track_m=lambda config: _settings(config).track_m,
+        api=API,
+        page="hoverboard.md",
+        settings=HoverboardSettings,
+        example={
+            "settings": {"diameter_m": 0.165, "track_m": 0.34},
+            "inputs": {"battery_empty_v": 35.0, "battery_full_v": 42.0},
+        },
+        emulator="trolley_base.emulators.hoverboard:BOARDS",
+    )
+}

@@ -14,7 +14,9 @@ Source:
 """
 
 from trolley.config.hardware import ChassisConfig
+from trolley.drivers import API
 from trolley.geometry import Twist2D
+from trolley_base.drivers.boards import rosserial_answer
 from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.lino_messages import (
     CMD_VEL,
@@ -25,6 +27,12 @@ from trolley_base.drivers.boards.lino_messages import (
     encode_twist,
     parse_imu,
     parse_velocities,
+)
+from trolley_base.drivers.boards.models import (
+    BoardDriver,
+    BoardFacts,
+    BoardQuestion,
+    FollowUp,
 )
 from trolley_base.drivers.boards.negotiation import Negotiation
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
@@ -262,3 +270,27 @@ class LinorobotDialogue:
         """Hand over what was reported."""
         self._look(now_ns)
         return self._report.take(self.status(now_ns))
+
+
+FACTS = BoardFacts(rosserial_answer.TITLE, 57600, 0.4, has_imu=True, drives_sideways=True)
+QUESTION = BoardQuestion(
+    FACTS.baud,
+    (TOPIC_REQUEST,),
+    rosserial_answer.recognise,
+    leave=STOP_REQUEST,
+    wait_s=0.35,
+    boots=True,
+    follow_up=FollowUp(0.5, rosserial_answer.is_complete, rosserial_answer.describe),
+)
+DRIVERS = {
+    "linorobot": BoardDriver(
+        FACTS,
+        lambda config, baud, drive: LinorobotDialogue(
+            config, baud, can_drive_sideways=drive == "mecanum"
+        ),
+        (QUESTION,),
+        api=API,
+        page="linorobot.md",
+        emulator="trolley_base.emulators.linorobot:BOARDS",
+    )
+}

@@ -15,19 +15,30 @@ Source:
     linorobot2_hardware 8a95745, 7f78317 and firmware/src/firmware.ino; hippo5329's fork, 26f553f.
 """
 
+import math
+
 import msgspec
 
 from trolley.config.hardware import ChassisConfig
+from trolley.drivers import API
 from trolley.geometry import Twist2D
 from trolley_base.drivers.boards import linorobot2_messages as messages
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.device_clock import DeviceClock
 from trolley_base.drivers.boards.linorobot2_messages import NoMessageError
+from trolley_base.drivers.boards.models import (
+    Answer,
+    BoardDriver,
+    BoardFacts,
+    BoardQuestion,
+    count_nothing,
+)
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.velocities import NO_SPEED, StampedVelocities
 from trolley_base.drivers.boards.xrce_agent import Delivery, XrceAgent, matches
 from trolley_base.drivers.boards.xrce_frames import FrameDecoder, encode
+from trolley_base.drivers.boards.xrce_messages import GET_INFO, KEYLESS, parse_header, submessages
 from trolley_base.drivers.boards.xrce_pings import PingResponder
 from trolley_base.drivers.dialogue import Line, Status
 from trolley_base.drivers.interface import ChassisReading
@@ -40,6 +51,11 @@ opens another: it has been told to stand meanwhile."""
 COUNTS_FOR_NS = 3_000_000_000
 """While it waits for an acknowledgement, or for an agent, its encoders count on: the next speed is
 the mean since the last one."""
+PING_S = 0.75
+"""A board that looks for an agent does so each 0.6 s."""
+ENOUGH_MESSAGES = 3
+FAST_BAUD = 921600
+"""Of a fork."""
 LEAST_VOLTAGE = 1.0
 """Firmware without a battery's pin reports less [V]."""
 STRANGER = (
@@ -266,3 +282,45 @@ class Linorobot2Dialogue:
     def take(self, now_ns: int) -> ChassisReading:
         """Hand over what was reported."""
         return self._report.take(self.status(now_ns), self._gauge.alarms(), self._gauge.battery)
+
+
+def recognise(data: bytes) -> Answer | None:
+    """Find a ping of a board that looks for an agent, or that it talks to one that has gone."""
+    messages = [frame.message for frame in FrameDecoder(count_nothing).feed(data)]
+    num_pings = sum(map(_is_ping, messages))
+    if num_pings:
+        return Answer(("looks for an agent",))
+    if len(messages) < ENOUGH_MESSAGES:
+        return None
+    return Answer(
+        ("talks to an agent",),
+        (
+            "It talks to an agent that has gone, and may be one that never looks for another: "
+            "restart it if it is not driven.",
+        ),
+    )
+
+
+def _is_ping(message: bytes) -> bool:
+    parsed = parse_header(message)
+    if parsed is None or parsed[0].session & ~KEYLESS:
+        return False
+    return any(part.kind == GET_INFO for part in submessages(message, parsed[1]))
+
+
+FACTS = BoardFacts("linorobot2 (micro-ROS)", 115200, math.inf, has_imu=True, drives_sideways=True)
+DRIVERS = {
+    "linorobot2": BoardDriver(
+        FACTS,
+        lambda config, baud, drive: Linorobot2Dialogue(
+            config, baud, can_drive_sideways=drive == "mecanum"
+        ),
+        # It looks for an agent at one of two speeds; it is listened to for long enough.
+        tuple(
+            BoardQuestion(baud, (), recognise, wait_s=PING_S) for baud in (FACTS.baud, FAST_BAUD)
+        ),
+        api=API,
+        page="linorobot2.md",
+        emulator="trolley_base.emulators.linorobot2:BOARDS",
+    )
+}

@@ -19,27 +19,33 @@ Source:
 
 import math
 import re
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
+from msgspec import Struct
 
-from trolley.config.hardware import (
-    UGV_TRACKS_M,
-    ChassisConfig,
-    UgvType,
-    WaveshareUgvConfig,
-    WheelsConfig,
-)
+from trolley.config.hardware import ChassisConfig, WheelsConfig
+from trolley.drivers import API, read_settings
 from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of, twist_of
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.command_pace import CommandPace
+from trolley_base.drivers.boards.models import (
+    SETTINGS,
+    Answer,
+    BoardDriver,
+    BoardFacts,
+    BoardQuestion,
+)
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.velocities import VelocityIntegrator
 from trolley_base.drivers.boards.wheel_ticks import MOST_SPEED, StreamedOdometry
 from trolley_base.drivers.dialogue import Line, Status, travel_ns
 from trolley_base.drivers.interface import ChassisReading
 
+UgvType = Literal["ugv_rover", "ugv_beast"]
+UGV_TRACKS_M: dict[UgvType, float] = {"ugv_rover": 0.172, "ugv_beast": 0.141}
+"""The tracks that the firmware counts with."""
 MAIN_TYPES: dict[UgvType, int] = {"ugv_rover": 2, "ugv_beast": 3}
 """How the firmware numbers the robots."""
 WATCHDOG_MS = 400
@@ -79,6 +85,14 @@ WATCHDOG = line_of(T=136, cmd=WATCHDOG_MS)
 REPORT, SPEED_KEYS, WAY_KEYS = 1001, ("L", "R"), ("odl", "odr")
 
 
+class WaveshareUgvSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The robot that a `waveshare_ugv` board sits in."""
+
+    type: UgvType
+    """Which robot it is; sent to the board on each connection, since its wheels and the direction
+    of its motors differ. The tracked UGV Beast was sold as UGV01 as well."""
+
+
 class WaveshareUgvDialogue:
     """Talks to the firmware.
 
@@ -87,7 +101,7 @@ class WaveshareUgvDialogue:
         baud: bits per second.
     """
 
-    def __init__(self, config: ChassisConfig, robot: WaveshareUgvConfig, baud: int) -> None:
+    def __init__(self, config: ChassisConfig, robot: WaveshareUgvSettings, baud: int) -> None:
         self._baud = baud
         self._report = Report()
         track_m = UGV_TRACKS_M[robot.type]
@@ -300,3 +314,35 @@ def numbers_of(message: dict[str, Any], keys: tuple[str, str]) -> tuple[float, f
         for value in values
     )
     return (left, right) if math.isfinite(left) and math.isfinite(right) else None
+
+
+def recognise(data: bytes) -> Answer | None:
+    """Find a report."""
+    for line in data.split(b"\n")[:-1]:
+        message = parse_line(line)
+        if message is None or message.get("T") != REPORT or not numbers_of(message, SPEED_KEYS):
+            continue
+        voltage = message.get("v")
+        is_known = isinstance(voltage, float | int)
+        return Answer((f"battery at {voltage:.1f} V",) if is_known else ())
+    return None
+
+
+def _settings(config: ChassisConfig) -> WaveshareUgvSettings:
+    return read_settings(config.settings, WaveshareUgvSettings, SETTINGS)
+
+
+DRIVERS = {
+    "waveshare_ugv": BoardDriver(
+        BoardFacts("Waveshare UGV (ESP32)", 115200, WATCHDOG_MS * 1e-3),
+        lambda config, baud, _: WaveshareUgvDialogue(config, _settings(config), baud),
+        # An empty line ends what other questions have left in its buffer.
+        (BoardQuestion(115200, (b'\n{"T":130}\n',), recognise),),
+        track_m=lambda config: UGV_TRACKS_M[_settings(config).type],
+        api=API,
+        page="waveshare-ugv.md",
+        settings=WaveshareUgvSettings,
+        example={"settings": {"type": "ugv_rover"}},
+        emulator="trolley_base.emulators.waveshare_ugv:BOARDS",
+    )
+}

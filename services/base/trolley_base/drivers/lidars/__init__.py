@@ -1,28 +1,12 @@
-"""Lidars by their model: the table that `trolley detect` and the importers read, too."""
+"""Lidars by their model; `trolley detect` and the importers read the same table."""
 
-from collections.abc import Mapping
-
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import Drivers, DriverUnusable, read_settings
 from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.interface import DriverError
-from trolley_base.drivers.lidars import (
-    camsense,
-    coin_d4,
-    delta2,
-    hokuyo,
-    ld19,
-    lds01,
-    rplidar,
-    xv11,
-    ydlidar,
-)
 from trolley_base.drivers.lidars.models import LidarDriver
 
-FAMILIES = (rplidar, ydlidar, ld19, xv11, lds01, camsense, hokuyo, delta2, coin_d4)
-"""The drivers' modules; each knows one protocol, and its models by name in `DRIVERS`."""
-MODELS: Mapping[LidarModel, LidarDriver] = {
-    name: driver for family in FAMILIES for name, driver in family.DRIVERS.items()
-}
+MODELS = Drivers(LidarDriver)
 """By the name in `[base.lidar] model`; `trolley detect` tries them in this order."""
 
 
@@ -30,11 +14,16 @@ def make_lidar(config: LidarConfig) -> LidarDialogue:
     """Return the dialogue with the configured lidar.
 
     Raises:
-        DriverError: no model is set, or the settings do not fit it.
+        DriverError: no model is set, it cannot be used, or the settings do not fit it.
     """
     if config.model is None:
-        raise DriverError(f"[base.lidar] needs model, one of {', '.join(MODELS)}")
-    return MODELS[config.model].make(config)
+        raise DriverError(f"[base.lidar] needs model, one of {', '.join(MODELS.names)}")
+    try:
+        driver = MODELS.find(config.model)
+        read_settings(config.settings, driver.settings, "base.lidar.settings")
+        return driver.make(config)
+    except DriverUnusable as error:
+        raise DriverError(f"[base.lidar] model: {error}") from error
 
 
 __all__ = ["MODELS", "LidarDriver", "make_lidar"]

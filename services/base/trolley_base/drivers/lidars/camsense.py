@@ -13,7 +13,8 @@ from collections import Counter
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import API
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
@@ -80,6 +81,13 @@ class Camsense(StreamingLidar):
         super().__init__(FACTS, config, CamsenseDecoder)
 
 
-DRIVERS: dict[LidarModel, LidarDriver] = {
-    "camsense_x1": LidarDriver(FACTS, Camsense, frames=FORMAT)
+DRIVERS: dict[str, LidarDriver] = {
+    "camsense_x1": LidarDriver(
+        FACTS,
+        Camsense,
+        frames=FORMAT,
+        api=API,
+        page="camsense-x1.md",
+        emulator="trolley_base.emulators.camsense:LIDARS",
+    )
 }

@@ -16,7 +16,8 @@ from collections import Counter
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import API
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Frames
@@ -83,7 +84,7 @@ class CoinD4(StartedLidar):
         return Line(self.baud, dtr=False)
 
 
-DRIVERS: dict[LidarModel, LidarDriver] = {
+DRIVERS: dict[str, LidarDriver] = {
     "coin_d4": LidarDriver(
         FACTS,
         CoinD4,
@@ -91,5 +92,8 @@ DRIVERS: dict[LidarModel, LidarDriver] = {
         start=START,
         stop=STOP,
         ros_packages=("coin_d4_driver",),
+        api=API,
+        page="coin-d4.md",
+        emulator="trolley_base.emulators.coin_d4:LIDARS",
     )
 }

@@ -18,7 +18,8 @@ from functools import partial
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import API
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
@@ -161,7 +162,15 @@ class Delta2(StreamingLidar):
         return super()._trouble(now_ns)
 
 
-DRIVERS: dict[LidarModel, LidarDriver] = {
-    "delta2a": LidarDriver(FACTS_2A, partial(Delta2, FACTS_2A), frames=FORMAT),
-    "delta2b": LidarDriver(FACTS_2B, partial(Delta2, FACTS_2B), frames=FORMAT),
-}
+def _driver(facts: LidarFacts) -> LidarDriver:
+    return LidarDriver(
+        facts,
+        partial(Delta2, facts),
+        frames=FORMAT,
+        api=API,
+        page="delta-2.md",
+        emulator="trolley_base.emulators.delta2:LIDARS",
+    )
+
+
+DRIVERS: dict[str, LidarDriver] = {"delta2a": _driver(FACTS_2A), "delta2b": _driver(FACTS_2B)}

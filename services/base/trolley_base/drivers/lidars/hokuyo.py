@@ -25,7 +25,8 @@ from functools import partial
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import API
 from trolley_base.drivers.lidars.decoding import Decoded
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFinder, FrameFormat, Indices
 from trolley_base.drivers.lidars.handshake import ANSWER_S, Handshake, HandshakeLidar, Step
@@ -287,11 +288,14 @@ def recognise(data: bytes) -> tuple[str, tuple[str, ...]] | None:
     return _title(lines.get("PROD", "")), tuple(f"{name} {value}" for name, value in known if value)
 
 
-DRIVERS: dict[LidarModel, LidarDriver] = {
+DRIVERS: dict[str, LidarDriver] = {
     "hokuyo_urg": LidarDriver(
         FACTS,
         Hokuyo,
         greeting=Greeting((b"\n" + STOP, SPEAK_SCIP2, GET_VERSION), recognise),
         ros_packages=("hokuyo_node", "urg_node", "urg_node2"),
+        api=API,
+        page="hokuyo-urg.md",
+        emulator="trolley_base.emulators.hokuyo:LIDARS",
     )
 }

@@ -19,7 +19,8 @@ from functools import partial
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import API
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
@@ -142,14 +143,34 @@ def _ld14p(config: LidarConfig) -> StartedLidar:
     return StartedLidar(FACTS_14P, config, decoder, START, STOP)
 
 
-DRIVERS: dict[LidarModel, LidarDriver] = {
+EMULATOR = "trolley_base.emulators.ld19:LIDARS"
+DRIVERS: dict[str, LidarDriver] = {
     "ld19": LidarDriver(
         FACTS,
         partial(_streaming, FACTS),
         frames=FORMAT,
         linorobot_names=("ld06", "ld19"),
         ros_packages=("ldlidar_stl_ros",),
+        api=API,
+        page="ld19.md",
+        emulator=EMULATOR,
     ),
-    "stl27l": LidarDriver(FACTS_27L, partial(_streaming, FACTS_27L), frames=FORMAT),
-    "ld14p": LidarDriver(FACTS_14P, _ld14p, frames=FORMAT, start=START, stop=STOP),
+    "stl27l": LidarDriver(
+        FACTS_27L,
+        partial(_streaming, FACTS_27L),
+        frames=FORMAT,
+        api=API,
+        page="stl-27l.md",
+        emulator=EMULATOR,
+    ),
+    "ld14p": LidarDriver(
+        FACTS_14P,
+        _ld14p,
+        frames=FORMAT,
+        start=START,
+        stop=STOP,
+        api=API,
+        page="ld14p.md",
+        emulator=EMULATOR,
+    ),
 }

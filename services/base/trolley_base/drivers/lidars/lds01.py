@@ -18,7 +18,8 @@ from collections import Counter
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import API
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import (
     BAD_CHECKSUM,
@@ -126,7 +127,7 @@ def _make(config: LidarConfig) -> StartedLidar:
     return StartedLidar(FACTS, config, Lds01Decoder, START, STOP)
 
 
-DRIVERS: dict[LidarModel, LidarDriver] = {
+DRIVERS: dict[str, LidarDriver] = {
     "lds01": LidarDriver(
         FACTS,
         _make,
@@ -135,5 +136,8 @@ DRIVERS: dict[LidarModel, LidarDriver] = {
         stop=STOP,
         linorobot_names=("lds01",),
         ros_packages=("hls_lfcd_lds_driver",),
+        api=API,
+        page="lds-01.md",
+        emulator="trolley_base.emulators.lds01:LIDARS",
     )
 }

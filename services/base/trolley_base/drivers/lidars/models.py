@@ -2,8 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
+from trolley import drivers
 from trolley.config.hardware import LidarConfig
+from trolley.drivers import Driver
 from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.lidars.frames import FrameFormat
 
@@ -82,7 +85,7 @@ def _none(number: int) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class LidarDriver:
+class LidarDriver(Driver):
     """A lidar model's entry in the table `MODELS`.
 
     Attributes:
@@ -98,6 +101,7 @@ class LidarDriver:
         ros_packages: the ROS packages that drive it.
     """
 
+    group: ClassVar[str] = drivers.LIDARS
     facts: LidarFacts
     make: Callable[[LidarConfig], LidarDialogue]
     frames: FrameFormat | None = None

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import API
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
@@ -240,7 +241,7 @@ IDENTITY = Identity(
 )
 _MODES = ("auto", "standard")
 
-SERIES: dict[LidarModel, Series] = {
+SERIES: dict[str, Series] = {
     "rplidar_a1": Series(
         LidarFacts(
             title="RPLIDAR A1",
@@ -337,7 +338,15 @@ SERIES: dict[LidarModel, Series] = {
 }
 
 
-def _driver(series: Series) -> LidarDriver:
+PAGES = {
+    "rplidar_a1": "rplidar-a1.md",
+    "rplidar_a2": "rplidar-a2.md",
+    "rplidar_a3": "rplidar-a2.md",
+    "rplidar_c1": "rplidar-c1.md",
+}
+
+
+def _driver(series: Series, page: str) -> LidarDriver:
     is_a1 = series.motor == "dtr"
     return LidarDriver(
         series.facts,
@@ -346,9 +355,12 @@ def _driver(series: Series) -> LidarDriver:
         is_model=series.has,
         linorobot_names=("rplidar",) if is_a1 else (),
         ros_packages=("rplidar_ros",) if is_a1 else (),
+        api=API,
+        page=page,
+        emulator="trolley_base.emulators.rplidar:LIDARS",
     )
 
 
-DRIVERS: dict[LidarModel, LidarDriver] = {
-    model: _driver(series) for model, series in SERIES.items()
+DRIVERS: dict[str, LidarDriver] = {
+    model: _driver(series, PAGES.get(model, "rplidar-s.md")) for model, series in SERIES.items()
 }

@@ -15,7 +15,8 @@ from functools import partial
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import API
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
@@ -81,13 +82,24 @@ class Xv11(StreamingLidar):
         super().__init__(facts, config, Xv11Decoder)
 
 
-DRIVERS: dict[LidarModel, LidarDriver] = {
+EMULATOR = "trolley_base.emulators.xv11:LIDARS"
+DRIVERS: dict[str, LidarDriver] = {
     "xv11": LidarDriver(
         FACTS,
         partial(Xv11, FACTS),
         frames=FORMAT,
         linorobot_names=("xv11",),
         ros_packages=("xv_11_laser_driver",),
+        api=API,
+        page="xv11.md",
+        emulator=EMULATOR,
     ),
-    "lds02rr": LidarDriver(FACTS_02RR, partial(Xv11, FACTS_02RR), frames=FORMAT),
+    "lds02rr": LidarDriver(
+        FACTS_02RR,
+        partial(Xv11, FACTS_02RR),
+        frames=FORMAT,
+        api=API,
+        page="xv11.md#lds02rr",
+        emulator=EMULATOR,
+    ),
 }

@@ -26,7 +26,8 @@ from functools import partial
 
 import numpy as np
 
-from trolley.config.hardware import LidarConfig, LidarModel
+from trolley.config.hardware import LidarConfig
+from trolley.drivers import API
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
@@ -259,7 +260,7 @@ def _facts(
     return LidarFacts(title, baud, *ranges_m, turns_hz, usual_hz)
 
 
-KINDS: dict[LidarModel, Kind] = {
+KINDS: dict[str, Kind] = {
     "ydlidar_x4": Kind(
         _facts("YDLIDAR X4", 128000, (0.12, 10.0), (6.0, 12.0), 7.0), FORMAT, 5000.0, (6,)
     ),
@@ -290,7 +291,15 @@ KINDS: dict[LidarModel, Kind] = {
 }
 
 
-def _driver(model: LidarModel, kind: Kind) -> LidarDriver:
+PAGES = {
+    "ydlidar_x4": "ydlidar-x4.md",
+    "ydlidar_g2": "ydlidar-g.md",
+    "ydlidar_g4": "ydlidar-g.md",
+    "ydlidar_tmini": "ydlidar-tmini.md",
+}
+
+
+def _driver(model: str, kind: Kind) -> LidarDriver:
     is_x4 = model == "ydlidar_x4"
     return LidarDriver(
         kind.facts,
@@ -300,9 +309,10 @@ def _driver(model: LidarModel, kind: Kind) -> LidarDriver:
         is_model=kind.has,
         linorobot_names=("ydlidar",) if is_x4 else (),
         ros_packages=("ydlidar", "ydlidar_ros", "ydlidar_ros_driver") if is_x4 else (),
+        api=API,
+        page=PAGES.get(model, "ydlidar-x2.md"),
+        emulator="trolley_base.emulators.ydlidar:LIDARS",
     )
 
 
-DRIVERS: dict[LidarModel, LidarDriver] = {
-    model: _driver(model, kind) for model, kind in KINDS.items()
-}
+DRIVERS: dict[str, LidarDriver] = {model: _driver(model, kind) for model, kind in KINDS.items()}

@@ -6,7 +6,6 @@ Source:
 
 import math
 
-from trolley.config.hardware import LidarModel
 from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.lidars import MODELS
 from trolley_base.importers.findings import Value
@@ -15,11 +14,11 @@ from trolley_base.importers.linorobot.mounting import find_mount
 
 DRIVES = {"2wd": "differential", "4wd": "skid_steer", "mecanum": "mecanum"}
 """What `LINOBASE` may be; it knows Ackermann steering too, which Trolley does not."""
-LIDARS: dict[str, LidarModel] = {
+LIDARS: dict[str, str] = {
     name: model for model, driver in MODELS.items() for name in driver.linorobot_names
 }
 """What `LINOLIDAR` may be, and what it is to Trolley."""
-PACKAGES: dict[str, LidarModel] = {
+PACKAGES: dict[str, str] = {
     package: model for model, driver in MODELS.items() for package in driver.ros_packages
 }
 """The ROS packages that drive a lidar, and which one."""
@@ -65,11 +64,11 @@ def _take_board(findings: LinorobotFindings) -> None:
         return
     findings.take("base.chassis.port", port.value, f"motor board at {port.value}", port)
     baud = _baud(first(nodes, ("baud", "_baud")))
-    if baud is not None and baud.value != BOARDS["linorobot"].baud:
+    if baud is not None and baud.value != BOARDS["linorobot"].facts.baud:
         findings.take("base.chassis.baud", baud.value, f"its line at {baud.value} baud", baud)
 
 
-def _take_lidar(findings: LinorobotFindings, lidar: str) -> LidarModel | None:
+def _take_lidar(findings: LinorobotFindings, lidar: str) -> str | None:
     """Take the lidar; return its model."""
     nodes = findings.launch.of_package(tuple(PACKAGES))
     model = PACKAGES[nodes[0].package] if nodes else LIDARS.get(lidar)

@@ -337,6 +337,6 @@ def test_what_a_board_cannot_do_is_refused() -> None:
 
 
 def test_the_line_is_the_boards_unless_it_is_configured() -> None:
-    assert make().line.baud == BOARDS["arduino_bridge"].baud
+    assert make().line.baud == BOARDS["arduino_bridge"].facts.baud
     assert make().line.settle_s > 0.0
     assert make(baud=115200).line.baud == 115200

@@ -9,7 +9,7 @@ from support.emulated_boards import MS, EmulatedTalk, config_of, dialogue_of
 from trolley import codes
 from trolley.geometry import Twist2D
 from trolley_base.drivers import ChassisReading, DriverError
-from trolley_base.drivers.boards import BOARDS, make_board
+from trolley_base.drivers.boards import BOARDS, counted_track_m, make_board
 from trolley_base.drivers.boards.create2 import FIELDS, drive_direct, parse_frame
 from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
 from trolley_base.emulators.create2 import Create2
@@ -93,7 +93,7 @@ def test_nobody_stops_it_once_its_host_is_gone(talk: EmulatedTalk) -> None:
     for _ in range(500):
         talk.step()
     assert talk.simulation.truth().twist.vx > 0.1
-    assert BOARDS["create2"].watchdog_s == float("inf")
+    assert BOARDS["create2"].facts.watchdog_s == float("inf")
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_goodbye_leaves_it_off(talk: EmulatedTalk) -> None:
 def test_it_has_two_wheels() -> None:
     with pytest.raises(DriverError, match="drives two"):
         make_board(config_of("create2"), "mecanum")
-    assert config_of("create2").track_m == 0.235
+    assert counted_track_m(config_of("create2")) == 0.235
 
 
 def test_its_port_is_opened_so_that_it_wakes() -> None:

@@ -8,7 +8,7 @@ from support.emulated_boards import MS, EmulatedTalk, config_of, dialogue_of
 
 from trolley.geometry import Twist2D
 from trolley_base.drivers import DriverError
-from trolley_base.drivers.boards import BOARDS, make_board
+from trolley_base.drivers.boards import BOARDS, counted_track_m, make_board
 from trolley_base.drivers.boards.hoverboard import command, is_sound, parse_feedback
 from trolley_base.emulators.hoverboard import Hoverboard
 from trolley_base.world import Simulation
@@ -21,7 +21,7 @@ FEEDBACK = bytes.fromhex("CD AB 00 00 64 00 62 00 61 00 D8 0E 36 01 00 00 44 A4"
 def talk_of(simulate: MakeSimulation, *, is_tank: bool = False) -> EmulatedTalk:
     wheels = {"diameter_m": 0.165, "track_m": 0.34, "tank_steering": is_tank}
     board = Hoverboard(is_tank=is_tank, is_voltage=False)
-    return EmulatedTalk(dialogue_of("hoverboard", hoverboard=wheels), board, simulate())
+    return EmulatedTalk(dialogue_of("hoverboard", settings=wheels), board, simulate())
 
 
 def frame(left: int, right: int) -> bytes:
@@ -65,7 +65,7 @@ def test_both_ways_of_steering_turn_left(simulate: MakeSimulation, is_tank: bool
 )
 def test_each_build_has_its_signs(built: dict[str, bool], left: int, right: int) -> None:
     wheels = {"diameter_m": 0.165, "track_m": 0.34, **built}
-    dialogue = dialogue_of("hoverboard", hoverboard=wheels)
+    dialogue = dialogue_of("hoverboard", settings=wheels)
     dialogue.begin(0)
     for number in range(10):
         dialogue.receive(frame(left, right), (number + 1) * 10 * MS)
@@ -94,7 +94,7 @@ def test_its_motors_are_let_go_once_nobody_speaks(simulate: MakeSimulation) -> N
     for _ in range(12):
         talk.step()
     assert talk.board.wheels().is_zero
-    assert BOARDS["hoverboard"].watchdog_s == 0.8
+    assert BOARDS["hoverboard"].facts.watchdog_s == 0.8
 
 
 def test_speeds_that_no_wheel_has_are_not_used() -> None:
@@ -121,8 +121,13 @@ def test_a_target_beyond_what_it_takes_stays_on_the_arc() -> None:
 
 
 def test_it_needs_its_wheels_and_has_two() -> None:
-    with pytest.raises(ValueError, match="diameter_m"):
-        config_of("hoverboard", hoverboard=None)
+    for settings, wrong in (
+        ({}, r"\[base.chassis.settings\] missing key `diameter_m`"),
+        ({"diameter_m": 0.165, "track_m": 9.0}, r"\[base.chassis.settings.track_m\]"),
+        ({"diameter_m": 0.165, "track_m": 0.3, "wheels": 4}, "unknown key `wheels`"),
+    ):
+        with pytest.raises(DriverError, match=wrong):
+            make_board(config_of("hoverboard", settings=settings), "differential")
     with pytest.raises(DriverError, match="drives two"):
         make_board(config_of("hoverboard"), "mecanum")
-    assert config_of("hoverboard").track_m == 0.34
+    assert counted_track_m(config_of("hoverboard")) == 0.34

@@ -25,7 +25,7 @@ def talk_of(
     simulate: MakeSimulation, robot: Any = "ugv_rover", told: str = "ugv_rover", **built: Any
 ) -> EmulatedTalk:
     board = WaveshareUgv(robot, is_general=built.get("is_general", False))
-    dialogue = dialogue_of("waveshare_ugv", waveshare_ugv={"type": told})
+    dialogue = dialogue_of("waveshare_ugv", settings={"type": told})
     return EmulatedTalk(dialogue, board, simulate())
 
 
@@ -86,7 +86,7 @@ def test_it_stops_by_itself_once_nobody_speaks(simulate: MakeSimulation) -> None
     for _ in range(45):
         talk.step()
     assert talk.board.wheels().is_zero
-    assert BOARDS["waveshare_ugv"].watchdog_s == 0.4
+    assert BOARDS["waveshare_ugv"].facts.watchdog_s == 0.4
 
 
 @pytest.mark.parametrize("missing", ['"T":136', '"T":900'])
@@ -209,5 +209,5 @@ def test_it_drives_no_mecanum_wheels() -> None:
 
     with pytest.raises(DriverError, match="drives two"):
         make_board(config_of("waveshare_ugv"), "mecanum")
-    with pytest.raises(ValueError, match="ugv_rover"):
-        config_of("waveshare_ugv", waveshare_ugv=None)
+    with pytest.raises(DriverError, match="missing key `type`"):
+        make_board(config_of("waveshare_ugv", settings={}), "differential")
