@@ -1,7 +1,7 @@
 """The devices that can be emulated, by name, and their options: what the drivers name."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -40,7 +40,7 @@ def _lidars() -> dict[str, MakeLidar]:
     found: dict[str, MakeLidar] = {}
     for name, emulator in _emulators(lidars.MODELS).items():
         if callable(emulator):
-            found[name] = emulator
+            found[name] = cast("MakeLidar", emulator)
         else:
             LEFT_OUT[name] = "its emulator cannot be called to make a device"
     return found
