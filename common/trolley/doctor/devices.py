@@ -11,6 +11,7 @@ from trolley.config import RobotConfig
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.doctor.users import READ, WRITE, User, closed_at, rights_in_words
 from trolley.drivers import BOARDS, LIDARS, Driver, Drivers
+from trolley.network_ports import is_network
 from trolley.serial_diagnosis import (
     Holder,
     Holders,
@@ -43,6 +44,8 @@ class Port:
     others: str = ""
     """The ports that are there, in words."""
     modem_manager: str = ""
+    is_of_network: bool = False
+    """Whether it is no serial port but an address."""
 
 
 def configured_ports(config: RobotConfig) -> list[tuple[str, str]]:
@@ -60,6 +63,9 @@ def read_ports(config: RobotConfig, user: User, proc: Path = Path("/proc")) -> l
     """Look at each port that is set."""
     found: list[Port] = []
     for key, name in configured_ports(config):
+        if is_network(name):
+            found.append(Port(key, name, is_of_network=True))
+            continue
         path = str(config.path(name)) if name else ""
         if not path or not Path(path).exists():
             found.append(Port(key, path, others=ports_in_words()))
@@ -135,6 +141,9 @@ def check_ports(ports: list[Port]) -> list[Finding]:
 
 
 def _check_port(port: Port) -> list[Finding]:
+    if port.is_of_network:
+        text = f"{port.path} ([{port.key}]) is in the network: base says whether it answers."
+        return [ok("devices", text)]
     if not port.path:
         return [problem("devices", f"[{port.key}] is not set.", "`trolley detect` finds the port.")]
     if not port.device:

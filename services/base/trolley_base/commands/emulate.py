@@ -55,6 +55,19 @@ def _epilog() -> str:
     return "\n\n".join(blocks)
 
 
+def _network_option(
+    _context: click.Context, _parameter: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, str]:
+    """Read DEVICE=tcp:PORT."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, place = text.partition("=")
+        if not equals:
+            raise click.BadParameter(f"{text!r} is not DEVICE=tcp:PORT")
+        found[name] = place
+    return found
+
+
 @click.command(name="emulate", epilog=_epilog())
 @click.argument("devices", nargs=-1, required=True, metavar="DEVICE[:OPTION,...]...")
 @click.option(
@@ -83,18 +96,23 @@ def _epilog() -> str:
     metavar="DEVICE:KIND[=VALUE][@S][+S]",
     help="What goes wrong, from which second on and for how long (may be repeated).",
 )
+@click.option(
+    "--network",
+    multiple=True,
+    callback=_network_option,
+    metavar="DEVICE=tcp:PORT",
+    help="A device that is reached over the network, tcp:PORT or udp:PORT (may be repeated).",
+)
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
 @where_options
 @reports_errors
 def emulate_command(
     devices: tuple[str, ...],
     quiet: bool,
-    world: str,
-    seed: int,
-    start: Pose2D | None,
-    laser: Pose2D | None,
     ports: Path | None,
     faults: tuple[str, ...],
+    network: dict[str, str],
+    **where: Any,
 ) -> None:
     """Emulate motor boards and lidars on pseudo-terminals, in a simulated world, until Ctrl-C.
 
@@ -109,9 +127,9 @@ def emulate_command(
     config = None if path is None else load_config(path)
     interrupts = Interrupts()
     try:
-        body = _body(config, world, seed, start, laser)
+        body = _body(config, **where)
         tell = _say_nothing if quiet else say
-        robot = EmulatedRobot(devices, body, ports, tell)
+        robot = EmulatedRobot(devices, body, ports, tell, network)
         for fault in faults:
             robot.fault(fault)
         with interrupts.handled(), ExitStack() as stack:
@@ -171,7 +189,7 @@ def _announce(robot: EmulatedRobot) -> None:
     say_block(base_settings(robot))
     say(
         "Ctrl-C ends it. Type a fault, such as "
-        f"{next(iter(robot.ports))}:silence+2, to make trouble."
+        f"{next(iter(robot.devices))}:silence+2, to make trouble."
     )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from trolley.config import ConfigError, RobotConfig
 from trolley.config.hardware import ChassisConfig
+from trolley.network_ports import explain_network, is_network, parse_address
 from trolley.serial_diagnosis import explain
 from trolley_base.drivers import CallSoon, DriverError
 from trolley_base.drivers.boards import find_board, make_board
@@ -43,6 +44,11 @@ class RealDevice:
         self.base_T_laser = lidar.pose.as_pose()
         self.cannot_drive = NO_BOARD if chassis.board is None else ""
         self.delay_s = LONGEST_DELAY_S if chassis.delay_s is None else chassis.delay_s
+        for port in filter(is_network, (chassis.port, lidar.port)):
+            try:
+                parse_address(port)
+            except ValueError as error:
+                raise ConfigError(f"[base] {error}") from error
         try:
             make_lidar(lidar)
             if chassis.board is not None:
@@ -64,9 +70,9 @@ class RealDevice:
         board = None
         if chassis.board is not None:
             dialogue = make_board(chassis, self._config.robot.drive)
-            board = dialogue, str(self._config.path(chassis.port))
-        seeing = make_lidar(lidar), str(self._config.path(lidar.port))
-        return Opened(RealHardware(board, seeing, start_ns, robot_ns, call_soon, explain))
+            board = dialogue, _port(self._config, chassis.port)
+        seeing = make_lidar(lidar), _port(self._config, lidar.port)
+        return Opened(RealHardware(board, seeing, start_ns, robot_ns, call_soon, _explain))
 
 
 def _watchdog_s(chassis: ChassisConfig) -> float:
@@ -76,5 +82,15 @@ def _watchdog_s(chassis: ChassisConfig) -> float:
     return chassis.watchdog_s or find_board(chassis).facts.watchdog_s
 
 
+def _port(config: RobotConfig, name: str) -> str:
+    return name if is_network(name) else str(config.path(name))
+
+
+def _explain(port: str, error: OSError) -> str:
+    return explain_network(port, error) if is_network(port) else explain(port, error)
+
+
 def _same_port(config: RobotConfig, one: str, other: str) -> bool:
+    if is_network(one) or is_network(other):
+        return one == other
     return config.path(one).resolve() == config.path(other).resolve()

@@ -1,4 +1,4 @@
-"""Keeps a serial port open: a thread that opens, reads and stores, and nothing else.
+"""Keeps a port open, serial or of the network: a thread that opens, reads and stores, no more.
 
 The thread never touches a dialogue or the service (a line's `responder` is apart from both); what
 it met waits in a bounded store until the service's own thread takes it. A port that is lost or
@@ -10,7 +10,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from trolley.network_ports import is_network
 from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line
+from trolley_base.drivers.network_port import NetworkPort
 from trolley_base.drivers.serial_port import SerialPort
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.25, 3.0
@@ -76,7 +78,7 @@ class SerialDevice:
         self._events: list[Event] = []
         self._stored = 0
         self._dropped = 0
-        self._port: SerialPort | None = None
+        self._port: SerialPort | NetworkPort | None = None
         self._is_closing = threading.Event()
         self._wants_reopen = False
         self._thread = threading.Thread(target=self._run, name=f"serial {path}", daemon=True)
@@ -126,7 +128,7 @@ class SerialDevice:
         while not self._is_closing.is_set():
             opened_s = time.monotonic()
             try:
-                self._serve(SerialPort(self.path, self._line))
+                self._serve(self._open())
             except OSError as error:
                 self._store(Lost(self._explain(self.path, error)))
             if time.monotonic() - opened_s > STEADY_S:
@@ -134,7 +136,12 @@ class SerialDevice:
             self._is_closing.wait(pause_s)
             pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
 
-    def _serve(self, port: SerialPort) -> None:
+    def _open(self) -> SerialPort | NetworkPort:
+        if is_network(self.path):
+            return NetworkPort(self.path)
+        return SerialPort(self.path, self._line)
+
+    def _serve(self, port: SerialPort | NetworkPort) -> None:
         """Read until the port is lost, or is to be closed."""
         self._wants_reopen = False
         try:
@@ -148,7 +155,7 @@ class SerialDevice:
                 self._port = None
             port.close()
 
-    def _settle(self, port: SerialPort) -> None:
+    def _settle(self, port: SerialPort | NetworkPort) -> None:
         """Wait for a board that reboots, or wakes, when its port is opened."""
         if self._line.settle_s > 0.0:
             self._is_closing.wait(self._line.settle_s)
@@ -156,7 +163,7 @@ class SerialDevice:
         if self._line.clears_rts:
             port.clear_rts()
 
-    def _read(self, port: SerialPort) -> None:
+    def _read(self, port: SerialPort | NetworkPort) -> None:
         while not (self._is_closing.is_set() or self._wants_reopen):
             if not port.wait(POLL_S):
                 continue
@@ -177,7 +184,7 @@ class SerialDevice:
         if answer:
             self.write(answer)
 
-    def _drop_backlog(self, port: SerialPort, dropped: int) -> None:
+    def _drop_backlog(self, port: SerialPort | NetworkPort, dropped: int) -> None:
         """Forget what waits in a full port: nobody has read it for long, or it is a flood.
 
         How old it is cannot be told; a scan that waited for seconds must not pass for a new one.

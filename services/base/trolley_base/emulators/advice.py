@@ -22,7 +22,8 @@ def base_settings(robot: EmulatedRobot) -> str:
     """
     base: dict[str, Any] = {"driver": "hardware"}
     for name, device in robot.devices.items():
-        kind, port = catalogue.kind_of(name), str(robot.ports[name].absolute())
+        address = robot.addresses.get(name)
+        kind, port = catalogue.kind_of(name), address or str(robot.ports[name].absolute())
         if isinstance(device, Board):
             base["chassis"] = _chassis(robot, device, kind, port)
         elif isinstance(device, SpinningLidar) and "lidar" not in base:
@@ -48,9 +49,14 @@ def _inline(values: Mapping[str, float]) -> InlineTable:
 def describe_ports(robot: EmulatedRobot) -> list[str]:
     """Return a line for each port: device, name, terminal, speed."""
     links: dict[str, Path] = dict(robot.ports)
-    wide = max(len(name) for name in links)
-    far = max(len(f"{links[name]} -> {terminal}") for name, terminal in robot.terminals.items())
-    return [
-        f"{name:<{wide}}  {f'{links[name]} -> {terminal}':<{far}}  {robot.devices[name].baud} baud"
+    wide = max(len(name) for name in robot.devices)
+    where = {
+        name: f"{links[name]} -> {terminal}" if name in links else terminal
         for name, terminal in robot.terminals.items()
+    }
+    far = max(map(len, where.values()))
+    return [
+        f"{name:<{wide}}  {place:<{far}}  "
+        + (f"{robot.devices[name].baud} baud" if name in links else "")
+        for name, place in where.items()
     ]

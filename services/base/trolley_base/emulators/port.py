@@ -3,7 +3,6 @@
 import math
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from trolley_base.emulators.line import Line, misheard
 from trolley_base.emulators.linorobot import Linorobot
 from trolley_base.emulators.linorobot2 import Linorobot2
 from trolley_base.emulators.pseudo_terminal import PseudoTerminal
+from trolley_base.emulators.socket_port import SocketPort
 from trolley_base.world import Simulation
 
 MOST_WRITES = 20_000
@@ -33,7 +33,7 @@ class DevicePort:
     Args:
         name: of the port.
         device: what is behind it.
-        link: under which name the host finds it.
+        terminal: where the host finds it.
         rng: source of what faults add.
         tell: called with a line for a person.
     """
@@ -42,13 +42,13 @@ class DevicePort:
         self,
         name: str,
         device: Device,
-        link: Path,
+        terminal: PseudoTerminal | SocketPort,
         rng: np.random.Generator,
         tell: Callable[[str], None],
     ) -> None:
         self.name = name
         self.device = device
-        self.terminal = PseudoTerminal(link, device.baud)
+        self.terminal = terminal
         self.writes: deque[tuple[int, bytes]] = deque(maxlen=MOST_WRITES)
         """What the host wrote: monotonic time [ns], bytes."""
         pace = USB_BAUD if device.is_usb else device.baud

@@ -17,18 +17,21 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
-from typing import Self
+from types import MappingProxyType, TracebackType
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
+from trolley.network_ports import MOST_PORT
 from trolley_base.emulators.catalogue import make_devices
-from trolley_base.emulators.device import Board, ReceivedCommand
+from trolley_base.emulators.device import Board, DeviceError, ReceivedCommand
 from trolley_base.emulators.faults import FaultPlan, parse_fault
 from trolley_base.emulators.lidar import Mount
 from trolley_base.emulators.port import DevicePort
+from trolley_base.emulators.pseudo_terminal import PseudoTerminal
+from trolley_base.emulators.socket_port import SocketPort
 from trolley_base.emulators.surroundings import Surroundings, WheelFacts
 from trolley_base.world import (
     STEP_NS,
@@ -80,6 +83,8 @@ class EmulatedRobot:
         body: the robot and its world.
         folder: where the ports' links are made; None: a temporary folder.
         tell: called with each line for a person, on the emulator's thread.
+        network: the devices that are reached over the network, such as {"hokuyo_urg": "tcp:10940"};
+            port 0 is any that is free.
 
     Raises:
         DeviceError: there is no such device or option.
@@ -93,6 +98,7 @@ class EmulatedRobot:
         body: RobotInWorld,
         folder: Path | None = None,
         tell: Callable[[str], None] = lambda line: None,
+        network: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         spec = body.world.spec
         robot = RobotBody(body.footprint, body.mount.base_T_laser, lidar=_IDLE_LIDAR)
@@ -101,6 +107,9 @@ class EmulatedRobot:
             devices, Surroundings(body.mount, spec.lidar, body.wheels), body.seed
         )
         self._simulation = Simulation(spec, body.world.grid, robot, body.seed, body.start)
+        self._network = {name: _parse_network(text) for name, text in network.items()}
+        if unknown := set(network) - set(self.devices):
+            raise DeviceError(f"there is no {' or '.join(sorted(unknown))} to be in the network")
         start = self._simulation.truth().pose
         if not body.world.grid.contains(start.as_array()[None, :2])[0]:
             raise WorldError(
@@ -130,7 +139,12 @@ class EmulatedRobot:
             seeds = np.random.SeedSequence(self.body.seed).spawn(len(self.devices))
             for (name, device), seed in zip(self.devices.items(), seeds, strict=True):
                 rng = np.random.default_rng(seed)
-                port = DevicePort(name, device, folder / name, rng, self._remark)
+                terminal = (
+                    SocketPort(*self._network[name], device.baud)
+                    if name in self._network
+                    else PseudoTerminal(folder / name, device.baud)
+                )
+                port = DevicePort(name, device, terminal, rng, self._remark)
                 undo.callback(port.terminal.unplug)
                 self._ports[name] = port
             self._began_ns = time.monotonic_ns()
@@ -152,8 +166,21 @@ class EmulatedRobot:
 
     @property
     def ports(self) -> Mapping[str, Path]:
-        """The names under which the host finds the devices, by device."""
-        return {name: port.terminal.link for name, port in self._ports.items()}
+        """The names under which the host finds the devices on serial ports, by device."""
+        return {
+            name: port.terminal.link
+            for name, port in self._ports.items()
+            if isinstance(port.terminal, PseudoTerminal)
+        }
+
+    @property
+    def addresses(self) -> Mapping[str, str]:
+        """Where the host finds those in the network, such as `tcp://127.0.0.1:10940`."""
+        return {
+            name: port.terminal.address
+            for name, port in self._ports.items()
+            if isinstance(port.terminal, SocketPort)
+        }
 
     @property
     def terminals(self) -> Mapping[str, str]:
@@ -276,3 +303,13 @@ def _compile(rehearsal: Simulation) -> None:
     rehearsal.step(Twist2D.zero())
     one = np.zeros(1)
     rehearsal.measure(Pose2D.identity(), Shots(one, one, one, 1.0))
+
+
+def _parse_network(text: str) -> tuple[Literal["tcp", "udp"], int]:
+    match text.partition(":"):
+        case ("tcp" | "udp" as kind, ":", number) if (
+            number.isdecimal() and int(number) <= MOST_PORT
+        ):
+            return kind, int(number)
+        case _:
+            raise DeviceError(f"{text} is no place in the network: write tcp:PORT or udp:PORT")

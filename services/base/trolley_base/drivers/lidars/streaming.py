@@ -12,6 +12,7 @@ import numpy as np
 
 from trolley.config.hardware import LidarConfig
 from trolley.messages import Link
+from trolley.network_ports import is_network
 from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line, Status
 from trolley_base.drivers.interface import DriverError, LidarReading, Note
 from trolley_base.drivers.lidars.decoding import Decoded, Decoder
@@ -139,7 +140,9 @@ class StreamingLidar:
     def _add_samples(self, decoded: Decoded, behind: int, arrived_ns: int) -> None:
         sensor_s = self._sensor_s + np.cumsum(decoded.samples.elapsed_s)
         self._sensor_s = float(sensor_s[-1])
-        byte_ns = 0.0 if self.facts.has_usb else BITS_PER_BYTE * NS_PER_S / self.baud
+        byte_ns = BITS_PER_BYTE * NS_PER_S / self.baud
+        if self.facts.has_usb or is_network(self._config.port):
+            byte_ns = 0.0
         measured_s = sensor_s[decoded.closing] + decoded.ahead_s
         leads_ns = -(decoded.behind + behind) * byte_ns - measured_s * NS_PER_S
         if not self._clock.update(self._sensor_s, arrived_ns + round(float(leads_ns.min()))):
