@@ -48,9 +48,10 @@ def detect_command(
 ) -> int:
     """Find the motor board and the lidar by what they answer; nothing on wheels moves.
 
-    Tries the given serial ports, else all that no program has open; that takes about 8 s. It sends
-    a few short questions to each: name the ports if something is plugged in that must not get them.
-    Devices are left as they were found, except that a lidar left running is told to stop.
+    Tries the given serial ports, else all that no program has open; that takes up to 11 s. It
+    sends a few short questions to each: name the ports if something is plugged in that must not
+    get them. Devices are left as they were found, except that a lidar left running is told to
+    stop.
     """
     for value, suffix in ((write, ".toml"), (udev, ".rules")):
         # A port behind such an option would be taken for the file, and written over.

@@ -49,7 +49,7 @@ def detect_devices(
 
 
 def detect_device(port: Port, interrupt: threading.Event) -> PortResult:
-    """Find out what is plugged in at one port; takes up to about 8 s.
+    """Find out what is plugged in at one port; takes up to about 11 s.
 
     Args:
         port: where to look.

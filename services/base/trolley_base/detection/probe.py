@@ -54,12 +54,13 @@ from trolley_base.drivers.serial_port import SerialPort
 
 T = TypeVar("T")
 
-LISTEN_S = 0.5
+LISTEN_S = 0.35
+"""Each lidar that streams sends 5 frames in a third of that."""
 BOARDS_UNTIL_S = 3.2
 """The slowest boards talk about 2 s after their port was opened."""
 BOARD_TRIES = 2
 """On a busy computer a single try may come too late to count."""
-LIDAR_S = (0.15, 0.3, 0.5)
+LIDAR_S = (0.15, 0.2, 0.5)
 """How long an answer is waited for at each speed, in one round after another."""
 QUIET_TRIES = 2
 """So many rounds. The last one only where something talks that nobody has recognised: it may be a
@@ -70,6 +71,8 @@ STOP_TRIES, OBEYED_ENOUGH, QUIET_S = 3, 2, 0.4
 """A lidar obeys a stop that is silent for so long, in so many of the tries."""
 STOPPING_S, MOST_STOPPING = 0.1, 4
 """A lidar that has obeyed a stop is silent for this long; it may take so many times that."""
+SILENT_S = 0.03
+"""One that was not streaming needs no longer to read a stop."""
 POLL_S = 0.05
 BUSY_S, MOST_LOOKS = 0.5, 3
 """If this process came round late by that much in all, the computer may have kept the device's
@@ -207,13 +210,24 @@ class Probe:
         return None
 
     def _ask_boards(self) -> FoundDevice | None:
-        """Ask the boards that are there at once; at each speed, listen to those that just talk."""
-        for _ in range(BOARD_TRIES):
+        """Ask the boards that are there at once, and listen to those that just talk.
+
+        What comes while others are asked counts, so at a speed it takes no longer than the longest.
+        """
+        for is_first in (True, *(BOARD_TRIES - 1) * (False,)):
             for baud, boards in ASKED.items():
+                asked = [known for known in boards if known.question.ask]
+                listened = [known for known in boards if not known.question.ask]
                 self._port.set_baud(baud)
+                began_s = time.monotonic()
                 data = bytearray()
-                for known in boards:
+                for known in asked:
                     found = self._ask_board(known, boards, data)
+                    if found is not None:
+                        return found
+                for known in listened if is_first else ():
+                    left_s = known.question.wait_s - (time.monotonic() - began_s)
+                    found = self._hear_board(left_s, boards, data)
                     if found is not None:
                         return found
         return None
@@ -233,11 +247,18 @@ class Probe:
             self._port.write(part)
             self._pause(question.rest_s)
 
+        return self._hear_board(question.wait_s, all_here, data)
+
+    def _hear_board(
+        self, wait_s: float, all_here: list[KnownBoard], data: bytearray
+    ) -> FoundDevice | None:
+        """Wait for one of them to answer, or to talk."""
+
         def recognise(received: bytes) -> tuple[KnownBoard, Answer] | None:
             found = ((one, one.recognise(received)) for one in all_here)
             return next(((one, answer) for one, answer in found if answer is not None), None)
 
-        heard = self._read(question.wait_s, recognise, data)
+        heard = self._read(wait_s, recognise, data)
         return None if heard is None else self._hear_out(*heard, data)
 
     def _hear_out(self, known: KnownBoard, answer: Answer, data: bytearray) -> FoundDevice:
@@ -297,9 +318,10 @@ class Probe:
 
     def _await_silence(self) -> bool:
         """Wait until what was told to stop has stopped; False where it does not mean to."""
+        pause_s = STOPPING_S if any(self.received.values()) else SILENT_S
         for _ in range(MOST_STOPPING):
             self._port.discard_input()
-            self._pause(STOPPING_S)
+            self._pause(pause_s)
             if not self._port.wait(0.0):
                 return True
         return False
