@@ -101,6 +101,14 @@ def test_ports_are_looked_at_without_being_opened(port: str, tmp_path: Path) -> 
 
 
 @pytest.mark.programs
+def test_an_address_in_the_network_is_no_missing_port(tmp_path: Path) -> None:
+    config = write_settings(tmp_path / "robot.toml", "tcp://192.168.0.10:10940", "/dev/null")
+    (lidar, _) = read_ports(config, this_user())
+    (found,) = check_ports([lidar])
+    assert found.level == Level.OK
+    assert "tcp://192.168.0.10:10940 ([base.lidar.port]) is in the network" in found.sentence
+
+
 def test_a_program_that_holds_a_port_is_named_but_for_base(port: str, tmp_path: Path) -> None:
     hold = "import sys; f = open(sys.argv[1]); print(flush=True); input()"
     settings = write_settings(tmp_path / "robot.toml", port, str(tmp_path / "nothing"))

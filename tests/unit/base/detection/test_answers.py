@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trolley_base.detection import answers, streams
+from trolley_base.detection import answers, known, streams
 from trolley_base.detection.known import (
     GREETINGS,
     IDENTITIES,
@@ -24,6 +24,7 @@ from trolley_base.drivers.boards import (
     waveshare_ugv,
 )
 from trolley_base.drivers.boards.lino_messages import TOPICS
+from trolley_base.drivers.boards.models import Answer, BoardQuestion
 from trolley_base.drivers.boards.rosserial import PUBLISHER, SUBSCRIBER, encode
 from trolley_base.drivers.lidars import MODELS, coin_d4, hokuyo
 from trolley_base.emulators.line import misheard
@@ -280,3 +281,15 @@ def test_of_two_that_only_turn_differently_the_person_hears() -> None:
     assert found.model == "xv11"
     assert found.details == ('or an LDS02RR, if left and right are swapped: model = "lds02rr"',)
     assert streams.describe_stream("ld19", ["ld14p"]).details == ()
+
+
+def test_a_driver_that_fails_at_what_others_send_is_left_out_and_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(data: bytes) -> Answer | None:
+        raise IndexError(len(data))
+
+    monkeypatch.setattr(known, "FAILED", {})
+    board = KnownBoard("acme_m1", BoardQuestion(115200, (b"?",), fail))
+    assert board.recognise(b"anything") is None
+    assert known.what_is_left_out() == ["The driver of acme_m1 has failed: IndexError: 8."]
