@@ -189,8 +189,11 @@ def _drivers(shape: shapes.Type) -> str:
     """The group of drivers of which a value names one, "" for other values."""
     options = shape.types if isinstance(shape, shapes.UnionType) else (shape,)
     for option in options:
-        if isinstance(option, shapes.Metadata):
-            return str(cast("dict[str, Any]", option.extra)["drivers"])
+        match option:
+            case shapes.Metadata(extra={"drivers": str(group)}):
+                return group
+            case _:
+                pass
     return ""
 
 

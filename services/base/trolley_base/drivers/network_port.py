@@ -16,7 +16,8 @@ that arrives late would be driven late."""
 MOST_UNSENT = 1024
 """A connection with more than this under way takes nothing: who listens has stopped doing so."""
 SIOCOUTQ = 0x5411
-MOST_READ = 65536
+MOST_READ, FULL_BYTES = 65536, 32768
+"""A lidar of a network sends 4 kB a turn, and whoever reads may be some turns late."""
 
 
 class NetworkPort:
@@ -28,6 +29,9 @@ class NetworkPort:
     Raises:
         OSError: nobody is there.
     """
+
+    full_bytes = FULL_BYTES
+    """After a read of so many, more may wait that is old."""
 
     def __init__(self, name: str) -> None:
         kind, host, port = parse_address(name)

@@ -23,9 +23,8 @@ GATHER_S = 0.004
 """Bytes are gathered for this long, so that a fast line does not wake the thread for each of
 them."""
 POLL_S = 0.1
-FULL_BYTES, BACKLOG_S = 4000, 0.05
-"""Linux keeps 4095 bytes of a port; beyond them more may wait or be lost. After a read of nearly
-that many, everything that arrives for this long is discarded with them."""
+BACKLOG_S = 0.05
+"""After a read of a full port, everything that arrives for this long is discarded with it."""
 MOST_STORED = 65536
 """More than this between two reads is a flood, or a service that was stopped."""
 BETWEEN_GOODBYES_S = 0.005
@@ -168,7 +167,7 @@ class SerialDevice:
             if not port.wait(POLL_S):
                 continue
             data = port.read()
-            if len(data) >= FULL_BYTES:
+            if len(data) >= port.full_bytes:
                 self._drop_backlog(port, len(data))
                 continue
             self._store(Arrived(data, time.monotonic_ns()))

@@ -13,6 +13,8 @@ from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line
 
 MOST_READ = 4096
 """At most this much is read at a time; a device that floods cannot keep the reader in one call."""
+FULL_BYTES = 4000
+"""Linux keeps 4095 bytes of a port; beyond them more may wait or be lost."""
 LEAST_QUEUED, QUEUED_S = 256, 0.1
 """What a line needs longer for, or more bytes than that, waits because nobody takes it [s]."""
 PSEUDO_TERMINALS = "/dev/pts/"
@@ -29,6 +31,9 @@ class SerialPort:
     Raises:
         OSError: it cannot be opened; `errno` says why (EBUSY: somebody else has it).
     """
+
+    full_bytes = FULL_BYTES
+    """After a read of so many, more may wait that is old."""
 
     def __init__(self, path: str, line: Line) -> None:
         self._line = line

@@ -19,7 +19,6 @@ from support.waiting import wait_until
 from trolley_base.drivers import serial_device
 from trolley_base.drivers.dialogue import Line
 from trolley_base.drivers.serial_device import (
-    FULL_BYTES,
     MOST_STORED,
     Arrived,
     Event,
@@ -27,7 +26,7 @@ from trolley_base.drivers.serial_device import (
     Opened,
     SerialDevice,
 )
-from trolley_base.drivers.serial_port import SerialPort
+from trolley_base.drivers.serial_port import FULL_BYTES, SerialPort
 
 pytestmark = pytest.mark.drives
 
