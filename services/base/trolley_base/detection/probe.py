@@ -74,9 +74,9 @@ STOPPING_S, MOST_STOPPING = 0.1, 4
 SILENT_S = 0.03
 """One that was not streaming needs no longer to read a stop."""
 POLL_S = 0.05
-BUSY_S, MOST_LOOKS = 0.5, 3
-"""If this process came round late by that much in all, the computer may have kept the device's
-answers as well, and it looks again, at most so many times in all."""
+LATE_S, BUSY_S, MOST_LOOKS = 0.02, 0.5, 3
+"""If this process came round later than the first of these, by so much in all, the computer may
+have kept the device's answers as well, and it looks again, at most so many times in all."""
 MOST_HELD = 65536
 """At most this many bytes are kept in one step."""
 
@@ -367,7 +367,7 @@ class Probe:
             # A busy computer may come back here late; the device has had no longer for that.
             took_s = time.monotonic() - asked_s
             left_s -= min(took_s, POLL_S)
-            self._late_s += max(0.0, took_s - POLL_S)
+            self._late_s += took_s - POLL_S if took_s > POLL_S + LATE_S else 0.0
         return None
 
     def _pause(self, seconds: float) -> None:

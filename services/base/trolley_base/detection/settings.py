@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from msgspec import Struct
+
 from trolley.config.describe import Key, keys_of, table_of, to_toml
 from trolley.config.hardware import ChassisConfig
 from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port
 from trolley_base.detection.results import FoundDevice, PortResult
-from trolley_base.drivers.boards import BOARDS, BoardDriver
+from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.lidars import MODELS
 
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
@@ -54,10 +56,7 @@ def propose(seen: Sequence[PortResult], settings: dict[str, Any]) -> Proposal:
     if board := _the_only(boards, "motor board", proposal):
         _propose_board(proposal, *board, base.get("chassis", {}))
     if lidar := _the_only(lidars, "lidar", proposal):
-        port, found = lidar
-        proposal.values[*LIDAR, "model"] = found.model or ""
-        proposal.values[*LIDAR, "port"] = port.name
-        _propose_baud(proposal, LIDAR, found, base.get("lidar", {}))
+        _propose_lidar(proposal, *lidar, base.get("lidar", {}))
         if "pose" not in base.get("lidar", {}):
             proposal.notes.append(
                 "You still have to measure where the lidar sits: [base.lidar] pose = { x, y, yaw } "
@@ -100,19 +99,43 @@ def _the_only(
 def _propose_board(
     proposal: Proposal, port: Port, found: FoundDevice, chassis: dict[str, Any]
 ) -> None:
-    missing = _missing(BOARDS[found.model], chassis) if found.model is not None else {}
-    if found.model is not None and missing:
-        proposal.waiting[*CHASSIS, "board"] = found.model
-        proposal.appendix = _template(found.model, missing)
-        names = " and ".join(f"[base.chassis.{table}]" for table in missing)
-        proposal.notes.append(
-            f"You still have to fill in {names}: [base.chassis] board stays commented out, and "
-            "the robot cannot drive, until it is there."
-        )
-    else:
-        proposal.values[*CHASSIS, "board"] = found.model or ""
+    name = found.model or ""
+    needs = {table: table_of(ChassisConfig, table) for table in BOARDS[name].needs}
+    missing = _missing({**needs, "settings": BOARDS[name].settings}, chassis)
+    _propose(proposal, (*CHASSIS, "board"), name, missing, "the robot cannot drive")
     proposal.values[*CHASSIS, "port"] = port.name
     _propose_baud(proposal, CHASSIS, found, chassis)
+
+
+def _propose_lidar(
+    proposal: Proposal, port: Port, found: FoundDevice, lidar: dict[str, Any]
+) -> None:
+    name = found.model or ""
+    missing = _missing({"settings": MODELS[name].settings}, lidar)
+    _propose(proposal, (*LIDAR, "model"), name, missing, "base does not start")
+    proposal.values[*LIDAR, "port"] = port.name
+    _propose_baud(proposal, LIDAR, found, lidar)
+
+
+def _propose(
+    proposal: Proposal,
+    key: tuple[str, str, str],
+    name: str,
+    missing: dict[str, list[Key]],
+    without: str,
+) -> None:
+    """Name the device, commented out where something is missing that only its owner knows."""
+    if not missing:
+        proposal.values[key] = name
+        return
+    proposal.waiting[key] = name
+    proposal.appendix += _template(key, name, missing)
+    where = ".".join(key[:-1])
+    tables = " and ".join(f"[{where}.{table}]" for table in missing)
+    proposal.notes.append(
+        f"You still have to fill in {tables}: [{where}] {key[-1]} stays commented out, and "
+        f"{without}, until it is there."
+    )
 
 
 def _propose_baud(
@@ -123,23 +146,21 @@ def _propose_baud(
         proposal.values[*table, "baud"] = found.baud
 
 
-def _missing(driver: BoardDriver, chassis: dict[str, Any]) -> dict[str, list[Key]]:
-    """Return what a board needs and only its owner knows: keys by their tables."""
-    kinds = {table: table_of(ChassisConfig, table) for table in driver.needs}
-    kinds["settings"] = driver.settings
+def _missing(kinds: dict[str, type[Struct]], present: dict[str, Any]) -> dict[str, list[Key]]:
+    """Return which keys are required in tables that are not there, by the tables' names."""
     needed = {
         table: [key for key in keys_of(kind) if key.is_required] for table, kind in kinds.items()
     }
-    return {table: keys for table, keys in needed.items() if keys and table not in chassis}
+    return {table: keys for table, keys in needed.items() if keys and table not in present}
 
 
-def _template(board: str, missing: dict[str, list[Key]]) -> str:
+def _template(key: tuple[str, str, str], name: str, missing: dict[str, list[Key]]) -> str:
     """Return the tables that are missing as comments."""
-    lines = [f'# Fill this in, then take the # away here and before board = "{board}":']
+    lines = [f'# Fill this in, then take the # away here and before {key[-1]} = "{name}":']
     for table, keys in missing.items():
-        lines.append(f"# [base.chassis.{table}]")
-        for key in keys:
-            words = f"{key.meaning} ({key.allowed})".replace("`", "")
+        lines.append(f"# [{'.'.join(key[:-1])}.{table}]")
+        for one in keys:
+            words = f"{one.meaning} ({one.allowed})".replace("`", "")
             lines += textwrap.wrap(words, 94, initial_indent="# # ", subsequent_indent="# # ")
-            lines.append(f"# {key.name} = {key.placeholder}")
+            lines.append(f"# {one.name} = {one.placeholder}")
     return "\n".join(lines) + "\n"

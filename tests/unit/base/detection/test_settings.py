@@ -1,9 +1,11 @@
 """Which settings are proposed, and how they come into a robot.toml."""
 
+import dataclasses
 import tomllib
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from trolley.cli.init import render
@@ -144,6 +146,22 @@ def test_asks_which_robot_a_waveshare_board_is_in(tmp_path: Path) -> None:
     chassis = load_config(path).base.chassis
     assert chassis.board == "waveshare_ugv"
     assert counted_track_m(chassis) == 0.172
+
+
+class Serial(msgspec.Struct):
+    number: int
+    """Number on its sheet."""
+
+
+def test_asks_for_what_a_lidars_driver_requires(monkeypatch: pytest.MonkeyPatch) -> None:
+    needy = dataclasses.replace(settings.MODELS["ld19"], settings=Serial)
+    monkeypatch.setattr(settings, "MODELS", {"ld19": needy})
+    text = changed(ROBOT, LD19)
+    assert "model" not in base_of(text)["lidar"]
+    assert '# model = "ld19"' in text
+    assert "# [base.lidar.settings]\n# # Number on its sheet. (whole number)\n# number = " in text
+    text = changed(ROBOT + "\n[base.lidar.settings]\nnumber = 3\n", LD19)
+    assert base_of(text)["lidar"]["model"] == "ld19"
 
 
 def test_keeps_known_wheels() -> None:
