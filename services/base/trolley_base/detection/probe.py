@@ -74,9 +74,12 @@ STOPPING_S, MOST_STOPPING = 0.1, 4
 SILENT_S = 0.03
 """One that was not streaming needs no longer to read a stop."""
 POLL_S = 0.05
-LATE_S, BUSY_S, MOST_LOOKS = 0.02, 0.5, 3
+LATE_S, BUSY_S, MOST_LOOKS = 0.005, 0.5, 3
 """If this process came round later than the first of these, by so much in all, the computer may
-have kept the device's answers as well, and it looks again, at most so many times in all."""
+have kept the device's answers as well, and it looks again, more patiently, at most so many times in
+all."""
+PATIENCE = 2.0
+"""So many times longer each answer is waited for in later looks."""
 MOST_HELD = 65536
 """At most this many bytes are kept in one step."""
 
@@ -119,7 +122,7 @@ class Probe:
         self._port = port
         self._interrupt = interrupt
         self._opened_s = time.monotonic()
-        self._late_s = 0.0
+        self._late_s, self._is_patient = 0.0, False
         self.received: dict[int, int] = {}
         """How many bytes came at each speed before the first question."""
 
@@ -130,8 +133,8 @@ class Probe:
             OSError: the port was lost.
             Interrupted: the look was to end.
         """
-        for _ in range(MOST_LOOKS):
-            self._late_s = 0.0
+        for look in range(MOST_LOOKS):
+            self._late_s, self._is_patient = 0.0, look > 0
             found = self._look()
             if found is not None or self._late_s < BUSY_S:
                 return found
@@ -318,7 +321,8 @@ class Probe:
 
     def _await_silence(self) -> bool:
         """Wait until what was told to stop has stopped; False where it does not mean to."""
-        pause_s = STOPPING_S if any(self.received.values()) else SILENT_S
+        may_stream = self._is_patient or any(self.received.values())
+        pause_s = STOPPING_S if may_stream else SILENT_S
         for _ in range(MOST_STOPPING):
             self._port.discard_input()
             self._pause(pause_s)
@@ -353,7 +357,7 @@ class Probe:
     ) -> T | None:
         """Collect input until it is recognised or time is up."""
         received = bytearray() if data is None else data
-        left_s = seconds
+        left_s = PATIENCE * seconds if self._is_patient else seconds
         while left_s > 0.0:
             if self._interrupt.is_set():
                 raise Interrupted
