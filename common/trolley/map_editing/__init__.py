@@ -5,6 +5,6 @@ mapper will store. They refuse what makes no sense and leave their inputs as the
 """
 
 from trolley.map_editing.apply import apply, merge
-from trolley.map_editing.straight import angle_to_straighten
+from trolley.map_editing.straight import angle_of_walls, angle_to_straighten
 
-__all__ = ["angle_to_straighten", "apply", "merge"]
+__all__ = ["angle_of_walls", "angle_to_straighten", "apply", "merge"]

@@ -56,6 +56,12 @@ class AnchoredPlaces:
         for name, place in self._stored.items():
             self.anchors[name] = core.anchor(place.pose)
 
+    def tie_loose(self, core: MapAnchoring) -> None:
+        """Tie those to the map that were saved before anything of it was seen."""
+        for name, anchor in self.anchors.items():
+            if anchor.keyframe < 0:
+                self.anchors[name] = core.anchor(anchor.keyframe_T_pose)
+
     def moved(self, core: MapAnchoring, map_name: str | None = None) -> Sequence[SavedPose]:
         """Return the places that lie elsewhere now, as they are to be stored.
 

@@ -1,20 +1,26 @@
 """Saving a map, and handing it over to the localizer."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
-from trolley.messages import MapInfo, MappingStatus, PoseEstimate
+from trolley.messages import MapInfo, MappingStatus, PoseEstimate, Zone
 from trolley.messages.request_params import LoadMap, SaveMap, Yield
 from trolley.runtime.service import Later, Service, answers, every
 from trolley_mapper.edit.map_versions import write_map
 from trolley_mapper.map_names import check_name_is_free, configured_name
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import ANSWER_NS, Mapping
+
+if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
+    from trolley_mapper.slam.finishing import FinishJob
 
 LOAD_NS = 15_000_000_000
 """Local time after which the localizer is asked again to load the map [ns]."""
@@ -124,11 +130,12 @@ class MapSaver:
         if core is None or (core.num_keyframes == 0 and session.extends is None):
             raise Refused(codes.NOT_READY, "Nothing has been mapped yet.")
         zones = session.zones if name != session.extends else ()
-        write = partial(write_map, self._service.maps.path, name, core.grid(), zones)
+        job = core.finishing()
+        write = partial(_finish, job, self._service.maps.path, name, zones)
         self._mapping.begin_saving()
         reply: Later[MappingStatus] = self._service.later()
         self._pending = _PendingReply(reply, self._service.monotonic_ns + ANSWER_NS)
-        self._service.work(write, partial(self._written, session, name))
+        self._service.work(write, partial(self._written, session, name, job))
         self._mapping.publish_status()
         return reply
 
@@ -144,7 +151,9 @@ class MapSaver:
         if self._handover is not None:
             self._handover.ask()
 
-    def _written(self, session: MapSession, name: str, problem: str | None) -> None:
+    def _written(
+        self, session: MapSession, name: str, job: "FinishJob", problem: str | None
+    ) -> None:
         if self._mapping.session is not session:
             return
         if problem is not None:
@@ -154,8 +163,9 @@ class MapSaver:
             self._pending = None
             self._mapping.saving_failed(problem)
             return
-        self._service.log.info("Map saved", map=name)
-        self._mapping.saved(session, name)
+        turned_deg = round(math.degrees(job.turned_rad), 2)
+        self._service.log.info("Map saved", map=name, turned_deg=turned_deg)
+        self._mapping.saved(session, name, job)
         self._handover = Handover(self._service, name, self._mapping.pose_now, self._handed_over)
         self._answer()
         self._handover.ask()
@@ -168,3 +178,9 @@ class MapSaver:
         if self._pending is not None:
             self._pending.reply.reply(self._mapping.publish_status())
         self._pending = None
+
+
+def _finish(job: "FinishJob", folder: Path, name: str, zones: Sequence[Zone]) -> str | None:
+    """Straighten, tidy and write a map; returns why it could not be written, in a sentence."""
+    job.run()
+    return write_map(folder, name, job.grid, zones, job.start)

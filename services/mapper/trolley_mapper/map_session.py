@@ -18,6 +18,7 @@ from trolley_mapper.slam.estimate import MapEstimate
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
     from trolley_mapper.explore.explorer import Explorer
+    from trolley_mapper.slam.finishing import FinishJob
     from trolley_mapper.slam.mapper import Mapper
 
 LONGEST_GAP_S = 10.0
@@ -126,6 +127,22 @@ class MapSession:
         self.places.tie_anew(self.core)
         self.seconds = max(0.0, self.seconds - seconds)
         return left is not None
+
+    def turn(self, job: "FinishJob") -> None:
+        """Turn the map as it was saved, and with it what lies on it: places and the robot."""
+        if self.core is None:
+            return
+        from trolley_mapper.slam.pose_graph import turned
+
+        self.places.tie_loose(self.core)
+        new_T_old = self.core.turn(job)
+        if self.estimate is not None:
+            self.estimate = replace(
+                self.estimate,
+                pose=new_T_old @ self.estimate.pose,
+                covariance=turned(self.estimate.covariance, new_T_old.yaw),
+                map_T_odom=new_T_old @ self.estimate.map_T_odom,
+            )
 
     def rename(self, name: str) -> None:
         """Give the map the name under which it was saved."""

@@ -3,13 +3,14 @@
 import importlib
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import MappingState, MappingStatus, PoseEstimate, Zones
-from trolley.messages.request_params import Nothing, UndoMap, Yield
+from trolley.messages.request_params import Nothing, UndoMap, WhichGoal, Yield
 from trolley.runtime.service import Service, answers, every
 from trolley.scanning import Reject, ScanInput
 from trolley_mapper import checkpoint as checkpoints
@@ -19,6 +20,9 @@ from trolley_mapper.inputs import RobotInputs
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.saved_places import SavedPlaces
 from trolley_mapper.wire import odom_transform, pose_message
+
+if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
+    from trolley_mapper.slam.finishing import FinishJob
 
 ANSWER_NS = 1_500_000_000
 """Local time after which a request is answered with the progress so far; requests are given up
@@ -202,8 +206,13 @@ class Mapping:
         self.phase = "paused" if paused else "mapping"
         return self.announce(problem)
 
-    def saved(self, session: MapSession, name: str) -> None:
-        """Move the session and its places over to the name that the map was saved under."""
+    def saved(self, session: MapSession, name: str, job: "FinishJob") -> None:
+        """Turn the session and its places as the map was, and give them the name it has now."""
+        if job.turned_rad != 0.0:
+            # A goal under way is a pose on the map as it lay before. A refusal means there is none.
+            self._service.request(requests.GOAL_CANCEL, WhichGoal(), lambda _: None)
+            session.turn(job)
+            self._publish_map(session)
         if self._places is not None:
             self._places.store_moved(name)
         session.rename(name)

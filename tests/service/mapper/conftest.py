@@ -18,6 +18,7 @@ from trolley.messages.request_params import MapNamed
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, every
 from trolley_localizer.service import LocalizerService
+from trolley_mapper.edit.map_versions import MapVersions
 from trolley_mapper.service import MapperService
 from trolley_tour.service import TourService
 
@@ -127,6 +128,13 @@ class Stage:
         self.drive(seconds / 2, 0.25, 0.15)
         self.drive(seconds / 2, 0.1, -0.5)
         return origin
+
+    def straightened(self, true_T_map: Pose2D, name: str = "home") -> Pose2D:
+        """Where a saved map has its origin, whose axes run along its walls now: true_T_map."""
+        saved = MapVersions(self.bus.state / "maps").newest(name)
+        assert saved is not None
+        assert saved.start is not None
+        return true_T_map @ saved.start.inverse()
 
     @property
     def status(self) -> MappingStatus:

@@ -54,6 +54,8 @@ class Version(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What was done, in words for people."""
     saved_at: str | None = None
     """When it was saved: UTC, ISO 8601."""
+    start: Pose2D | None = None
+    """Where the robot stood when it began to map (`map_T_base`), where that is known."""
 
 
 class Change(Struct, frozen=True, kw_only=True):
@@ -64,6 +66,7 @@ class Change(Struct, frozen=True, kw_only=True):
     made_of: str | None = None
     zones_added: list[str] = []
     saved_at: str | None = None
+    start: Pose2D | None = None
 
 
 class MapVersions:
@@ -133,6 +136,7 @@ class MapVersions:
             what=change.what,
             saved_at=change.saved_at,
             schema=SCHEMA,
+            start=change.start or _moved_start(now, change.old_T_new),
         )
         self._replace(grid, now, version, zones_before, seeds)
         return version
@@ -251,7 +255,13 @@ class MapVersions:
             return Version(number=otherwise, schema=_schema(said))
 
 
-def write_map(folder: Path, name: str, grid: GridMap, zones: Sequence[Zone] = ()) -> str | None:
+def write_map(
+    folder: Path,
+    name: str,
+    grid: GridMap,
+    zones: Sequence[Zone] = (),
+    start: Pose2D | None = None,
+) -> str | None:
     """Write a finished map; one that was there under this name is kept as a former version.
 
     Args:
@@ -259,6 +269,7 @@ def write_map(folder: Path, name: str, grid: GridMap, zones: Sequence[Zone] = ()
         name: of the map.
         grid: the map.
         zones: of a map that has none yet, taken over by whoever loads it first.
+        start: map_T_base where a new map began.
 
     Returns:
         Why it could not be written, in a sentence; None when it is.
@@ -266,10 +277,18 @@ def write_map(folder: Path, name: str, grid: GridMap, zones: Sequence[Zone] = ()
     versions = MapVersions(folder)
     try:
         what = "mapped" if versions.newest(name) is None else "extended"
-        versions.save(replace(grid, name=name), Change(what=what), seeds=list(zones) or None)
+        change = Change(what=what, start=start)
+        versions.save(replace(grid, name=name), change, seeds=list(zones) or None)
     except MapError as error:
         return f"The map could not be written: {error}."
     return None
+
+
+def _moved_start(before: Version | None, old_T_new: Pose2D) -> Pose2D | None:
+    """Return where the start of a version before lies now."""
+    if before is None or before.start is None:
+        return None
+    return (old_T_new.inverse() @ before.start).wrapped()
 
 
 def _own_image(file: Path) -> Path | None:

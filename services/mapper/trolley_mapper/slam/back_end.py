@@ -50,6 +50,12 @@ class BackEnd:
         self._joint, self._places, self._is_searched = joint, [], False
         self._pending, self._job = [], None
 
+    def map_turned(self, new_map_T_old_map: NDArray[np.float64]) -> None:
+        """Take note that the whole map has moved by a motion (3,): a job that is out is void."""
+        self._job, self._places = None, []
+        if self._joint is not None:
+            self._joint = self._joint.moved(new_map_T_old_map)
+
     def next_job(self, made: KeyframeMap, pose: NDArray[np.float64]) -> MapJob | None:
         """Return work to do now, or None; the robot is at a pose (3,) by its odometry."""
         if self._job is not None or made.is_empty:

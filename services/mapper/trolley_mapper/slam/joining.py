@@ -31,7 +31,7 @@ from trolley_mapper.slam.loop_closure import (
     total_error,
 )
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
-from trolley_mapper.slam.pose_graph import Edge, between, compose
+from trolley_mapper.slam.pose_graph import Edge, between, compose, turned
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +102,15 @@ class Joint:
     pose: NDArray[np.float64]
     covariance: NDArray[np.float64] | None
     edge: Edge | None
+
+    def moved(self, new_map_T_old_map: NDArray[np.float64]) -> "Joint":
+        """Return the same on a map whose frame has moved by a motion (3,)."""
+        yaw = float(new_map_T_old_map[2])
+        return replace(
+            self,
+            pose=compose(new_map_T_old_map, self.pose),
+            covariance=None if self.covariance is None else turned(self.covariance, yaw),
+        )
 
     def reach_m(self, away_m: float) -> float:
         """How far off something may be that lies so far from the part's beginning [m]."""

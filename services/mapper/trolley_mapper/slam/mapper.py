@@ -24,6 +24,7 @@ from trolley_mapper.slam import sentences
 from trolley_mapper.slam.back_end import BackEnd, MapJob
 from trolley_mapper.slam.edges import odometry_edge, scan_match_edges
 from trolley_mapper.slam.estimate import Anchor, MapEstimate
+from trolley_mapper.slam.finishing import FinishJob
 from trolley_mapper.slam.joining import JoinJob, Joint
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_map import KeyframeMap
@@ -320,6 +321,27 @@ class Mapper:
         if isinstance(job, JoinJob) and self._is_paused:
             self._remove([self._map.store.rows[number] for number in part])
             self._odometry_covariance = None
+
+    # The end.
+
+    def finishing(self) -> FinishJob:
+        """Return the work of making the map ready to be saved; run it anywhere."""
+        store = self._map.store.copy()
+        return FinishJob(store, self._config, self._map.prior, self.grid())
+
+    def turn(self, job: FinishJob) -> Pose2D:
+        """Turn the map and all that lies on it as `job` has, if it has.
+
+        Returns:
+            The motion of the robot's pose, new_map_T_old_map.
+        """
+        if job.occupancy is None:
+            return Pose2D.identity()
+        correction = self._map.take_over(job.store, job.occupancy, [])
+        self._matcher.move(correction)
+        self._back_end.map_turned(correction)
+        self._neighbourhood.invalidate()
+        return Pose2D.from_array(correction)
 
     # What people ask for.
 

@@ -96,6 +96,11 @@ def to_frame(information: NDArray[np.float64], yaw: float) -> NDArray[np.float64
     return turn.T @ information @ turn
 
 
+def turned(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
+    """Return a covariance (3, 3) over x, y, yaw in a frame that was turned by `yaw` [rad]."""
+    return to_frame(covariance, -yaw)
+
+
 def inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a covariance or of information (3, 3)."""
     return np.asarray(np.linalg.inv(matrix), np.float64)

@@ -18,7 +18,7 @@ from trolley.scan_matching.sweep import Sweep, read_sweep
 from trolley.scanning import ScanInput
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.motion_model import motion_covariance
-from trolley_mapper.slam.pose_graph import between, compose, inverse
+from trolley_mapper.slam.pose_graph import between, compose, inverse, turned
 from trolley_mapper.slam.slip_detector import SlipDetector
 
 
@@ -233,6 +233,7 @@ class ScanMatcher:
     def move(self, new_map_T_old_map: NDArray[np.float64]) -> None:
         """Move along with the map, by a motion (3,) of its frame."""
         self.pose = compose(new_map_T_old_map, self.pose)
+        self.covariance = turned(self.covariance, float(new_map_T_old_map[2]))
 
     def predict(self, step: Pose2D, covariance: NDArray[np.float64]) -> None:
         """Carry the pose through one odometry step with a covariance (3, 3)."""

@@ -1,0 +1,87 @@
+"""The map as it is saved: its walls along the axes, and without stray floor."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config.mapper import MapperConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import OCCUPIED_FROM, GridMap
+from trolley.map_editing import angle_of_walls
+from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
+from trolley_mapper.slam.pose_graph import compose
+from trolley_mapper.slam.tidying import tidied
+
+MIN_TURN_RAD = math.radians(0.05)
+"""Turn below which a map is straight: half a cell over 25 m [rad]."""
+
+
+@dataclass(eq=False)
+class FinishJob:
+    """Turns a new map about where it began, and draws it anew; an extended one stays as it lies.
+
+    Attributes:
+        store: a copy, changed by the job.
+        config: settings.
+        prior: the map that is extended, if one is.
+        grid: the map as it is; afterwards as it is to be saved.
+        turned_rad: by how much it was turned, counter-clockwise [rad].
+        occupancy: what it was drawn from, if it was turned.
+    """
+
+    store: KeyframeStore
+    config: MapperConfig
+    prior: GridMap | None
+    grid: GridMap
+    turned_rad: float = field(default=0.0, init=False)
+    occupancy: LogOddsGrid | None = field(default=None, init=False)
+
+    def run(self) -> "FinishJob":
+        """Straighten and tidy; returns itself."""
+        angle = None if self.prior is not None else angle_of_walls(self._walls())
+        if angle is not None and abs(angle) >= MIN_TURN_RAD:
+            self._turn(angle)
+        store = self.store
+        floor = [store.poses[~store.loose, :2]]
+        if self.prior is not None:
+            prior = store.keyframes[0].floor
+            floor = [floor[0][1:], *([] if prior is None else [prior.astype(np.float64)])]
+        self.grid = tidied(self.grid, np.vstack(floor))
+        return self
+
+    def _walls(self) -> NDArray[np.float64]:
+        """Return points (n, 2) of the walls, one in each of their cells [cells].
+
+        They are the means of what the scans show: cells alone tell the direction of a wall to no
+        more than a cell over its length.
+        """
+        store, grid = self.store, self.grid
+        seen = [
+            Pose2D.from_array(pose).transform_points(one.points.astype(np.float64))
+            for one, pose, is_loose in zip(store.keyframes, store.poses, store.loose, strict=True)
+            if not is_loose
+        ]
+        points = np.vstack(seen)
+        points = points[grid.values_at(points) >= OCCUPIED_FROM]
+        cells = grid.world_to_cell(points)
+        _, group = np.unique(cells[:, 0] * grid.cols + cells[:, 1], return_inverse=True)
+        sums = [np.bincount(group, along) for along in points.T]
+        return np.column_stack(sums) / (np.bincount(group)[:, None] * grid.resolution)
+
+    def _turn(self, angle: float) -> None:
+        """Turn all keyframes about the first, and draw the map anew: a turned picture blurs."""
+        store = self.store
+        x, y = store.poses[0, :2].tolist()
+        about = Pose2D(x, y, angle) @ Pose2D(-x, -y, 0.0)
+        store.poses = compose(about.as_array(), store.poses)
+        self.turned_rad = angle
+        self.occupancy = draw_map(self.config.resolution_m, None, store)
+        self.grid = self.occupancy.grid()
+
+    @property
+    def start(self) -> Pose2D | None:
+        """Where the map began (`map_T_base`); None of one that was extended."""
+        return None if self.prior is not None else Pose2D.from_array(self.store.poses[0])
