@@ -61,6 +61,24 @@ def notify_socket(tmp_path: Path):
 # Beginning and end.
 
 
+def test_a_service_begins_anew_in_its_process_and_stops_when_told_to_meanwhile(
+    bus: ZenohBus, service_process: StartService, tmp_path: Path, notify_socket: NotifySocket
+):
+    flag = tmp_path / "flag"
+    environment = {"NOTIFY_SOCKET": str(notify_socket.path), "RENEWED": str(flag)}
+    process = service_process("support.services:Renewed", environment=environment)
+    first = wait_for_service(bus, "mapper")
+    wait_until(lambda: notify_socket.hears("READY=1"), "ready")
+    flag.touch()
+    wait_until(lambda: notify_socket.hears("READY=1"), "ready again")
+    assert "STOPPING=1" not in notify_socket.said
+    second = wait_for_service(bus, "mapper")
+    assert second.run != first.run
+    assert second.run.split("-")[:-1] == first.run.split("-")[:-1]  # host and process
+    assert not flag.exists()  # what it saves at its end was saved
+    assert process.terminate() == 0
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_cleanly(
     keeper: Process, bus: ZenohBus, tmp_path: Path, number: signal.Signals

@@ -83,6 +83,22 @@ class Listener(Service):
         self.set_health("ok", f"{len(poses.poses)} poses, stamp {poses.stamp_ns}")
 
 
+class Renewed(Service):
+    """Begins anew each time that the file named by RENEWED is there, and removes it at its end."""
+
+    name = "mapper"
+
+    def __init__(self, config: RobotConfig) -> None:
+        self._config = config
+
+    @every(0.05, clock="local")
+    def tick(self) -> None:
+        self.is_spent = Path(os.environ["RENEWED"]).exists()
+
+    def stop(self) -> None:
+        self.work(lambda: Path(os.environ["RENEWED"]).unlink(missing_ok=True))
+
+
 class Sleeper(Service):
     """Blocks its thread once the file named by SLEEPER exists, and says so in one beside it."""
 

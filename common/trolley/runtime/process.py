@@ -33,6 +33,7 @@ from trolley.security.host_keys import KeysError, keys_for
 from trolley.start import leave
 
 EXIT_CRASHED, EXIT_CONFIG, EXIT_CLASH = 1, 2, 3
+STOPS = signal.SIGTERM, signal.SIGINT, signal.SIGHUP
 CRASH = "The service ends because of an internal error"
 POLL_S = 0.05
 ROUTER_PATIENCE_S = 30.0
@@ -135,7 +136,7 @@ class ServiceProcess:
 
     def main(self) -> int:
         """Connect, settle clashes, serve; return the exit code."""
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        for number in STOPS:
             signal.signal(number, self._request_stop)
         zenoh = self._config.zenoh
         try:
@@ -150,9 +151,12 @@ class ServiceProcess:
             # Zenoh's thread still waits for the router and cannot be interrupted.
             os._exit(0)
         try:
-            return self._serve(bus)
+            code = self._serve(bus)
         finally:
             bus.close()
+        if code == 0 and self._service.is_spent:
+            self._begin_anew()
+        return code
 
     def _wait_for_router(self) -> bool:
         now_s = time.monotonic()
@@ -185,12 +189,16 @@ class ServiceProcess:
         except Exception:
             self._log.crash(CRASH)
             code = EXIT_CRASHED
+        if code != 0 or self._should_stop:
+            self._supervision.stopping()
         return self._end(node, host) or code
 
     def _loop(self, node: Node, host: ProcessHost, older: OlderRuns) -> int:
         next_alive_s = 0.0
         while not self._should_stop:
             node.step()
+            if self._service.is_spent:
+                return 0
             if host.failure is not None:
                 raise host.failure
             older.ask()
@@ -207,7 +215,6 @@ class ServiceProcess:
 
     def _end(self, node: Node, host: ProcessHost) -> int:
         """Stop the service and finish what it saves; not 0 if that failed."""
-        self._supervision.stopping()
         code = 0
         try:
             node.close()
@@ -219,6 +226,13 @@ class ServiceProcess:
             self._log.error("Saving was not completed", why=str(host.failure or ""))
             code = EXIT_CRASHED
         return code
+
+    def _begin_anew(self) -> None:
+        """Replace this program by itself in its process, unless it is to stop."""
+        for number in STOPS:  # from here on they end it, so that none is lost
+            signal.signal(number, signal.SIG_DFL)
+        if not self._should_stop:
+            os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 
     def _give_way(self, oldest: Run) -> int:
         self._log.error(

@@ -92,6 +92,9 @@ class Service:
     """Whether a flood of what it watches must not delay what it is asked, such as a stop."""
     own_time: TimeSource | None = None
     """Set in `__init__` by the service that owns robot time (`base`); the others follow `clock`."""
+    is_spent: bool = False
+    """Set by a service that should begin anew as a fresh program in the same process: what large
+    libraries have taken is given back only so."""
     parts: tuple[object, ...] = ()
     """Set in `__init__`: the objects whose decorated methods are bound after the service's own."""
 

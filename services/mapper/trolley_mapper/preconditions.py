@@ -121,6 +121,11 @@ class MapStarter:
         self._is_editing, self._explore = is_editing, explore
         self._pending: PendingStart | None = None
 
+    @property
+    def is_waiting(self) -> bool:
+        """Whether a map is about to begin."""
+        return self._pending is not None
+
     @answers(requests.MAP_NEW)
     def begin_new(self, params: MapNamed) -> Later[MappingStatus]:
         """Begin a map where the robot stands."""

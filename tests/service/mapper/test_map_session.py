@@ -193,3 +193,17 @@ def test_without_a_map_in_the_making_there_is_nothing_to_do(
     stage: Stage, request_: requests.Request
 ) -> None:
     assert stage.refusal(request_, Nothing()).code == codes.NOT_MAPPING
+
+
+def test_some_time_after_a_map_the_mapper_gives_its_memory_back(make_stage: MakeStage) -> None:
+    stage = make_stage("mapper")
+    mapper = stage.bus.nodes["mapper"].service
+    stage.ask(requests.MAP_NEW, MapNamed(name="home"))
+    stage.base.silent.add("scan")
+    stage.bus.run(40.0)
+    assert not mapper.is_spent
+    stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(20.0)
+    assert not mapper.is_spent
+    stage.bus.run(20.0)
+    assert mapper.is_spent
