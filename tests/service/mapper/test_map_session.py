@@ -8,7 +8,7 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import load_map
-from trolley.messages import OccupancyGrid, SavedPose, Zone
+from trolley.messages import GoalStatus, OccupancyGrid, SavedPose, Zone
 from trolley.messages.request_params import (
     Capture,
     LoadMap,
@@ -19,12 +19,26 @@ from trolley.messages.request_params import (
     SaveMap,
     SetPose,
     UndoMap,
+    WhichGoal,
 )
 from trolley.runtime import codec
+from trolley.runtime.service import Service, answers
 
 from .conftest import Stage
 
 MakeStage = Callable[..., Stage]
+
+
+class Planner(Service):
+    """One that drives to a goal until it is canceled."""
+
+    name = "planner"
+    num_canceled = 0
+
+    @answers(requests.GOAL_CANCEL)
+    def cancel(self, _: WhichGoal) -> GoalStatus:
+        self.num_canceled += 1
+        return GoalStatus(stamp_ns=0, id=None, state="canceled")
 
 
 def answers_to(stage: Stage, topic: topics.Topic) -> list:
@@ -70,6 +84,7 @@ def test_a_new_robot_has_a_map_after_one_drive(make_stage: MakeStage) -> None:
 
 def test_a_map_of_what_is_seen_from_one_place_has_walls_to_go_by(stage: Stage) -> None:
     true_T_map = stage.world.map_T_base
+    planner = stage.bus.add(Planner())
     stage.ask(requests.MAP_NEW, MapNamed(name="home"))
     stage.bus.run(3.0)
     assert stage.status.scans == 1
@@ -77,7 +92,9 @@ def test_a_map_of_what_is_seen_from_one_place_has_walls_to_go_by(stage: Stage) -
     stage.bus.run(3.0)
     assert (load_map(stage.bus.state / "maps" / "home.yaml").cells == 100).sum() > 100
     assert (stage.pose.state, stage.pose.map) == ("localized", "home")
-    assert stage.error_m(true_T_map) < 0.05
+    assert stage.straightened(true_T_map).yaw != true_T_map.yaw
+    assert planner.num_canceled == 1  # its goal was one of the map as it lay before
+    assert stage.error_m(stage.straightened(true_T_map)) < 0.05
 
 
 def test_while_a_map_is_made_the_localizer_owns_nothing(stage: Stage) -> None:
