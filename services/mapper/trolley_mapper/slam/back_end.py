@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
+from trolley_mapper.slam.join_watch import CutJob
 from trolley_mapper.slam.joining import JoinJob, Joint, places_to_try
 from trolley_mapper.slam.keyframe_map import KeyframeMap
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import Closure, LoopJob, Place
+from trolley_mapper.slam.pose_graph import Edge
 
-MapJob = LoopJob | JoinJob
+MapJob = LoopJob | JoinJob | CutJob
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,10 @@ class BackEnd:
         self._query = 0
         self._loops: list[tuple[int, float]] | None = []
         self._joint: Joint | None = None
+        # Edges that joined parts where they do not belong.
+        self._refuted: list[Edge] = []
+        # A part that is to be cut off again, and what joined it.
+        self._cut: tuple[Joint, list[Edge]] | None = None
         # Places that were not searched yet from the loose part, and whether they all were once.
         self._places: list[Place] = []
         self._is_searched = False
@@ -48,7 +54,11 @@ class BackEnd:
     def part_began(self, joint: Joint) -> None:
         """From now on look for where a new part belongs; earlier findings no longer count."""
         self._joint, self._places, self._is_searched = joint, [], False
-        self._pending, self._job = [], None
+        self._pending, self._job, self._cut = [], None, None
+
+    def cut(self, joint: Joint, edges: list[Edge]) -> None:
+        """Cut a part off the map at the next chance, and never join it there again."""
+        self._job, self._cut = None, (joint, edges)
 
     def map_turned(self, new_map_T_old_map: NDArray[np.float64]) -> None:
         """Take note that the whole map has moved by a motion (3,): a job that is out is void."""
@@ -60,7 +70,11 @@ class BackEnd:
         """Return work to do now, or None; the robot is at a pose (3,) by its odometry."""
         if self._job is not None or made.is_empty:
             return None
-        if self._joint is not None and made.store.is_loose(made.store.newest.number):
+        if self._cut is not None:
+            joint, edges = self._cut
+            store = made.store.copy()
+            self._job = CutJob(store, self._config, made.prior, joint, edges)
+        elif self._joint is not None and made.store.is_loose(made.store.newest.number):
             self._job = self._join(made, self._joint, pose)
         else:
             self._job = self._close_loops(made)
@@ -89,7 +103,7 @@ class BackEnd:
         self._is_searched = self._is_searched or not self._places
         return JoinJob(
             made.store.copy(), list(self._pending), self._config, made.prior, joint, place,
-            self._is_searched,
+            self._is_searched, list(self._refuted),
         )  # fmt: skip
 
     def finish(self, job: MapJob, store: KeyframeStore) -> bool:
@@ -105,11 +119,15 @@ class BackEnd:
         ]
         if isinstance(job, LoopJob):
             self._loops = job.places
+        elif isinstance(job, CutJob):
+            self._refuted += job.refuted
+            self.part_began(job.joint)
+            self._has_new = True
         elif job.accepted:
             self._pending, self._joint = [], None
         return True
 
     def keyframes_removed(self, store: KeyframeStore) -> None:
         """Drop the job that is out, and closures whose keyframes are gone."""
-        self._job, self._loops = None, []
+        self._job, self._loops, self._cut = None, [], None
         self._pending = [one for one in self._pending if store.has(one.edge)]

@@ -156,6 +156,7 @@ class JoinJob:
         joint: what is known of how the part lies.
         place: to search; None: only where earlier closures lead.
         is_searched: all places have been searched from this part.
+        refuted: edges that joined parts where later scans did not fit.
         found: closures found now.
         accepted: edges of those that are believed now, and of the odometry across the gap.
         occupancy: the map drawn anew, if the part was joined.
@@ -168,16 +169,20 @@ class JoinJob:
     joint: Joint
     place: Place | None
     is_searched: bool
+    refuted: Sequence[Edge] = ()
     found: list[Closure] = field(default_factory=list[Closure])
     accepted: list[Edge] = field(default_factory=list[Edge])
     occupancy: LogOddsGrid | None = None
     _poses: dict[int, NDArray[np.float64]] = field(default_factory=dict[int, NDArray[np.float64]])
+    # Where refuted joins have the newest keyframe.
+    _wrong: list[NDArray[np.float64]] = field(default_factory=list[NDArray[np.float64]])
 
     def run(self) -> "JoinJob":
         """Search, judge, join; returns itself."""
+        self._wrong = [self._edge_leads_to(edge) for edge in self.refuted if self.store.has(edge)]
         for place in self._places():
             closure = self._close(place)
-            if closure is not None and not self._is_known(closure):
+            if closure is not None and not (self._is_known(closure) or self._is_wrong(closure)):
                 self.found.append(closure)
         best = self._best()
         if best and self._fits(best[-1]):
@@ -210,18 +215,21 @@ class JoinJob:
         """Return where a closure has the newest keyframe (3,)."""
         known = self._poses.get(id(closure))
         if known is None:
-            store, edge = self.store, closure.edge
-            at = compose(store.pose(edge.first), edge.step)
-            known = compose(at, between(store.pose(edge.second), store.poses[-1]))
+            known = self._edge_leads_to(closure.edge)
             self._poses[id(closure)] = known
         return known
 
+    def _edge_leads_to(self, edge: Edge) -> NDArray[np.float64]:
+        at = compose(self.store.pose(edge.first), edge.step)
+        return compose(at, between(self.store.pose(edge.second), self.store.poses[-1]))
+
     def _is_same(self, one: Closure, other: Closure) -> bool:
         """Say whether two closures have the newest keyframe in one place."""
-        x, y, yaw = (self._leads_to(one) - self._leads_to(other)).tolist()
-        reach_m, reach_rad = PARAMS.hint_window
-        is_turned = abs(math.remainder(yaw, 2.0 * math.pi)) >= reach_rad
-        return math.hypot(x, y) < reach_m and not is_turned
+        return _is_near(self._leads_to(one), self._leads_to(other))
+
+    def _is_wrong(self, closure: Closure) -> bool:
+        """Say whether the part was joined there before, and did not fit."""
+        return any(_is_near(self._leads_to(closure), pose) for pose in self._wrong)
 
     def _close(self, place: Place) -> Closure | None:
         store = self.store
@@ -359,3 +367,11 @@ class JoinJob:
         relax(bridged)
         if total_error(bridged) - total_error(self.store) <= PARAMS.joint_error:
             self.store, self.accepted = bridged, [*self.accepted, edge]
+
+
+def _is_near(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Say whether two poses (3,) of a keyframe are one place."""
+    x, y, yaw = (one - other).tolist()
+    reach_m, reach_rad = PARAMS.hint_window
+    is_turned = abs(math.remainder(yaw, 2.0 * math.pi)) >= reach_rad
+    return math.hypot(x, y) < reach_m and not is_turned

@@ -25,6 +25,7 @@ from trolley_mapper.slam.back_end import BackEnd, MapJob
 from trolley_mapper.slam.edges import odometry_edge, scan_match_edges
 from trolley_mapper.slam.estimate import Anchor, MapEstimate
 from trolley_mapper.slam.finishing import FinishJob
+from trolley_mapper.slam.join_watch import CutJob, JoinWatch, across
 from trolley_mapper.slam.joining import JoinJob, Joint
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_map import KeyframeMap
@@ -92,6 +93,9 @@ class Mapper:
         self._back_end = BackEnd(config)
         self._latest: ScanInput | None = None
         self._is_blind = False
+        # Over the part that was joined last, as long as that is doubted.
+        self._watch: JoinWatch | None = None
+        self._is_cut = False
         # Covariance (3, 3) of the odometry since the newest keyframe; None where the two are not
         # connected.
         self._odometry_covariance: NDArray[np.float64] | None = None
@@ -195,6 +199,8 @@ class Mapper:
 
     def _message(self) -> str:
         """What is the matter, in one sentence; empty when all is well."""
+        if self._is_cut and self._tracking.is_lost:
+            return sentences.CUT
         if self._tracking.message:
             return self._tracking.message
         return sentences.PAUSED if self._is_paused else self._matcher.slip.message
@@ -219,6 +225,7 @@ class Mapper:
     def _begin_part(self, scan: ScanInput, sweep: Sweep) -> None:
         """Begin a part of which only the odometry says how it lies to the map, if that."""
         joint = self._joint()
+        self._watch, self._is_cut = None, False
         self._drop_small_part()
         self._tracking = TrackingState.lost()
         self._matcher.reset(joint.pose, PARAMS.origin_devs)
@@ -261,6 +268,17 @@ class Mapper:
         self._neighbourhood.invalidate()
         if len(sweep.cloud.points):
             self._back_end.keyframe_added()
+            self._watch_join()
+
+    def _watch_join(self) -> None:
+        """See whether the newest keyframe bears the last join out."""
+        watch, store = self._watch, self._map.store
+        if watch is not None and not store.is_loose(store.newest.number):
+            watch.see(store, self._config)
+            if watch.is_refuted:
+                self._back_end.cut(watch.joint, watch.edges)
+            if watch.is_refuted or watch.is_over:
+                self._watch = None
 
     def _edges(self, number: int, match: ScanMatch | None) -> list[Edge]:
         """Return the edges of a new keyframe; its match teaches the odometry's scale, too."""
@@ -310,14 +328,20 @@ class Mapper:
         part = self._map.store.part_of(self._map.store.newest.number)
         if isinstance(job, LoopJob):
             self._map.store.cut(job.cut)
+        if isinstance(job, CutJob):
+            self._map.store.cut(across(self._map.store, job.joint))
         loops = [edge for edge in job.accepted if self._map.store.has(edge)]
         correction = self._map.take_over(job.store, job.occupancy, loops)
         self._matcher.move(correction)
         self._neighbourhood.invalidate()
-        self.num_loops += len(loops)
+        self.num_loops += 0 if isinstance(job, CutJob) else len(loops)
         self._closed_loop = True
+        self._is_cut = isinstance(job, CutJob) or (self._is_cut and self._tracking.is_lost)
+        if isinstance(job, CutJob):
+            self._tracking = TrackingState.lost()
         if isinstance(job, JoinJob):
-            self._tracking = TrackingState()
+            self._is_cut, self._tracking = False, TrackingState()
+            self._watch = JoinWatch(job.joint, job.accepted)
         if isinstance(job, JoinJob) and self._is_paused:
             self._remove([self._map.store.rows[number] for number in part])
             self._odometry_covariance = None

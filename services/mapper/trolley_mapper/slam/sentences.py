@@ -3,5 +3,9 @@
 BLIND = "the lidar sees too little"
 PAUSED = "paused: the map does not grow"
 LOST = "this part is not joined to the map yet: drive on to a place that the map shows"
+CUT = (
+    "this part was joined to the map in a wrong place and is cut off again: "
+    "drive on to a place that the map shows"
+)
 UNSURE = "checking the pose: drive on a little, then the map grows again"
 SLIPS = "the wheels slip: they turn farther than the robot moves"

@@ -1,0 +1,204 @@
+"""Whether what is seen after a part was joined to the map bears the join out; if not, the cut."""
+
+import math
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.config.mapper import MapperConfig
+from trolley.gridmap import GridMap
+from trolley.scan_matching.layout import Cloud
+from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
+from trolley.scan_matching.sweep import Sweep
+from trolley_mapper.slam.joining import PARAMS as JOINS
+from trolley_mapper.slam.joining import Joint
+from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.local_map import LocalMap
+from trolley_mapper.slam.loop_closure import Closure, relax
+from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
+from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between, compose
+
+
+@dataclass(frozen=True, slots=True)
+class WatchParams:
+    """How long a join is doubted, and what speaks against it."""
+
+    around_m: float = 6.0
+    """Distance within which keyframes of both sides are compared [m]."""
+    num_compared: int = 4
+    """Number of keyframes on each side that are compared."""
+    min_known: int = 60
+    """Number of points in what the other side knows below which a comparison says nothing."""
+    wrong_share: float = 0.7
+    """Share of these points on surfaces of the other side below which a join is refuted: in
+    generated buildings right joins had 0.97 and more, a wrong one between rooms alike 0.97 in the
+    room, 0.8 before its door and 0.6 farther on. In between lies furniture that was moved."""
+    min_keyframes: int = 3
+    """Number of keyframes that must have been compared."""
+    over_m: float = 2.0
+    """Distance driven over which that must be so [m]."""
+    mended_devs: tuple[float, float, float] = (0.05, 0.05, 0.02)
+    """Standard deviations of the step between keyframes of a part, when it is cut off where they
+    hung on the map only [m, m, rad]."""
+    until_m: float = 30.0
+    """Distance driven after which a join is doubted no more [m]."""
+
+
+PARAMS = WatchParams()
+
+
+class JoinWatch:
+    """Compares each new keyframe with the map as it was without the part.
+
+    The matcher cannot tell: it compares scans with all that lies nearby, and what the part itself
+    has shown explains them wherever it was joined.
+
+    Args:
+        joint: of the part that was joined.
+        edges: that joined it.
+    """
+
+    def __init__(self, joint: Joint, edges: list[Edge]) -> None:
+        self.joint, self.edges = joint, edges
+        self._driven_m = 0.0
+        self._last: int | None = None
+        # The last comparisons: where along the drive [m], points that are known, and explained.
+        self._seen: list[tuple[float, int, int]] = []
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the join need not be doubted any more."""
+        return self._driven_m > PARAMS.until_m
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether the part was joined where it does not belong."""
+        if len(self._seen) < PARAMS.min_keyframes:
+            return False
+        if self._seen[-1][0] - self._seen[0][0] < PARAMS.over_m:
+            return False
+        known, explained = (sum(one[k] for one in self._seen) for k in (1, 2))
+        return explained < PARAMS.wrong_share * known
+
+    def see(self, store: KeyframeStore, config: MapperConfig) -> None:
+        """Take the newest keyframe into account."""
+        newest = store.newest.number
+        if self._last is not None and self._last in store.rows:
+            self._driven_m += math.dist(store.pose(self._last)[:2], store.poses[-1, :2])
+        self._last = newest
+        known, explained = self._compared(store, config)
+        if known >= PARAMS.min_known:
+            self._seen.append((self._driven_m, known, explained))
+        # What is left is just long enough.
+        while len(self._seen) > PARAMS.min_keyframes and (
+            self._driven_m - self._seen[1][0] >= PARAMS.over_m
+        ):
+            del self._seen[0]
+
+    def _compared(self, store: KeyframeStore, config: MapperConfig) -> tuple[int, int]:
+        """Return how many points the other side knows and how many it explains, both ways.
+
+        What the map shows where beams pass now speaks against it as much as echoes where the map
+        is free: nothing is known of what lies behind its walls.
+        """
+        pose = store.poses[-1]
+        away = np.hypot(*(store.poses[:, :2] - pose[:2]).T)
+        near = np.flatnonzero((away < PARAMS.around_m) & ~store.loose).tolist()
+        numbers = [store.keyframes[row].number for row in near]
+        before = [n for n in numbers if n < self.joint.number and n != store.prior]
+        since = [n for n in numbers if n >= self.joint.number]
+        always = [] if store.prior is None else [store.prior]
+        here = [store.newest.number]
+        map_side = store.choose_near(before, pose, config.local_keyframes, always)
+        part_side = store.choose_near(since, pose, config.local_keyframes, here)
+        known, explained = 0, 0
+        for shown, by in (
+            (here, map_side),
+            (store.choose_near(before, pose, PARAMS.num_compared), part_side),
+        ):
+            one, other = _classified(store, shown, by, pose)
+            known, explained = known + one, explained + other
+        return known, explained
+
+
+def _classified(
+    store: KeyframeStore, shown: list[int], by: list[int], pose: NDArray[np.float64]
+) -> tuple[int, int]:
+    """Return how many points of some keyframes others know, and how many of these they explain."""
+    if not shown or not by:
+        return 0, 0
+    local = LocalMap(
+        [store.keyframes[store.rows[n]] for n in by],
+        np.array([store.pose(n) for n in by]),
+        pose[:2],
+        JOINS.reach_m,
+    )
+    known, explained = 0, 0
+    for number in shown:
+        one = store.keyframes[store.rows[number]]
+        sweep = Sweep(one.cloud(), one.laser.astype(np.float64), is_blind=False)
+        cloud = Cloud(sweep.cloud.points, np.zeros_like(sweep.cloud.normals))
+        without_sides = replace(sweep, cloud=cloud)
+        classes = local.classify(store.pose(number), without_sides, JOINS.checked_near_m)
+        known += int(np.count_nonzero(classes != UNKNOWN))
+        explained += int(np.count_nonzero(classes == EXPLAINED))
+    return known, explained
+
+
+@dataclass(eq=False)
+class CutJob:
+    """Cuts a part off the map again, and draws the map without it.
+
+    Attributes:
+        store: a copy, changed by the job.
+        config: settings.
+        prior: the map that is extended, if one is.
+        joint: of the part.
+        refuted: edges that joined it.
+        occupancy: the map drawn anew.
+        found: nothing.
+        accepted: edges that hold the part together now.
+    """
+
+    store: KeyframeStore
+    config: MapperConfig
+    prior: GridMap | None
+    joint: Joint
+    refuted: list[Edge]
+    occupancy: LogOddsGrid | None = None
+    found: list[Closure] = field(default_factory=list[Closure], init=False)
+    accepted: list[Edge] = field(default_factory=list[Edge], init=False)
+
+    def run(self) -> "CutJob":
+        """Cut, lay the part where the odometry had it, and draw; returns itself."""
+        store = self.store
+        store.cut(across(store, self.joint))
+        rows = [row for row, one in enumerate(store.keyframes) if one.number >= self.joint.number]
+        self._mend([store.keyframes[row].number for row in rows])
+        relax(store)
+        begin = store.poses[rows[0]]
+        store.poses[rows] = compose(self.joint.pose, between(begin, store.poses[rows]))
+        self.occupancy = draw_map(self.config.resolution_m, self.prior, store)
+        return self
+
+    def _mend(self, part: list[int]) -> None:
+        """Tie keyframes of the part together that only hung on the map, as they were driven.
+
+        Where a keyframe was dissolved, those beside it may have got edges from the map alone.
+        """
+        store = self.store
+        for one, other in pairwise(part):
+            if other not in store.part_of(one):
+                step = between(store.pose(one), store.pose(other))
+                information = np.diag(1.0 / np.square(PARAMS.mended_devs))
+                edge = Edge(one, other, step, information, ODOMETRY)
+                store.link(edge)
+                self.accepted.append(edge)
+
+
+def across(store: KeyframeStore, joint: Joint) -> list[Edge]:
+    """Return the edges between what was mapped before a part began and since."""
+    number = joint.number
+    return [one for one in store.edges if (one.first < number) != (one.second < number)]
