@@ -10,8 +10,9 @@ from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, distance_transform
 from trolley.scanning import Reject
+from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
-from trolley_mapper.slam.sentences import SLIPS
+from trolley_mapper.slam.sentences import CUT, SLIPS
 from trolley_mapper.slam.serialization import pack
 
 from .conftest import START, Drive
@@ -219,21 +220,19 @@ def make_twins() -> GridMap:
     return GridMap("twins", 0.05, Pose2D.identity(), cells)
 
 
+def follow(drive: Drive, *legs: tuple[float, float, float]) -> list[MapEstimate]:
+    """Drive legs of seconds, m/s and rad/s; returns what the mapper made of each scan."""
+    return [drive.scan(vx, wz) for s, vx, wz in legs for _ in range(round(10 * s))]
+
+
 def test_a_robot_lifted_to_where_two_rooms_look_alike_waits_until_it_can_tell() -> None:
     start = Pose2D(3.0, 4.5, -0.5 * math.pi)
     drive = Drive(make_twins(), Mapper(MapperConfig(), start), start)
     drive.look()
     quarter = 0.5 * math.pi
     # Down through the door, along the corridor, up into the other room.
-    for seconds, vx, wz in (
-        (9.25, 0.4, 0.0),
-        (2.0, 0.0, 0.5 * quarter),
-        (15.25, 0.4, 0.0),
-        (2.0, 0.0, 0.5 * quarter),
-        (9.25, 0.4, 0.0),
-    ):
-        for _ in range(round(10 * seconds)):
-            drive.scan(vx, wz)
+    follow(drive, (9.25, 0.4, 0.0), (2.0, 0.0, 0.5 * quarter), (15.25, 0.4, 0.0))
+    follow(drive, (2.0, 0.0, 0.5 * quarter), (9.25, 0.4, 0.0))
     assert drive.error_m() < 0.05
     drive.pose = Pose2D(2.0, 5.0, -1.0)
     states = [drive.scan(0.0, 0.3).state for _ in range(40)]
@@ -249,6 +248,35 @@ def test_a_robot_lifted_to_where_two_rooms_look_alike_waits_until_it_can_tell() 
     assert drive.last is not None
     assert drive.last.state == "mapping"
     assert drive.error_m() < 0.05
+
+
+def test_a_part_that_was_joined_in_a_wrong_place_is_cut_off_and_joined_in_the_right_one() -> None:
+    world = make_twins()
+    world.cells[2:12, 60:64] = world.cells[20:30, 190:200] = OCCUPIED  # to tell the corridor's ends
+    start = Pose2D(3.0, 4.5, -0.5 * math.pi)
+    drive = Drive(world, Mapper(MapperConfig(), start), start)
+    quarter = 0.5 * math.pi
+    drive.look()
+    # To the door, a look into the corridor, and back.
+    follow(drive, (9.25, 0.4, 0.0), (2.0, 0.0, 0.5 * quarter), (5.0, 0.4, 0.0))
+    follow(drive, (4.0, 0.0, 0.5 * quarter), (5.0, 0.4, 0.0), (2.0, 0.0, -0.5 * quarter))
+    follow(drive, (9.0, 0.4, 0.0))
+    keyframes = drive.mapper.num_keyframes
+    # Carried to the other room, of which nobody can know yet.
+    drive.pose = Pose2D(9.1, 4.5, -quarter)
+    follow(drive, (8.0, 0.0, 0.5 * quarter), (2.5, 0.4, 0.0), (8.0, 0.0, 0.5 * quarter))
+    assert drive.last is not None
+    assert drive.last.state == "mapping"
+    assert drive.error_m() > 5.0
+    # Out of its door, and along a corridor that does not fit.
+    follow(drive, (6.75, 0.4, 0.0), (2.0, 0.0, -0.5 * quarter))
+    said = {one.message for one in follow(drive, (14.0, 0.4, 0.0), (4.0, 0.0, -0.5 * quarter))}
+    said |= {one.message for one in follow(drive, (5.0, 0.4, 0.0))}
+    assert CUT in said
+    assert drive.last.state == "mapping"
+    assert drive.error_m() < 0.05
+    assert drive.mapper.num_keyframes > 2 * keyframes  # both rooms are on the map
+    assert wall_error_m(drive.mapper.grid(), world) <= 0.0708
 
 
 def test_undo_forgets_and_tracking_goes_on(make_drive: MakeDrive) -> None:

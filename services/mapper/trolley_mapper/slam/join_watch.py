@@ -31,7 +31,7 @@ class WatchParams:
     """Number of keyframes on each side that are compared."""
     min_known: int = 60
     """Number of points in what the other side knows below which a comparison says nothing."""
-    wrong_share: float = 0.7
+    wrong_share: float = 0.75
     """Share of these points on surfaces of the other side below which a join is refuted: in
     generated buildings right joins had 0.97 and more, a wrong one between rooms alike 0.97 in the
     room, 0.8 before its door and 0.6 farther on. In between lies furniture that was moved."""
