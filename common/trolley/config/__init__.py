@@ -28,6 +28,7 @@ from trolley.config.robot import (
 from trolley.config.ros2 import Ros2Config
 from trolley.config.tour import TourConfig
 from trolley.config.viz import VizConfig
+from trolley.config.webhook import WebhookConfig
 
 __all__ = [
     "BaseConfig",
@@ -47,6 +48,7 @@ __all__ = [
     "StartSection",
     "TourConfig",
     "VizConfig",
+    "WebhookConfig",
     "ZenohSection",
     "find_config",
     "load_config",

@@ -19,6 +19,7 @@ from trolley.config.robot import MapSection, RobotSection, StartSection, ZenohSe
 from trolley.config.ros2 import Ros2Config
 from trolley.config.tour import TourConfig
 from trolley.config.viz import VizConfig
+from trolley.config.webhook import WebhookConfig
 from trolley.files import read_text
 
 DEFAULT_PATH = Path("/etc/trolley/robot.toml")
@@ -56,6 +57,7 @@ class HostConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     tour: TourConfig = TourConfig()
     viz: VizConfig = VizConfig()
     mqtt: MqttConfig = MqttConfig()
+    webhook: WebhookConfig = WebhookConfig()
     mcp: McpConfig = McpConfig()
     ros2: Ros2Config = Ros2Config()
     mapper: MapperConfig = MapperConfig()
@@ -78,8 +80,9 @@ class RobotConfig(HostConfig, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     @property
     def idle_services(self) -> frozenset[str]:
-        """Services that these settings give nothing to do: `mqtt` without a broker."""
-        return frozenset() if self.mqtt.broker else frozenset({"mqtt"})
+        """Services that these settings give nothing to do: `mqtt` without broker or webhook."""
+        is_used = self.mqtt.broker or self.webhook.urls
+        return frozenset() if is_used else frozenset({"mqtt"})
 
 
 C = TypeVar("C", bound=HostConfig)

@@ -102,6 +102,27 @@ class Connection(Protocol):
         ...
 
 
+class NoConnection:
+    """In place of a connection where no broker is named: nothing comes, nothing goes."""
+
+    def start(self, subscriptions: Sequence[Subscription], wake: Callable[[], None]) -> None:
+        """Nothing to connect to."""
+
+    def take_events(self) -> list[Event]:
+        """Nothing."""
+        return []
+
+    def take_num_dropped(self) -> int:
+        """None."""
+        return 0
+
+    def publish(self, topic: str, payload: bytes, *, keep: bool) -> None:
+        """To nobody."""
+
+    def close(self) -> None:
+        """Nobody is there to say goodbye to."""
+
+
 class BrokerConnection:
     """A connection by paho.
 
@@ -255,11 +276,9 @@ def broker_of(config: RobotConfig, will: tuple[str, bytes]) -> Broker:
     """The broker that the configuration names.
 
     Raises:
-        ConfigError: No broker is named, or a file cannot be read.
+        ConfigError: A file cannot be read.
     """
     mqtt = config.mqtt
-    if not mqtt.broker:
-        raise ConfigError("[mqtt] broker is not set: name the MQTT broker, or do not run `mqtt`")
     host, port = mqtt.address
     password = ""
     if mqtt.password_file:

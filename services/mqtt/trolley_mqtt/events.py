@@ -1,32 +1,39 @@
 """What has just happened, for automations and notifications: each once, with its reason."""
 
 from collections.abc import Iterator
+from typing import get_args
 
 from msgspec import Struct
 
 from trolley import codes
+from trolley.config.webhook import EventType
 from trolley_mqtt.robot_view import RobotView
-from trolley_mqtt.sentences import activity_of, where
+from trolley_mqtt.sentences import activity_of, reason_of, where
 from trolley_mqtt.state import MAX_TEXT
 
 LOW, NO_LONGER_LOW = 0.2, 0.3
 """A battery is said to be low below the first share of its charge; again only after the second."""
 
-ENDS = {"arrived": "arrived", "failed": "failed"}
-TRIP_TURNS = {"done": "tour_done", "failed": "tour_failed", "waiting": "waiting"}
+STUCK_S = 5.0
+"""A robot that has tried to get on for so long is stuck: people walk out of its way sooner."""
+STUCK = (codes.BLOCKED, codes.SLIP, codes.OSCILLATION, codes.BLIND)
+"""Why it does not get on. Waiting for another robot is not among them."""
+
+ENDS: dict[str, EventType] = {"arrived": "arrived", "failed": "failed"}
+TRIP_TURNS: dict[str, EventType] = {
+    "done": "tour_done",
+    "failed": "tour_failed",
+    "waiting": "waiting",
+}
 """A trip that waits does so for a person."""
-ALARMS = ("stopped", "lost", "fault")
-BATTERY_LOW = "battery_low"
-LOCATED = "located"
-"""Somebody asked where the robot is."""
-EVENT_TYPES = (*ENDS.values(), *TRIP_TURNS.values(), *ALARMS, BATTERY_LOW, LOCATED)
+ALARMS: dict[str, EventType] = {"stopped": "stopped", "lost": "lost", "fault": "fault"}
+EVENT_TYPES: tuple[EventType, ...] = get_args(EventType)
 
 
 class Happened(Struct, frozen=True, kw_only=True):
     """One event."""
 
-    event_type: str
-    """One of `EVENT_TYPES`."""
+    event_type: EventType
     message: str
     """A sentence for people."""
     reason: str = ""
@@ -47,10 +54,18 @@ class Events:
         self._trip: tuple[str | None, str] | None = None
         self._activity = ""
         self._is_low = False
+        self._stuck_since_ns: int | None = None
+        self._stuck_goal: str | None = None
+        """The goal that was told to be stuck."""
 
     def update(self, view: RobotView) -> list[Happened]:
         """What has happened since the last time."""
-        found = [*self._ends(view), *self._alarms(view), *self._battery(view)]
+        found = [
+            *self._ends(view),
+            *self._stuck(view),
+            *self._alarms(view),
+            *self._battery(view),
+        ]
         return found if not view.is_away else []
 
     def _ends(self, view: RobotView) -> Iterator[Happened]:
@@ -68,12 +83,24 @@ class Events:
                 words = trip.message or f"The tour is {trip.state}."
                 yield _event(TRIP_TURNS[trip.state], words, trip.reason, view, trip.name)
 
+    def _stuck(self, view: RobotView) -> Iterator[Happened]:
+        goal = view.goal
+        if goal is None or goal.state != "recovering" or goal.reason not in STUCK:
+            self._stuck_since_ns = None
+            return
+        if self._stuck_since_ns is None:
+            self._stuck_since_ns = goal.stamp_ns
+        is_stuck = goal.stamp_ns - self._stuck_since_ns >= STUCK_S * 1e9
+        if is_stuck and goal.id != self._stuck_goal:
+            self._stuck_goal = goal.id
+            yield _event("stuck", reason_of(goal), goal.reason, view)
+
     def _alarms(self, view: RobotView) -> Iterator[Happened]:
         activity, message = activity_of(view)
         before, self._activity = self._activity, activity
         if activity in ALARMS and before not in ("", "away", activity):
             reason = codes.LOST if activity == "lost" or view.base is None else view.base.reason
-            yield _event(activity, message, reason, view)
+            yield _event(ALARMS[activity], message, reason, view)
 
     def _battery(self, view: RobotView) -> Iterator[Happened]:
         battery = None if view.base is None else view.base.battery
@@ -83,16 +110,16 @@ class Events:
         was_low = self._is_low
         self._is_low = charge < LOW or (was_low and charge < NO_LONGER_LOW)
         if self._is_low and not was_low and not (battery and battery.charging):
-            yield _event(BATTERY_LOW, f"The battery is at {round(100.0 * charge)} %.", "", view)
+            yield _event("battery_low", f"The battery is at {round(100.0 * charge)} %.", "", view)
 
 
 def located_of(view: RobotView) -> Happened:
     """Where the robot is."""
-    return _event(LOCATED, where(view), "", view)
+    return _event("located", where(view), "", view)
 
 
 def _event(
-    kind: str, message: str, reason: str, view: RobotView, tour: str | None = None
+    kind: EventType, message: str, reason: str, view: RobotView, tour: str | None = None
 ) -> Happened:
     return Happened(
         event_type=kind, message=message[:MAX_TEXT], reason=reason, place=view.place, tour=tour

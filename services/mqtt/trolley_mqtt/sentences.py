@@ -55,7 +55,7 @@ def _base(view: RobotView) -> Activity | None:
     base = view.base
     if base is None or base.mode in ("ok", "held"):
         return None
-    return ("stopped" if base.mode == "stopped" else "fault", _reason_of(base))
+    return ("stopped" if base.mode == "stopped" else "fault", reason_of(base))
 
 
 def _by_hand(view: RobotView) -> Activity | None:
@@ -66,7 +66,7 @@ def _by_hand(view: RobotView) -> Activity | None:
 
 def _held(view: RobotView) -> Activity | None:
     base = view.base
-    return ("waiting", _reason_of(base)) if base is not None and base.mode == "held" else None
+    return ("waiting", reason_of(base)) if base is not None and base.mode == "held" else None
 
 
 def _lost(view: RobotView) -> Activity | None:
@@ -81,7 +81,7 @@ def _lost(view: RobotView) -> Activity | None:
 
 def _trip(view: RobotView) -> Activity | None:
     trip = view.current_trip
-    return None if trip is None else (trip.state, _reason_of(trip))
+    return None if trip is None else (trip.state, reason_of(trip))
 
 
 def _goal(view: RobotView) -> Activity | None:
@@ -93,11 +93,11 @@ def _goal(view: RobotView) -> Activity | None:
         case "planning" | "driving":
             return ("driving", f"Driving to {to}.")
         case "recovering":
-            return ("driving", f"On the way to {to}: {_reason_of(goal)}")
+            return ("driving", f"On the way to {to}: {reason_of(goal)}")
         case "paused":
-            return ("paused", f"Paused on the way to {to}: {_reason_of(goal)}")
+            return ("paused", f"Paused on the way to {to}: {reason_of(goal)}")
         case "failed":
-            return ("failed", _reason_of(goal))
+            return ("failed", reason_of(goal))
         case _:
             return None
 
@@ -122,5 +122,6 @@ _BY_URGENCY: Sequence[Callable[[RobotView], Activity | None]] = (
 """The first that has something to say is heard; the last one always has."""
 
 
-def _reason_of(status: BaseState | GoalStatus | TourStatus) -> str:
+def reason_of(status: BaseState | GoalStatus | TourStatus) -> str:
+    """Why it is so, as a sentence."""
     return status.message or codes.SENTENCES.get(status.reason, "") or "No reason was given."

@@ -1,12 +1,16 @@
-"""The bridge: tells an MQTT broker what the robot does, and takes a few commands from there."""
+"""The bridge: tells an MQTT broker what the robot does, and takes a few commands from there.
+
+What happens is an event, which goes to the broker and to web addresses; either may be missing.
+"""
 
 import importlib.metadata
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 
 from trolley import topics
-from trolley.config import RobotConfig
+from trolley.config import ConfigError, RobotConfig
 from trolley.runtime.service import Service, every
 from trolley_mqtt.commands import STOP
 from trolley_mqtt.connection import (
@@ -16,6 +20,7 @@ from trolley_mqtt.connection import (
     Connected,
     Connection,
     Lost,
+    NoConnection,
     Subscription,
     broker_of,
 )
@@ -29,6 +34,7 @@ from trolley_mqtt.remote_control import RemoteControl
 from trolley_mqtt.remote_stop import RemoteStop
 from trolley_mqtt.robot_inputs import RobotInputs
 from trolley_mqtt.state_report import StateReport
+from trolley_mqtt.webhook import Report, Webhook, endpoints_of, notification
 
 
 class MqttService(Service):
@@ -39,7 +45,7 @@ class MqttService(Service):
         connect: Makes the connection; tests put a broker of their own in its place.
 
     Raises:
-        ConfigError: There is no broker, or its password or certificates cannot be read.
+        ConfigError: There is neither broker nor webhook, or a file of theirs cannot be read.
     """
 
     name = "mqtt"
@@ -47,10 +53,18 @@ class MqttService(Service):
     def __init__(
         self, config: RobotConfig, connect: Callable[[Broker, str], Connection] = BrokerConnection
     ) -> None:
-        robot = config.robot
+        self._robot = robot = config.robot
+        if not config.mqtt.broker and not config.webhook.urls:
+            raise ConfigError(
+                "neither [mqtt] broker nor [webhook] urls is set: name one, or do not run `mqtt`"
+            )
         base_topic = config.mqtt.base_topic or f"{topics.ROOT}/{robot.name}"
-        broker = broker_of(config, will=(f"{base_topic}/bridge", OFFLINE))
-        self._connection = connect(broker, f"{base_topic}/do/{STOP}")
+        self._connection = NoConnection()
+        self._broker_problem = ""
+        if config.mqtt.broker:
+            broker = broker_of(config, will=(f"{base_topic}/bridge", OFFLINE))
+            self._connection = connect(broker, f"{base_topic}/do/{STOP}")
+            self._broker_problem = "The MQTT broker has not answered yet."
         self._outbox = Outbox(self._connection, base_topic)
         self.robot_inputs = RobotInputs(self)
         device = Device(
@@ -66,6 +80,13 @@ class MqttService(Service):
         )
         self._report = StateReport(self.robot_inputs, self._outbox)
         self._events = Events()
+        self._wanted = frozenset(config.webhook.events)
+        endpoints = endpoints_of(config)
+        self._webhooks = [
+            Webhook(endpoint, partial(self._hear, index))
+            for index, endpoint in enumerate(endpoints)
+        ]
+        self._webhook_problems = [""] * len(endpoints)
         self._map_image = MapImage(self, self.robot_inputs, self._outbox, config.mqtt.map_every_s)
         self._freshness = Freshness()
         stop = RemoteStop(self, self._report)
@@ -89,7 +110,9 @@ class MqttService(Service):
             Subscription(self._outbox.topic("echo")),
             *self._home_assistant.subscriptions,
         ]
-        self.set_health("degraded", "The MQTT broker has not answered yet.")
+        self._say_health()
+        for webhook in self._webhooks:
+            webhook.start()
         self._connection.start(
             subscriptions, lambda: self.call_soon(self._take_events, urgent=True)
         )
@@ -97,6 +120,24 @@ class MqttService(Service):
     def stop(self) -> None:
         """Tell the broker that the bridge is gone."""
         self._connection.close()
+        for webhook in self._webhooks:
+            webhook.close()
+
+    def _say_health(self) -> None:
+        problems = [*filter(None, [self._broker_problem, *self._webhook_problems])]
+        self.set_health("degraded" if problems else "ok", " ".join(problems))
+
+    def _hear(self, index: int, report: Report) -> None:
+        """What became of a notification; on the webhook's thread."""
+        self.call_soon(lambda: self._update_webhook(index, report))
+
+    def _update_webhook(self, index: int, report: Report) -> None:
+        self.count("webhook/sent", report.num_sent)
+        self.count("webhook/lost", report.num_dropped)
+        if report.problem and report.problem != self._webhook_problems[index]:
+            self.log.limited(f"webhook {index}", report.problem)
+        self._webhook_problems[index] = report.problem
+        self._say_health()
 
     def _take_events(self) -> None:
         for event in self._connection.take_events():
@@ -105,7 +146,8 @@ class MqttService(Service):
                     self._greet()
                 case Lost(why):
                     self._outbox.is_open = False
-                    self.set_health("degraded", why)
+                    self._broker_problem = why
+                    self._say_health()
                     self.log.limited("lost", "No connection to the MQTT broker", why=why)
                 case Arrived():
                     self._update(event)
@@ -116,7 +158,8 @@ class MqttService(Service):
 
     def _greet(self) -> None:
         """Say everything on a new connection."""
-        self.set_health("ok")
+        self._broker_problem = ""
+        self._say_health()
         self._freshness.renew()
         self._outbox.open()
         self._home_assistant.repeat()
@@ -139,15 +182,23 @@ class MqttService(Service):
     def _beat(self) -> None:
         self._remote.begin_second()
         self._take_events()
-        happened = self._events.update(self.robot_inputs.view)
         if self._outbox.is_open:
             self._speak()
-            for one in happened:
-                self._tell(one)
             self._map_image.update()
+        for one in self._events.update(self.robot_inputs.view):
+            self._tell(one)
 
     def _tell(self, event: Happened) -> None:
-        self._outbox.send(self._outbox.topic("event"), msgspec.json.encode(event))
+        """Say to everybody what has happened."""
+        if self._outbox.is_open:
+            self._outbox.send(self._outbox.topic("event"), msgspec.json.encode(event))
+        if self._wanted and event.event_type not in self._wanted:
+            return
+        if self._webhooks:
+            title = self._robot.title or self._robot.name
+            body = notification(event, self.new_id(), self.utc_now(), self._robot.name, title)
+            for webhook in self._webhooks:
+                webhook.send(body)
 
     def _locate(self) -> None:
         """Say where the robot is."""

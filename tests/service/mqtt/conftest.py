@@ -11,7 +11,7 @@ from msgspec import structs
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.config import FootprintConfig, MqttConfig, RobotConfig, RobotSection
+from trolley.config import FootprintConfig, MqttConfig, RobotConfig, RobotSection, WebhookConfig
 from trolley.geometry import Pose2D
 from trolley.messages import (
     BaseState,
@@ -246,7 +246,14 @@ def make_bridge(tmp_path: Path) -> Iterator[Callable[..., Bridge]]:
     """Makes a bridge; `kept` is what the broker has from before."""
     opened: list[Lockstep] = []
 
-    def make(kept: dict[str, bytes] | None = None, *, is_up: bool = True, **mqtt: Any) -> Bridge:
+    def make(
+        kept: dict[str, bytes] | None = None,
+        *,
+        is_up: bool = True,
+        webhook: WebhookConfig | None = None,
+        broker: str = "broker.home",
+        **mqtt: Any,
+    ) -> Bridge:
         lockstep = Lockstep(robot="robby", state=tmp_path)
         opened.append(lockstep)
         made: list[MemoryBroker] = []
@@ -257,12 +264,15 @@ def make_bridge(tmp_path: Path) -> Iterator[Callable[..., Bridge]]:
 
         config = RobotConfig(
             robot=RobotSection(name="robby", footprint=FootprintConfig(radius_m=0.2)),
-            mqtt=MqttConfig(broker="broker.home", **mqtt),
+            mqtt=MqttConfig(broker=broker, **mqtt),
+            webhook=webhook or WebhookConfig(),
         )
         robot = lockstep.add(ScriptedRobot())
         robot.save(["kitchen", "hall"], ["evening"])
         service = lockstep.add(MqttService(config, connect))
         lockstep.run(2.5)
+        if not made:  # where no broker is named, nobody has connected
+            connect(Broker(host="", port=1, client_id="", will=("", b"")), "")
         return Bridge(lockstep, robot, made[0], service)
 
     yield make

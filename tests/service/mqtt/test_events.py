@@ -77,6 +77,29 @@ def test_home_assistant_learns_which_events_there_are(bridge: "Bridge") -> None:
     assert {"arrived", "failed", "waiting", "battery_low"} <= set(entity["event_types"])
 
 
+def recovering(bridge: "Bridge", goal: str, reason: str, *, again: bool = False) -> None:
+    for state in ("driving", "recovering"):
+        bridge.robot.goal = GoalStatus(stamp_ns=0, id=goal, state=state, reason=reason)  # pyright: ignore[reportArgumentType]
+        bridge.run(8.0 if state == "recovering" else 2.0)
+
+
+def test_a_robot_that_gets_no_further_is_told_of_once_for_each_goal(bridge: "Bridge") -> None:
+    recovering(bridge, "a", codes.BLOCKED)
+    recovering(bridge, "a", codes.BLOCKED)
+    recovering(bridge, "b", codes.SLIP)
+    assert kinds(bridge) == ["stuck", "stuck"]
+    assert [one["reason"] for one in events(bridge)] == [codes.BLOCKED, codes.SLIP]
+    assert events(bridge)[0]["message"] == "Something is in the way and does not move."
+
+
+def test_neither_a_moment_nor_waiting_for_another_robot_is_being_stuck(bridge: "Bridge") -> None:
+    recovering(bridge, "a", codes.WAITING)
+    for state in ("recovering", "driving") * 4:
+        bridge.robot.goal = GoalStatus(stamp_ns=0, id="b", state=state, reason=codes.BLOCKED)  # pyright: ignore[reportArgumentType]
+        bridge.run(3.0)
+    assert events(bridge) == []
+
+
 def pictures(bridge: "Bridge") -> list[bytes]:
     topic = f"{BASE}/map"
     return [payload for name, payload in bridge.broker.published if name == topic]
