@@ -111,6 +111,7 @@ TOUR_RESUME = Request(
 )
 TOUR_SKIP = Request("tour/skip", request_params.Nothing, m.TourStatus, "tour", (codes.NOT_DRIVING,))
 TOUR_HISTORY = Request("tour/history", request_params.AskHistory, list[m.PastTrip], "tour")
+TOUR_PHOTO = Request("tour/photo", request_params.WhichPhoto, m.Photo, "tour")
 TOUR_OFFER = Request("tour/offer", request_params.AskOffer, m.Offer, "tour")
 POSES_PUT = Request("poses/put", m.SavedPose, m.SavedPose, "tour", (codes.NOT_SAVED,))
 POSES_DELETE = Request(

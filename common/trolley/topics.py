@@ -147,6 +147,9 @@ SENSE = Topic(
     max_keys=16,
 )
 ODOM = Topic("odom", m.Odometry, "base", "20-50 Hz", Qos.SENSOR, of_epoch=True)
+CAMERA = Topic(
+    "camera", m.CameraImage, "a program of the robot", "at most 30 Hz", Qos.SENSOR, binary_get=True
+)
 IMU = Topic("imu", m.Imu, "base", "if any", Qos.SENSOR, of_epoch=True)
 TF = Topic(
     "tf/{child}",

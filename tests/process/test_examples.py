@@ -31,7 +31,7 @@ SAYS = {
     "everybody": "one: localized",
     "at_once": "arrived after 0 s",
 }
-ELSEWHERE = {"own_planner", "keep_away", "depth", "oak"}
+ELSEWHERE = {"own_planner", "keep_away", "depth", "oak", "photograph"}
 """Programs that go on until they are ended; what they do is tested in tests/service/planner, of
 depth and oak in tests/unit."""
 
@@ -108,6 +108,24 @@ def test_depth_images_on_the_wire_become_scans(robot: None, endpoint: str) -> No
     assert scan.parts == ("front",)
     ranges = floats_from_bytes(scan.message.ranges)
     assert ranges[len(ranges) // 2] == pytest.approx(1.2, abs=0.01)
+
+
+def test_a_picture_is_published_once_it_is_whole(
+    robot: None, endpoint: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "camera.jpg"
+    file.write_bytes(b"\xff\xd8\xff\xe0 half")
+    program = [sys.executable, str(EXAMPLES / "photograph.py"), str(file)]
+    with (
+        Robot(connect=endpoint) as watcher,
+        watcher.subscribe(topics.CAMERA) as heard,
+        subprocess.Popen(program) as running,
+    ):
+        file.write_bytes(b"\xff\xd8\xff\xe0 whole\xff\xd9")
+        first = heard.next(PATIENCE_S)
+        running.terminate()
+    assert first is not None
+    assert first.message.jpeg == b"\xff\xd8\xff\xe0 whole\xff\xd9"
 
 
 def test_the_notebook_runs(robot: None) -> None:

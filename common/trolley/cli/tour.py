@@ -1,5 +1,8 @@
 """`trolley tour`: trips through several places. `import` comes with the tour service."""
 
+from itertools import repeat
+from pathlib import Path
+
 import click
 
 from trolley import codes, requests, topics
@@ -10,6 +13,8 @@ from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, print_table, seconds_text
 from trolley.client import Robot
 from trolley.codes import Refused
+from trolley.config import ConfigError
+from trolley.files import write_atomically
 from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus, request_params
 from trolley.requests import Request
 
@@ -188,8 +193,8 @@ def trip_history(since: str | None, limit: int, stops: bool, as_json: bool) -> N
     elif stops:
         for trip in trips:
             say("  ".join(_row(trip)))
-            for result in trip.results:
-                say(f"    {result_text(result)}")
+            for result, photo in zip(trip.results, trip.photos or repeat(""), strict=False):
+                say(f"    {result_text(result)}" + (f", photo {photo}" if photo else ""))
     else:
         print_table(
             ("STARTED", "TOUR", "STATE", "TOOK", "STOPS REACHED", "REASON"), list(map(_row, trips))
@@ -200,3 +205,32 @@ def _row(trip: PastTrip) -> tuple[str, ...]:
     reached = f"{trip.reached} of {trip.planned}" if trip.planned else str(trip.reached)
     took = seconds_text(trip.seconds)
     return trip.started_at or "?", trip.name or "-", trip.state, took, reached, trip.message
+
+
+@tour_command.command(name="photo")
+@click.argument("name")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="The file to write; else NAME.jpg.",
+)
+@where_options
+@json_option
+@reports_errors
+def save_photo(name: str, output: Path | None, as_json: bool) -> None:
+    """Save the photo NAME of a past trip's stop.
+
+    `trolley tour history --stops` names them.
+    """
+    with one_robot() as robot:
+        photo = robot.ask(requests.TOUR_PHOTO, request_params.WhichPhoto(name=name))
+    path = output or Path(f"{photo.name}.jpg")
+    try:
+        write_atomically(path, photo.jpeg)
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
+    if as_json:
+        print_json({"file": str(path), "bytes": len(photo.jpeg)})
+    else:
+        say(f"{path}: {len(photo.jpeg)} bytes")

@@ -93,6 +93,12 @@ class AskHistory(Struct, frozen=True, kw_only=True):
     limit: Annotated[int, Meta(ge=1, le=1000)] = 100
 
 
+class WhichPhoto(Struct, frozen=True, kw_only=True):
+    """A photo of a past trip, by its name in the trip's `photos`."""
+
+    name: Annotated[str, Meta(pattern=r"\A[a-z0-9]{1,12}-[0-9]{1,9}\Z")]
+
+
 class AskOffer(Struct, frozen=True, kw_only=True):
     """Ask how soon the robot could be at `pose` or at the saved pose `name`."""
 

@@ -1,4 +1,4 @@
-"""Messages about what the lidar sees and what it means: scan, beam classes, suspected mirrors."""
+"""Messages about what sensors see and what it means: images, scan, beam classes, mirrors."""
 
 from msgspec import Struct
 
@@ -7,6 +7,16 @@ from trolley.messages.types import NonNegative, Point, Positive, Share, StampNs,
 
 EXPLAINED, NOT_ON_MAP, BEHIND_MIRROR, SUSPECTED, UNUSED = range(5)
 """Beam classes of `BeamClasses`."""
+
+
+class CameraImage(Struct, frozen=True, kw_only=True):
+    """What a camera sees, as the bytes of a JPEG file. From any program that has a camera.
+
+    `stamp_ns` is the robot time at which it was taken.
+    """
+
+    stamp_ns: StampNs
+    jpeg: bytes
 
 
 class Scan(Struct, frozen=True, kw_only=True):

@@ -126,6 +126,13 @@ class StopResult(Struct, frozen=True, kw_only=True):
     goal: Pose2D | None = None
 
 
+class Photo(Struct, frozen=True, kw_only=True):
+    """The answer to `tour/photo`: the bytes of a JPEG file."""
+
+    name: str
+    jpeg: bytes
+
+
 class TourStatus(Struct, frozen=True, kw_only=True):
     """The trip under way or the last one.
 
@@ -152,7 +159,8 @@ class PastTrip(Struct, frozen=True, kw_only=True):
 
     `map` is the map that it was driven on, `planned` the number of stops to visit in all rounds (0:
     no end was set), `reached` and `missed` how many were reached or not. `results` of a long trip
-    holds only the newest.
+    holds only the newest; `photos` has for each of them the name of the photo taken there, "" where
+    there is none, or is empty.
     """
 
     trip: str
@@ -168,6 +176,7 @@ class PastTrip(Struct, frozen=True, kw_only=True):
     planned: Count = 0
     reached: Count = 0
     missed: Count = 0
+    photos: list[str] = []
 
 
 class Offer(Struct, frozen=True, kw_only=True):

@@ -14,6 +14,7 @@ from trolley_tour.stored.capture import PoseCapture
 from trolley_tour.stored.places import Places
 from trolley_tour.stored.tours import Tours
 from trolley_tour.trips.history import TripHistory
+from trolley_tour.trips.photos import StopPhotos
 from trolley_tour.trips.report import TripReport
 from trolley_tour.trips.runner import TripRunner
 from trolley_tour.trips.schedule import Scheduler
@@ -41,7 +42,8 @@ class TourService(Service):
         tours = self.tours = Tours(self, files)
         capture = self._capture = PoseCapture(self, places, robot)
         history = TripHistory(self, problems, float(tour.history_days))
-        report = TripReport(self, history, charge)
+        photos = StopPhotos(self, tour.photos_mb * 1_000_000)
+        report = TripReport(self, history, photos, charge)
         params = params_of(tour)
         trips = self._trips = TripRunner(self, files, robot, places, tours, report, params)
         self.parts = (
@@ -53,6 +55,7 @@ class TourService(Service):
             report,
             Scheduler(self, tours, trips, charge),
             history,
+            photos,
             places,
             tours,
             LiveConfig(self, config, self._use),

@@ -2,6 +2,9 @@
 
 import datetime
 from collections import deque
+from collections.abc import Set
+
+from msgspec import structs
 
 from trolley import codes, requests
 from trolley.codes import Refused
@@ -10,11 +13,13 @@ from trolley.messages.request_params import AskHistory
 from trolley.runtime.service import Later, Service, answers, every
 from trolley_tour.health import Problems
 from trolley_tour.stored.checks import parse_utc
-from trolley_tour.trips import history_file
+from trolley_tour.trips import history_file, photo_files
 from trolley_tour.trips.history_file import FILE, Outcome
 
 MAX_REPLY_BYTES = 900_000
 """A message is at most 1 MiB; older trips that do not fit are left out."""
+PHOTO_NAME_BYTES = 40
+"""What the name of a photo adds to a reply, at most."""
 FILE_AGAIN_S = 5.0
 """The disk may have room by then."""
 MAX_UNFILED = 100
@@ -54,9 +59,14 @@ class TripHistory:
                 later.refuse(Refused(codes.INTERNAL, message))
 
         folder = self._service.state.path
-        self._service.work(
-            lambda: history_file.read_trips(folder, since, params.limit, MAX_REPLY_BYTES), answer
-        )
+
+        def read() -> Outcome:
+            photos = photo_files.names(folder)
+            room = MAX_REPLY_BYTES - len(photos) * PHOTO_NAME_BYTES
+            outcome = history_file.read_trips(folder, since, params.limit, room)
+            return outcome._replace(trips=tuple(_with_photos(one, photos) for one in outcome.trips))
+
+        self._service.work(read, answer)
         return later
 
     @every(FILE_AGAIN_S, clock="local")
@@ -89,3 +99,11 @@ class TripHistory:
             self._problems.set(f"{FILE} before", f"{FILE} could not be read and was set aside.")
         if outcome.num_unreadable:
             self._service.count("history/unreadable", outcome.num_unreadable)
+
+
+def _with_photos(trip: PastTrip, photos: Set[str]) -> PastTrip:
+    """A trip with the photos that are still there."""
+    first = trip.reached + trip.missed - len(trip.results)
+    named = [photo_files.name_of(trip.trip, first + index) for index in range(len(trip.results))]
+    found = [name if name in photos else "" for name in named]
+    return structs.replace(trip, photos=found if any(found) else [])

@@ -6,15 +6,19 @@ from trolley.runtime.service import Service, every
 from trolley_tour import sentences
 from trolley_tour.charge_monitor import ChargeMonitor
 from trolley_tour.trips.history import TripHistory
+from trolley_tour.trips.photos import StopPhotos
 from trolley_tour.trips.record import TripRecord
 
 
 class TripReport:
     """Publishes `tour`, once a second and on change."""
 
-    def __init__(self, service: Service, history: TripHistory, charge: ChargeMonitor) -> None:
+    def __init__(
+        self, service: Service, history: TripHistory, photos: StopPhotos, charge: ChargeMonitor
+    ) -> None:
         self._service = service
         self._history = history
+        self._photos = photos
         self._charge = charge
         self._record: TripRecord | None = None
         self._published: TourStatus | None = None
@@ -57,6 +61,8 @@ class TripReport:
             self._service.log.info(
                 result.message, tour=record.tour.name, seconds=round(result.seconds, 1)
             )
+        if num_new and record.results[-1].state == "reached":
+            self._photos.take(record.trip, record.num_results - 1)
         if record.is_over and not self._is_filed:
             self._is_filed = True
             self._service.log.info(
