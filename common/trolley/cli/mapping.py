@@ -1,12 +1,14 @@
 """`trolley map new` and its kin: a map from one drive."""
 
 import time
+from pathlib import Path
 from typing import Any
 
 import click
 
 from trolley import codes, requests, topics
 from trolley.cli.map_edit import edit_map
+from trolley.cli.map_of_drive import map_of_drive
 from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
@@ -61,11 +63,26 @@ explore_option = click.option("--explore", is_flag=True, help="The robot explore
 @click.command(name="new")
 @click.argument("name")
 @explore_option
+@click.option(
+    "--from",
+    "drive",
+    type=click.Path(exists=True, path_type=Path),
+    metavar="DRIVE",
+    help="Make it of a recording or a ROS bag, without a robot.",
+)
 @where_options
 @json_option
 @reports_errors
-def new_map(name: str, explore: bool, as_json: bool) -> None:
-    """Start the map NAME; its origin is where the robot stands."""
+def new_map(name: str, explore: bool, drive: Path | None, as_json: bool) -> None:
+    """Start the map NAME; its origin is where the robot stands.
+
+    With --from it is made at once, as NAME.yaml and NAME.pgm in the current folder.
+    """
+    if drive is not None:
+        if explore:
+            raise click.UsageError("--explore needs a robot, --from a recording: give one of them")
+        map_of_drive(name, drive, as_json=as_json)
+        return
     with one_robot() as robot:
         status = _begin(robot, requests.MAP_NEW, name, explore=explore)
     _show(status, as_json=as_json, text=f"Mapping {name}. {EXPLORES if explore else DRIVE}")

@@ -42,6 +42,10 @@ class BadRecording(Exception):
     """A file cannot be used as a recording; the text says why and what to do."""
 
 
+class ForeignRecording(BadRecording):
+    """Another program wrote the MCAP file, such as `ros2 bag`."""
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class Entry:
     """A message as it was on the wire."""
@@ -161,7 +165,7 @@ class RecordingFile:
         if not others:
             raise BadRecording(f"{self.path}: ends before its first message; nothing can be played")
         named = ", ".join(sorted(others)[:NAMED]) + (" …" if len(others) > NAMED else "")
-        raise BadRecording(
+        raise ForeignRecording(
             f"{self.path}: another program wrote this MCAP file. It holds {named}, but none of "
             f"Trolley's own messages; only what `trolley record` wrote can be played"
         )

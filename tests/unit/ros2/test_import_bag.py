@@ -1,5 +1,6 @@
 """Bags that rosbags' own writers wrote, as recordings."""
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from trolley.cli import cli
+from trolley.gridmap import OCCUPIED_FROM, load_map
 from trolley.messages import floats_from_bytes
 from trolley.recording.drive import Drive, read_drive
 
@@ -77,19 +79,19 @@ class _Bag:
         one = self.make("geometry_msgs/msg/TransformStamped", header, child, link)
         return self.make("tf2_msgs/msg/TFMessage", [one])
 
-    def scan(self, at_s: float, *, step: float = 0.1) -> Any:
+    def scan(self, at_s: float, *, step: float = 0.1, ranges: Any = RANGES) -> Any:
         return self.make(
             "sensor_msgs/msg/LaserScan",
             self.header(at_s, "laser_link"),
             0.2,
-            0.2 + 5 * step,
+            0.2 + (len(ranges) - 1) * step,
             step,
-            0.01,
+            0.01 if ranges is RANGES else 0.0,
             0.1,
             0.1,
             8.0,
-            np.array(RANGES, np.float32),
-            np.arange(6, dtype=np.float32),
+            np.array(ranges, np.float32),
+            np.arange(len(ranges), dtype=np.float32),
         )
 
     def odometry(self, at_s: float) -> Any:
@@ -129,6 +131,35 @@ def _drive(
                 bag.put("/odom", at_s, bag.odometry(at_s))
             bag.put("/scan", at_s + 0.05, bag.scan(at_s + 0.02, step=step))
             bag.put("/chatter", at_s + 0.06, name)
+    return bag.path
+
+
+ROOM = (-1.5, 5.0, -1.2, 1.6)
+"""The walls of a room: the least and greatest x and y [m], from where the drive begins."""
+
+
+def _room(folder: Path, kind: str) -> Path:
+    """A drive of 3 m through the room."""
+    bag = _Bag(folder, kind)
+    step = math.radians(2.0)
+    with bag.writer:
+        x, y, yaw = LASER
+        bag.put(
+            "/tf_static",
+            0.0,
+            bag.transform(0.0, "base_link", "laser_link", x, y, bag.quaternion(yaw)),
+        )
+        angles = yaw + 0.2 + step * np.arange(180)
+        along, across = np.cos(angles), np.sin(angles)
+        for number in range(60):
+            at_s = 0.1 * number
+            left, right, low, high = ROOM
+            wall_x = np.where(along > 0.0, right, left) - (0.5 * at_s + x)
+            wall_y = np.where(across > 0.0, high, low) - y
+            ranges = np.minimum(wall_x / along, wall_y / across)
+            bag.put("/odom", at_s, bag.odometry(at_s))
+            bag.put("/scan", at_s, bag.scan(at_s, step=step, ranges=ranges))
+        bag.put("/odom", 6.0, bag.odometry(6.0))
     return bag.path
 
 
@@ -238,3 +269,46 @@ def test_a_definition_without_what_is_needed_is_named(tmp_path: Path) -> None:
     assert "it is no sensor_msgs/msg/LaserScan as the bag defines it" in " ".join(
         done.output.split()
     )
+
+
+@pytest.mark.parametrize("source", ["bag", "mcap", "recording"])
+def test_a_map_is_made_without_a_robot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str
+) -> None:
+    drive = _room(tmp_path, "mcap" if source == "recording" else source)
+    if source == "recording":
+        _imported(drive)
+        drive = tmp_path / "out.mcap"
+    elif source == "mcap":
+        (drive,) = drive.glob("*.mcap")
+    monkeypatch.chdir(tmp_path)
+    words = ["map", "new", "room", "--from", str(drive)]
+    done = CliRunner().invoke(cli, [*words, "--json"])
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert (told["file"], told["scans"], told["lost"]) == ("room.yaml", 60, 0)
+    grid = load_map("room.yaml")
+    rows, cols = np.nonzero(grid.cells >= OCCUPIED_FROM)
+    walls = (rows.min(), rows.max(), cols.min(), cols.max())
+    found = np.array(walls) * grid.resolution + np.repeat([grid.origin.y, grid.origin.x], 2)
+    np.testing.assert_allclose(found, (*ROOM[2:], *ROOM[:2]), atol=0.11)
+    again = CliRunner().invoke(cli, words)
+    assert "room.yaml already exists; choose another name" in again.stderr
+
+
+def test_of_what_is_no_drive_no_map_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cut.mcap").write_bytes(b"\x89MCAP0\r\n")
+    (tmp_path / "photo.jpg").write_bytes(b"\xff\xd8\xff\xe0")
+    for words, why in (
+        (["room", "--from", "cut.mcap"], "ends before its first message"),
+        (["room", "--from", "photo.jpg"], "photo.jpg"),
+        (["a/b", "--from", "cut.mcap"], "is no name of a map"),
+        (["room", "--from", "cut.mcap", "--explore"], "give one of them"),
+    ):
+        done = CliRunner().invoke(cli, ["map", "new", *words])
+        assert done.exit_code not in (0, 1), done.output
+        assert why in done.stderr
+        assert not list(tmp_path.glob("*.yaml"))
