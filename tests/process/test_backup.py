@@ -1,5 +1,6 @@
 """`trolley backup` and `trolley restore` as people use them."""
 
+import json
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -43,12 +44,19 @@ def test_a_backup_is_made_while_the_robot_runs_and_put_back_only_when_it_does_no
 def test_all_is_put_back(trolley: Trolley, config: Path, tmp_path: Path) -> None:
     text, state = config.read_text(), tmp_path / "cli-state"
     (tmp_path / "kept").mkdir()
-    assert trolley("--config", str(config), "backup", "kept").returncode == 0
+    made = json.loads(trolley("--config", str(config), "backup", "kept", "--json").stdout)
     (saved,) = (tmp_path / "kept").iterdir()
+    assert made == {
+        "file": f"kept/{saved.name}",
+        "bytes": saved.stat().st_size,
+        "files": 2,
+        "left_out": [],
+    }
     config.write_text(text.replace("0.2", "0.3"))
     (state / "one" / "poses.toml").unlink()
-    only = trolley("restore", str(saved), "--state-only", "--config", str(config))
+    only = trolley("restore", str(saved), "--state-only", "--config", str(config), "--json")
     assert (only.returncode, only.stderr) == (0, "")
+    assert [Path(one).exists() for one in json.loads(only.stdout)["kept"]] == [True]
     assert "0.3" in config.read_text()
     assert "kitchen" in (state / "one" / "poses.toml").read_text()
     both = trolley("restore", str(saved), "--config", str(config))

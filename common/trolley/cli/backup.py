@@ -9,9 +9,10 @@ from pathlib import Path
 import click
 
 from trolley.backup import FORMAT, BackupError, Manifest, Unpacked, save
-from trolley.cli.options import given, where_options
+from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
+from trolley.cli.show import print_json
 from trolley.config import ConfigError, find_config
 from trolley.config.load import DEFAULT_PATH
 from trolley.connection import Connection, RobotUnreachable, find_target
@@ -29,8 +30,9 @@ state_option = click.option(
 @click.argument("file", required=False, type=click.Path(path_type=Path))
 @state_option
 @where_options
+@json_option
 @reports_errors
-def backup_command(file: Path | None, state: Path | None) -> None:
+def backup_command(file: Path | None, state: Path | None, as_json: bool) -> None:
     """Save what the robot knows, and robot.toml, in FILE (a .tar.gz).
 
     That is saved places, tours, trips, zones, maps, the last pose and the viewer's links. The robot
@@ -51,10 +53,20 @@ def backup_command(file: Path | None, state: Path | None) -> None:
         saved = save(target, root, config, manifest)
     except BackupError as error:
         raise click.ClickException(str(error)) from error
+    size = target.stat().st_size
+    if as_json:
+        print_json(
+            {
+                "file": str(target),
+                "bytes": size,
+                "files": saved.num_files,
+                "left_out": list(saved.left_out),
+            }
+        )
+        return
     for sentence in saved.left_out:
         say(sentence, err=True, fg="yellow")
-    size_kb = target.stat().st_size / 1e3
-    say(f"Saved {saved.num_files} files in {target} ({size_kb:.0f} kB).")
+    say(f"Saved {saved.num_files} files in {target} ({size / 1e3:.0f} kB).")
 
 
 def _target(file: Path | None, now: datetime) -> Path:
@@ -82,8 +94,9 @@ def _check_readable(root: Path) -> None:
 @click.option("--state-only", is_flag=True, help="Leave robot.toml as it is.")
 @state_option
 @where_options
+@json_option
 @reports_errors
-def restore_command(file: Path, state_only: bool, state: Path | None) -> None:
+def restore_command(file: Path, state_only: bool, state: Path | None, as_json: bool) -> None:
     """Restore what `trolley backup` saved in FILE.
 
     FILE is checked completely first. The existing state is kept beside the new one under another
@@ -102,6 +115,10 @@ def restore_command(file: Path, state_only: bool, state: Path | None) -> None:
             unpacked.close()
     except BackupError as error:
         raise click.ClickException(str(error)) from error
+    if as_json:
+        kept_names = [str(path) for path in kept]
+        print_json({"file": str(file), "manifest": unpacked.manifest, "kept": kept_names})
+        return
     made = f"made {unpacked.manifest.made_at} by Trolley {unpacked.manifest.version}"
     say(f"Restored {file} ({made}).")
     for path in kept:

@@ -9,7 +9,9 @@ from typing import ParamSpec, TypeVar
 
 import click
 
+from trolley.cli.options import json_option
 from trolley.cli.printing import say, say_block
+from trolley.cli.show import print_json
 from trolley.ports import ROUTER_TLS_PORT
 from trolley.security.certificates import (
     ROLES,
@@ -162,9 +164,10 @@ def remove(keyring: Keyring, role: str, name: str) -> None:
 
 @keys_command.command(name="list")
 @click.argument("host_folder", required=False, type=click.Path(exists=True, path_type=Path))
+@json_option
 @click.pass_obj
 @_reports
-def list_keys(keyring: Keyring, host_folder: Path | None) -> None:
+def list_keys(keyring: Keyring, host_folder: Path | None, as_json: bool) -> None:
     """List all certificates with role, name and last day.
 
     With HOST_FOLDER (such as /etc/trolley/keys) list those on a host.
@@ -173,8 +176,16 @@ def list_keys(keyring: Keyring, host_folder: Path | None) -> None:
         found = read_certificates(host_folder)
     else:
         found = [keyring.authority(), *keyring.certificates()]
+    if as_json:
+        print_json([_plain(one) for one in found])
+        return
     for one in found:
         say(_line(one, _now()))
+
+
+def _plain(one: Certificate) -> dict[str, object]:
+    until = one.not_after.isoformat()
+    return {"role": one.role, "name": one.name, "until": until, "hosts": list(one.hosts)}
 
 
 def _line(one: Certificate, now: datetime) -> str:

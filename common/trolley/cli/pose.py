@@ -144,9 +144,13 @@ def _row(saved: SavedPose) -> tuple[str, ...]:
 @pose_command.command(name="delete")
 @click.argument("name")
 @where_options
+@json_option
 @reports_errors
-def delete_pose(name: str) -> None:
+def delete_pose(name: str, as_json: bool) -> None:
     """Delete the saved place NAME."""
     with one_robot() as robot:
-        robot.ask(requests.POSES_DELETE, request_params.Named(name=name))
-    say(f"deleted {name}")
+        deleted = robot.ask(requests.POSES_DELETE, request_params.Named(name=name))
+    if as_json:
+        print_json(deleted)
+    else:
+        say(f"deleted {name}")

@@ -1,5 +1,6 @@
 """`trolley ros2`, the bridge, in the foreground until it is ended, and `trolley import bag`."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -7,9 +8,10 @@ import click
 import msgspec
 from msgspec import structs
 
-from trolley.cli.options import given, where_options
+from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import connected, reports_errors
+from trolley.cli.show import print_json
 from trolley.config import ConfigError, Ros2Config, find_config, load_host_config
 from trolley.connection import find_target, pick_robot
 from trolley.geometry import Pose2D
@@ -90,6 +92,7 @@ def _settings(path: Path | None) -> Ros2Config:
     help="Half the robot's width [m]: no bag says it.",
 )
 @click.option("--name", default="bag", show_default=True, help="What the robot is called.")
+@json_option
 @reports_errors
 def import_bag(
     bag: Path,
@@ -99,6 +102,7 @@ def import_bag(
     laser: tuple[float, float, float] | None,
     radius_m: float,
     name: str,
+    as_json: bool,
 ) -> None:
     """Make a recording of a ROS 1 bag or a rosbag2 (mcap, db3; a file or its folder).
 
@@ -126,6 +130,9 @@ def import_bag(
         raise ConfigError(f"{path} cannot be written: {error.strerror or error}") from error
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="--laser") from error
+    if as_json:
+        print_json({"file": str(path), **asdict(found)})
+        return
     say(f"{path}: {found.seconds:.1f} s.")
     for topic, what in found.taken.items():
         say(f"taken      {topic}  {what}")

@@ -1,5 +1,6 @@
 """`trolley keys`: what it makes, and what it tells a person to do."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,10 @@ def test_a_house_from_nothing(folder: Path) -> None:
         ["router", "home"],
         ["viewer", "tablet"],
     ]
+    plain = json.loads(run(folder, "list", "--json").output)
+    assert [[one["role"], one["name"]] for one in plain] == [line.split()[:2] for line in lines]
+    assert plain[3]["hosts"] == ["home.local", "192.168.1.5"]
+    assert plain[2]["until"][:10] in lines[2]
 
 
 def test_nothing_is_overwritten_by_accident(folder: Path) -> None:

@@ -184,6 +184,15 @@ def test_a_bag_becomes_a_drive(tmp_path: Path, kind: str) -> None:
     assert "not taken  /chatter  Trolley records no such thing" in said
 
 
+def test_what_was_taken_is_told_to_programs_too(tmp_path: Path) -> None:
+    out = tmp_path / "out.mcap"
+    words = ["import", "bag", str(_drive(tmp_path, "mcap")), str(out), "--json"]
+    told = json.loads(CliRunner().invoke(cli, words).stdout)
+    assert told["file"] == str(out)
+    assert told["taken"]["/odom"] == f"odom: {SCANS} of {SCANS}"
+    assert told["left"].keys() == {"/chatter", "/tf_static"}
+
+
 def test_without_odometry_the_transforms_count(tmp_path: Path) -> None:
     drive, said = _imported(_drive(tmp_path, "mcap", by_tf=True))
     assert len(drive.odometry) == SCANS
