@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 PACKAGES = ("trolley", *(f"trolley_{name}" for name in MEMBERS))
 APART_IN_BASE = tuple(
     f"trolley_base.{room}"
-    for room in ("calibration", "commands", "detection", "emulators", "importers")
+    for room in ("calibration", "commands", "detection", "emulators", "importers", "setup")
 )
 """What prepares a robot or takes its place, and does not run on one that drives."""
 FEW = (-1.0, 0.0, 0.5, 1.0, 2.0)

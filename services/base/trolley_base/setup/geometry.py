@@ -1,0 +1,400 @@
+"""How the lidar sits and what the wheels' counts are worth, from motions between standing scans.
+
+The lidar's own motion from stand to stand is the truth. With X = base_T_laser, and B the motion of
+the base that the wheels report with these scales, X @ Z @ X^-1 = B for each motion Z of the lidar.
+All stretches together give x, y and yaw of the lidar, the size of each wheel, the track, and the
+play of the wheels, by least squares; each stretch counts by the slip that wheels usually have.
+
+Source:
+    Censi, Franchi, Marchionni, Oriolo, Simultaneous Calibration of Odometry and Sensor Parameters
+    for Mobile Robots (2013), for the model; play and covariances are our own.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D, angle_difference
+from trolley.jit import kernel
+from trolley_base.setup.record import Record, SetupRefused, WheelMotions
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class GeometryParams:
+    """How much stretches of a drive tell; set by hand unless stated otherwise."""
+
+    lidar_m: float = 0.003
+    """Standard deviation of where standing scans are aligned [m]."""
+    lidar_rad: float = 0.0015
+    """The same of their direction [rad]."""
+    slip_m: float = 0.02
+    """Standard deviation of the way after a metre, a random walk [m]: hard wheels on tiles."""
+    slip_rad: float = 0.03
+    """Standard deviation of the heading after a metre or a radian, a random walk [rad]."""
+    castor_rad: float = 0.035
+    """Standard deviation of how a castor that swings round turns the robot [rad]."""
+    play_m: float = 0.002
+    """Play of a wheel before anything is known [m]."""
+    play_std: float = 0.003
+    """Its standard deviation [m]."""
+    castor_m: float = 0.02
+    """A castor has swung round after this way [m]."""
+    scale_std: float = 0.15
+    """Standard deviation of how wrong settings are, before anything is known."""
+    step: float = 1e-5
+    """Step of the numeric derivative [m, rad]."""
+    iterations: int = 15
+    """Number of Gauss-Newton steps at most."""
+    odd_stretch: float = 8.0
+    """A stretch that misses by so many standard deviations was disturbed."""
+    least_turn_rad: float = 1.0
+    """A stretch that turns more is one that shows how the robot turns [rad]."""
+    least_way_m: float = 0.2
+    """A stretch that leads farther is one that shows where ahead is [m]."""
+
+
+PARAMS = GeometryParams()
+X, Y, YAW, LEFT, RIGHT, TRACK, PLAY = range(7)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A measured value and its standard deviation."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """How the robot is built.
+
+    Attributes:
+        x, y: the lidar's place in `base_link` [m].
+        yaw: the direction of its angle 0 there [rad].
+        is_mirrored: the lidar turns the other way than its driver believes.
+        left, right: true metres per metre that the wheel counts.
+        track: true distance between the wheels over the one that the board assumes.
+        linear: true metres per reported metre, the mean of both wheels.
+        angular: true radians per reported radian.
+        wheel_ratio: the right wheel's diameter over the left one's.
+        play: how far a wheel turns before it moves the robot, when its direction changes [m].
+        misfit: by how much stretches miss, over what was expected; 1 is usual.
+    """
+
+    x: Estimate
+    y: Estimate
+    yaw: Estimate
+    is_mirrored: bool
+    left: Estimate
+    right: Estimate
+    track: Estimate
+    linear: Estimate
+    angular: Estimate
+    wheel_ratio: Estimate
+    play: Estimate
+    misfit: float
+
+    @property
+    def base_T_laser(self) -> Pose2D:
+        """The lidar's pose."""
+        return Pose2D(self.x.value, self.y.value, self.yaw.value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """What happened between two stands.
+
+    Attributes:
+        part: of what the wheels counted.
+        seen: motion of the lidar, as it is, not as in a mirror.
+        way: distance that the wheels count [m].
+        turn: angle that they count [rad].
+        comes_back: whether the robot goes the other way than before.
+    """
+
+    part: slice
+    seen: Pose2D
+    way: float
+    turn: float
+    comes_back: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """A drive, cut at its stands.
+
+    Attributes:
+        left, right: (n,) distances that the wheels counted [m].
+        stretches: between each two stands.
+        half_track_m: half of the track that the board calculates with [m].
+        is_mirrored: the lidar turns the other way than its driver believes.
+    """
+
+    left: Floats
+    right: Floats
+    stretches: list[Stretch]
+    half_track_m: float
+    is_mirrored: bool
+
+
+def mirrored(pose: Pose2D) -> Pose2D:
+    """Return a pose as it is seen in a mirror along x."""
+    return Pose2D(pose.x, -pose.y, -pose.yaw)
+
+
+def cut(record: Record, half_track_m: float) -> Drive:
+    """Cut a drive at its stands.
+
+    Args:
+        record: the drive.
+        half_track_m: half of the track that the board calculates with [m].
+
+    Raises:
+        SetupRefused: the drive has no turn.
+    """
+    wheels = record.wheel_motions()
+    is_mirrored = find_mirror(record)
+    found: list[Stretch] = []
+    went = 0.0
+    for before, after in zip(record.stands, record.stands[1:], strict=False):
+        part = wheels.between(before.middle_ns, after.middle_ns)
+        seen = before.start_T_laser.inverse() @ after.start_T_laser
+        way = float(np.sum(wheels.way[part]))
+        turn = float(np.sum(wheels.turn[part]))
+        seen = mirrored(seen) if is_mirrored else seen
+        found.append(Stretch(part, seen, way, turn, way * went < 0.0))
+        if abs(way) > PARAMS.castor_m:
+            went = way
+    return Drive(
+        wheels.way - half_track_m * wheels.turn,
+        wheels.way + half_track_m * wheels.turn,
+        found,
+        half_track_m,
+        is_mirrored,
+    )
+
+
+def find_mirror(record: Record) -> bool:
+    """Say whether the lidar sees the robot turn the other way than the wheels.
+
+    Raises:
+        SetupRefused: the drive has no turn.
+    """
+    wheels = record.wheel_motions()
+    agreement = 0.0
+    for before, after in zip(record.stands, record.stands[1:], strict=False):
+        turn = _sum_turn(wheels, before.middle_ns, after.middle_ns)
+        seen = angle_difference(after.start_T_laser.yaw, before.start_T_laser.yaw)
+        if 0.2 < abs(turn) < 0.9 * math.pi:
+            agreement += math.copysign(seen, turn * seen)
+    if agreement == 0.0:
+        raise SetupRefused("The robot has not turned, so nothing shows how the lidar sits.")
+    return agreement < 0.0
+
+
+def fit(drive: Drive) -> Geometry:
+    """Find what fits all stretches best.
+
+    Raises:
+        SetupRefused: a stretch was disturbed, or there is no turn or no straight one.
+    """
+    # How the wheels' play lay at the beginning is not known.
+    parts = drive.stretches[1:]
+    theta = _first_guess(parts)
+    prior = np.array([1.0, 1.0, math.pi, *[PARAMS.scale_std] * 3, PARAMS.play_std])
+    information = np.diag(prior**-2)
+    centre = theta.copy()
+    for _ in range(PARAMS.iterations):
+        errors, slopes = _errors(drive, parts, theta)
+        normal = information + slopes.T @ slopes
+        gradient = slopes.T @ errors + information @ (theta - centre)
+        change = np.linalg.solve(normal, gradient)
+        theta = theta - change
+        theta[YAW] = math.remainder(theta[YAW], 2.0 * math.pi)
+        theta[PLAY] = max(0.0, theta[PLAY])
+        if np.max(np.abs(change)) < 1e-6:
+            break
+    errors, slopes = _errors(drive, parts, theta)
+    misses = np.linalg.norm(errors.reshape(-1, 3), axis=1)
+    # The median, since disturbed stretches must not excuse themselves; 1.54 is its usual value.
+    misfit = float(np.median(misses)) / 1.54
+    worst = int(np.argmax(misses))
+    if misses[worst] > PARAMS.odd_stretch * max(1.0, misfit):
+        raise SetupRefused(_disturbed(drive, parts[worst], theta))
+    spread = np.linalg.inv(information + slopes.T @ slopes) * max(misfit, 0.5) ** 2
+    return _geometry(theta, np.asarray(spread, np.float64), misfit, drive.is_mirrored)
+
+
+def _geometry(theta: Floats, covariance: Floats, misfit: float, is_mirrored: bool) -> Geometry:
+    def value(of: float, slope: Sequence[float]) -> Estimate:
+        gradient = np.zeros(7)
+        gradient[LEFT : TRACK + 1] = slope
+        return Estimate(of, math.sqrt(max(0.0, float(gradient @ covariance @ gradient))))
+
+    def single(index: int) -> Estimate:
+        return Estimate(float(theta[index]), math.sqrt(float(covariance[index, index])))
+
+    left, right, track = (float(theta[index]) for index in (LEFT, RIGHT, TRACK))
+    linear = 0.5 * (left + right)
+    return Geometry(
+        x=single(X),
+        y=single(Y),
+        yaw=single(YAW),
+        is_mirrored=is_mirrored,
+        left=single(LEFT),
+        right=single(RIGHT),
+        track=single(TRACK),
+        linear=value(linear, (0.5, 0.5, 0.0)),
+        angular=value(linear / track, (0.5 / track, 0.5 / track, -linear / track**2)),
+        wheel_ratio=value(right / left, (-right / left**2, 1.0 / left, 0.0)),
+        play=single(PLAY),
+        misfit=misfit,
+    )
+
+
+def _first_guess(parts: Sequence[Stretch]) -> Floats:
+    turns = [part for part in parts if abs(part.turn) > PARAMS.least_turn_rad]
+    ways = [part for part in parts if abs(part.way) > PARAMS.least_way_m]
+    if not turns or not ways:
+        raise SetupRefused("The drive needs at least one turn and one straight stretch.")
+    # What the lidar sees of a turn is the true angle but for whole turns.
+    true = sum(abs(part.seen.yaw) for part in turns)
+    track = sum(abs(part.turn) for part in turns) / max(true, 1e-3)
+    linear = float(
+        np.median([math.hypot(part.seen.x, part.seen.y) / abs(part.way) for part in ways])
+    )
+    direction = np.sum(
+        [np.array([part.seen.x, part.seen.y]) * math.copysign(1.0, part.way) for part in ways],
+        axis=0,
+    )
+    yaw = -math.atan2(direction[1], direction[0])
+    place = _centre_of(turns, yaw)
+    return np.array([place[0], place[1], yaw, linear, linear, linear * track, PARAMS.play_m])
+
+
+def _centre_of(turns: Sequence[Stretch], yaw: float) -> Floats:
+    """Return where the lidar sits by turns on the spot: (1 - R(turn)) p = -R(yaw) z."""
+    rows: list[Floats] = []
+    sums: list[Floats] = []
+    for part in turns:
+        rows.append(np.eye(2) - _rotation(part.seen.yaw))
+        sums.append(-_rotation(yaw) @ np.array([part.seen.x, part.seen.y]))
+    found, *_ = np.linalg.lstsq(np.vstack(rows), np.concatenate(sums), rcond=None)
+    return np.asarray(found, np.float64)
+
+
+@kernel
+def turn_treads(out_moved: Floats, counted: Floats, play: float) -> None:
+    """Write how far the tread of a wheel goes when its motor turns.
+
+    Args:
+        out_moved: (n,) [m], overwritten.
+        counted: (n,) how far the encoder says that the wheel went [m].
+        play: how far it turns, when its direction changes, before it moves the robot [m].
+    """
+    at = 0.0
+    for i in range(counted.size):
+        wanted = at + counted[i]
+        at = min(play, max(0.0, wanted))
+        out_moved[i] = wanted - at
+
+
+def _treads(drive: Drive, play: float) -> tuple[Floats, Floats]:
+    moved = np.empty_like(drive.left), np.empty_like(drive.right)
+    turn_treads(moved[0], drive.left, max(0.0, play))
+    turn_treads(moved[1], drive.right, max(0.0, play))
+    return moved
+
+
+def _driven(
+    part: Stretch, treads: tuple[Floats, Floats], theta: Floats, half_track_m: float
+) -> tuple[float, float, float]:
+    """Return the motion x, y, yaw of the base by the wheels."""
+    left, right = theta[LEFT] * treads[0][part.part], theta[RIGHT] * treads[1][part.part]
+    turn = (right - left) / (2.0 * half_track_m * theta[TRACK])
+    way = 0.5 * (left + right)
+    heading = np.cumsum(turn) - 0.5 * turn
+    return (
+        float(np.sum(way * np.cos(heading))),
+        float(np.sum(way * np.sin(heading))),
+        float(np.sum(turn)),
+    )
+
+
+def _seen(part: Stretch, theta: Floats) -> tuple[float, float, float]:
+    """Return the motion of the base by the lidar."""
+    base_T_laser = Pose2D(float(theta[X]), float(theta[Y]), float(theta[YAW]))
+    moved = base_T_laser @ part.seen @ base_T_laser.inverse()
+    return moved.x, moved.y, moved.yaw
+
+
+def _misses(drive: Drive, parts: Sequence[Stretch], theta: Floats) -> Floats:
+    """Return (n, 3) by how much wheels and lidar differ, x, y [m], yaw [rad]."""
+    treads = _treads(drive, float(theta[PLAY]))
+    found = np.empty((len(parts), 3))
+    for index, part in enumerate(parts):
+        driven, seen = _driven(part, treads, theta, drive.half_track_m), _seen(part, theta)
+        turn = math.remainder(seen[2] - driven[2], 2.0 * math.pi)
+        found[index] = seen[0] - driven[0], seen[1] - driven[1], turn
+    return found
+
+
+def _weights(part: Stretch, theta: Floats) -> Floats:
+    """Return W (3, 3) with W^T W the inverse covariance of a miss, in the frame at its start.
+
+    On a straight stretch the heading is a random walk, and the way aside its integral; a castor
+    turns the robot at the beginning. What the lidar's direction errs by moves the base, too.
+    """
+    away, turned = abs(part.way), abs(part.turn)
+    walk = PARAMS.slip_rad**2 * away
+    kick = PARAMS.castor_rad**2 if part.comes_back and away > 0.05 else 0.0
+    lever = math.hypot(theta[X], theta[Y])
+    place = 2.0 * (PARAMS.lidar_m**2 + (PARAMS.lidar_rad * lever) ** 2)
+    along = place + PARAMS.slip_m**2 * away
+    aside = place + walk * away**2 / 3.0 + kick * away**2
+    both = walk * away / 2.0 + kick * away
+    yaw = 2.0 * PARAMS.lidar_rad**2 + walk + kick + PARAMS.slip_rad**2 * turned
+    both = math.copysign(both, part.way)
+    covariance = np.array([[along, 0.0, 0.0], [0.0, aside, both], [0.0, both, yaw]])
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), np.float64)
+
+
+def _errors(drive: Drive, parts: Sequence[Stretch], theta: Floats) -> tuple[Floats, Floats]:
+    """Return the weighted misses (3 n,) and their derivative (3 n, 7), the weights held."""
+    weights = np.stack([_weights(part, theta) for part in parts])
+
+    def weighted(at: Floats) -> Floats:
+        return np.einsum("nij,nj->ni", weights, _misses(drive, parts, at)).ravel()
+
+    columns: list[Floats] = []
+    for index in range(7):
+        step = np.zeros(7)
+        step[index] = PARAMS.step
+        columns.append((weighted(theta + step) - weighted(theta - step)) / (2.0 * PARAMS.step))
+    return weighted(theta), np.column_stack(columns)
+
+
+def _disturbed(drive: Drive, part: Stretch, theta: Floats) -> str:
+    treads = _treads(drive, float(theta[PLAY]))
+    driven, seen = _driven(part, treads, theta, drive.half_track_m), _seen(part, theta)
+    return (
+        f"On one stretch the wheels counted {driven[0]:.2f} m ahead and "
+        f"{math.degrees(driven[2]):.0f}°, but the lidar saw {seen[0]:.2f} m and "
+        f"{math.degrees(seen[2]):.0f}°: the wheels slipped, or somebody moved the robot. "
+        "Measure again, on a floor that grips."
+    )
+
+
+def _sum_turn(wheels: WheelMotions, start_ns: int, end_ns: int) -> float:
+    return float(np.sum(wheels.turn[wheels.between(start_ns, end_ns)]))
+
+
+def _rotation(angle: float) -> Floats:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([[cos, -sin], [sin, cos]])

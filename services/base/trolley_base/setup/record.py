@@ -1,0 +1,86 @@
+"""What is kept of a drive: what was commanded, what wheels and gyro said, where the robot stood."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley.geometry import Pose2D, Twist2D, log_pose
+from trolley.messages import Imu
+from trolley_base.drivers import MotionSample
+
+
+class SetupRefused(Exception):
+    """It cannot go on: one sentence that says what is wrong and what to do about it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stand:
+    """Where the robot stood for a moment.
+
+    Attributes:
+        start_ns: robot time from which it stood.
+        end_ns: the end of the last scan taken there.
+        start_T_laser: where the lidar was, seen from where it was at the first stand. If the lidar
+            turns the other way than its driver believes, all this is seen as in a mirror.
+        ranges: (beams,) the usual range of each beam [m], inf or 0 where it mostly found nothing.
+    """
+
+    start_ns: int
+    end_ns: int
+    start_T_laser: Pose2D
+    ranges: NDArray[np.float32]
+
+    @property
+    def middle_ns(self) -> int:
+        """A moment at which it surely stood."""
+        return (self.start_ns + self.end_ns) // 2
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A velocity that was commanded from a robot time on."""
+
+    stamp_ns: int
+    twist: Twist2D
+
+
+@dataclass(slots=True)
+class Record:
+    """A drive."""
+
+    commands: list[Command] = field(default_factory=list[Command])
+    """Changes of the command, oldest first."""
+    motions: list[MotionSample] = field(default_factory=list[MotionSample])
+    """As the board reports them."""
+    imu: list[Imu] = field(default_factory=list[Imu])
+    stands: list[Stand] = field(default_factory=list[Stand])
+
+    def wheel_motions(self) -> "WheelMotions":
+        """Return all that the wheels reported as arrays."""
+        arcs = [log_pose(one.previous_T_base) for one in self.motions]
+        return WheelMotions(
+            np.array([one.stamp_ns for one in self.motions], np.int64),
+            np.array([arc.vx for arc in arcs], np.float64),
+            np.array([arc.wz for arc in arcs], np.float64),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelMotions:
+    """What the wheels reported.
+
+    Attributes:
+        stamps_ns: (n,) the end of each interval, robot time.
+        way: (n,) distance driven in it, backwards negative [m].
+        turn: (n,) angle turned in it, counter-clockwise [rad].
+    """
+
+    stamps_ns: NDArray[np.int64]
+    way: NDArray[np.float64]
+    turn: NDArray[np.float64]
+
+    def between(self, start_ns: int, end_ns: int) -> slice:
+        """Return which of them lie between two moments."""
+        first, last = np.searchsorted(self.stamps_ns, [start_ns, end_ns], side="right")
+        return slice(int(first), int(last))

@@ -1,0 +1,204 @@
+"""How soon and how hard the motors follow: delay, acceleration, braking, stopping distance.
+
+Everything is taken from what the wheels count after a step of the command. The speed between two
+reports is that of the middle between them, so it does not matter how a board filters what it
+calls its speed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley_base.setup.geometry import Estimate
+from trolley_base.setup.record import Record, SetupRefused, WheelMotions
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseParams:
+    """How steps are read; set by hand."""
+
+    low: float = 0.2
+    """Share of the change from which on a ramp is fitted."""
+    high: float = 0.8
+    """Share of the change up to which it is fitted."""
+    longest_s: float = 2.5
+    """A step is over after this time [s]."""
+    least_steps: int = 4
+    """Number of steps without which nothing is said."""
+    least_mps: float = 0.15
+    """Steps to or from slower speeds are not read [m/s]."""
+    outlier: float = 5.0
+    """A step that differs by so many standard deviations from the others is left out."""
+    still_mps: float = 0.005
+    """A robot that is slower stands [m/s]."""
+
+
+PARAMS = ResponseParams()
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What one step of the command brought.
+
+    Attributes:
+        delay_s: until the speed begins to change [s].
+        rate: of its change after that [m/s^2].
+        way_m: what was driven from the command until the robot stood [m]; 0 when it sets off.
+        speed: that it went with, before it braked or after it set off [m/s].
+    """
+
+    delay_s: float
+    rate: float
+    way_m: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """How the motors follow.
+
+    Attributes:
+        delay: usual time from a command until the wheels follow it [s].
+        longest_delay_s: of all steps, with what may be beyond [s].
+        acceleration, braking: of what the wheels count, in true metres [m/s^2].
+        stopping: distance from the command to stop until the robot stands [m], at `speed`.
+        speed: at which that was measured [m/s].
+    """
+
+    delay: Estimate
+    longest_delay_s: float
+    acceleration: Estimate
+    braking: Estimate
+    stopping: Estimate
+    speed: float
+
+    def stopping_from(self, speed: float) -> float:
+        """Return the distance from the command to stop until it stands [m], from a speed [m/s]."""
+        return speed * self.delay.value + speed**2 / (2.0 * self.braking.value)
+
+
+def measure(record: Record, linear_scale: float) -> Response:
+    """Read the straight starts and stops of a drive.
+
+    Args:
+        record: the drive.
+        linear_scale: true metres per reported metre.
+
+    Raises:
+        SetupRefused: there are too few of them.
+    """
+    wheels = record.wheel_motions()
+    starts: list[Step] = []
+    stops: list[Step] = []
+    changes = _changes(record)
+    for index in range(1, len(changes)):
+        (_, before), (at_ns, now) = changes[index - 1], changes[index]
+        if (before == 0.0) is (now == 0.0) or abs(before - now) < PARAMS.least_mps:
+            continue
+        end_ns = changes[index + 1][0] if index + 1 < len(changes) else None
+        step = _read(wheels, at_ns, before, now, end_ns)
+        if step is not None:
+            (stops if now == 0.0 else starts).append(step)
+    if len(starts) < PARAMS.least_steps or len(stops) < PARAMS.least_steps:
+        raise SetupRefused(
+            "The wheels did not follow the commands evenly enough to say how soon they obey."
+        )
+    delays = [step.delay_s for step in (*starts, *stops)]
+    delay = _mean(delays)
+    usual = _usual(delays)
+    spread = float(np.std(usual, ddof=1))
+    return Response(
+        delay=delay,
+        longest_delay_s=max(float(usual.max()), delay.value + 2.0 * spread),
+        acceleration=_mean([linear_scale * step.rate for step in starts]),
+        braking=_mean([linear_scale * step.rate for step in stops]),
+        stopping=_mean([linear_scale * step.way_m for step in stops]),
+        speed=linear_scale * float(np.mean([step.speed for step in stops])),
+    )
+
+
+def _changes(record: Record) -> list[tuple[int, float]]:
+    """Return when which speed ahead was commanded from [ns, m/s]; turns count as 0."""
+    found = [(0, 0.0)]
+    for command in record.commands:
+        if command.twist.vx != found[-1][1]:
+            found.append((command.stamp_ns, command.twist.vx))
+    return found
+
+
+def _read(
+    wheels: WheelMotions, at_ns: int, before: float, now: float, end_ns: int | None
+) -> Step | None:
+    """Read one step of the command between two speeds [m/s], one of which is 0."""
+    until_ns = at_ns + round(PARAMS.longest_s * 1e9)
+    if end_ns is not None:
+        until_ns = min(until_ns, end_ns)
+    part = wheels.between(at_ns - 400_000_000, until_ns)
+    if part.start < 1 or part.stop - part.start < 8:
+        return None
+    stamps = wheels.stamps_ns[part.start - 1 : part.stop]
+    seconds = np.diff(stamps) * 1e-9
+    times = (stamps[:-1] - at_ns) * 1e-9 + 0.5 * seconds
+    full = abs(before - now)
+    speeds = wheels.way[part] / seconds * math.copysign(1.0, before + now)
+    settled = speeds[times < 0.0] if now == 0.0 else speeds[-3:]
+    if len(settled) < 3 or abs(float(np.mean(settled)) - full) > 0.25 * full:
+        return None
+    full = float(np.mean(settled))
+    changed = (full - speeds if now == 0.0 else speeds) / full
+    ramp = _ramp(times, changed)
+    if ramp is None:
+        return None
+    delay, rate = ramp
+    way_m = 0.0
+    if now == 0.0:
+        if abs(float(speeds[-1])) > PARAMS.still_mps:
+            return None
+        way_m = float(np.sum(np.where(times > 0.0, speeds * seconds, 0.0)))
+        # The report in which the command fell counts in part.
+        first = int(np.argmax(times > 0.0))
+        over = times[first] - 0.5 * seconds[first]
+        way_m += float(full * over) if over > 0.0 else float(over * speeds[first])
+    return Step(delay, rate * full, way_m, full)
+
+
+def _ramp(times: Floats, changed: Floats) -> tuple[float, float] | None:
+    """Return when a change begins [s] and how fast it is [1/s], by a line through its middle."""
+    late = np.flatnonzero((times > 0.0) & (changed > PARAMS.high))
+    if len(late) == 0:
+        return None
+    early = np.flatnonzero(changed[: late[0]] < PARAMS.low)
+    if len(early) == 0:
+        return None
+    first, last = int(early[-1]), int(late[0])
+    inside = slice(first, last + 1)
+    if last - first < 3:
+        # Steeper than the reports come: the change lies between two of them.
+        slope = (changed[last] - changed[first]) / (times[last] - times[first])
+        return float(times[first] - changed[first] / slope), float(slope)
+    inside = slice(first + 1, last)
+    if last - first - 1 < 2:
+        inside = slice(first, last + 1)
+    slope, offset = np.polyfit(times[inside], changed[inside], 1)
+    if slope <= 0.0:
+        return None
+    return float(-offset / slope), float(slope)
+
+
+def _mean(values: Sequence[float]) -> Estimate:
+    kept = _usual(values)
+    spread = float(np.std(kept, ddof=1))
+    return Estimate(float(np.mean(kept)), spread / math.sqrt(len(kept)))
+
+
+def _usual(values: Sequence[float]) -> Floats:
+    """Return the values without those far off the others: a link that has stumbled."""
+    array = np.array(values)
+    off = np.abs(array - np.median(array))
+    kept = array[off <= PARAMS.outlier * 1.48 * np.median(off) + 1e-9]
+    return kept if len(kept) >= 2 else array

@@ -1,0 +1,210 @@
+"""`trolley setup` at the ports of an emulated robot, and a person who answers."""
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from support.metal import make_hall, settings
+from support.processes import write_config
+from support.waiting import PATIENCE_S, wait_until
+
+from trolley.config import load_config
+from trolley.geometry import Pose2D
+from trolley_base.emulators import EmulatedRobot, Mount, RobotInWorld
+from trolley_base.world.world_file import load_world
+
+MOUNT = Pose2D(0.08, -0.03, 2.0)
+COMMAND = [str(Path(sys.executable).with_name("trolley")), "setup"]
+LINOROBOT = "linorobot"
+
+
+class Person:
+    """Starts the command, reads what it says, and types."""
+
+    def __init__(self, config: Path, *arguments: str) -> None:
+        self._terminal, theirs = pty.openpty()
+        self.process = subprocess.Popen(
+            [*COMMAND, *arguments, "--config", str(config)],
+            stdin=theirs,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "TROLLEY_STATE": str(config.parent / "state")},
+            start_new_session=True,
+        )
+        os.close(theirs)
+        self._said = b""
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        while data := os.read(self.process.stdout.fileno(), 4096):
+            self._said += data
+
+    @property
+    def said(self) -> str:
+        """All that the command has printed."""
+        return self._said.decode("utf-8", "replace")
+
+    def wait_for(self, words: str, times: int = 1) -> None:
+        wait_until(
+            lambda: self.said.count(words) >= times or self.process.poll() is not None,
+            lambda: f"it says {words!r}: {self.said}",
+            3 * PATIENCE_S,
+        )
+        assert self.said.count(words) >= times, self.said
+
+    def type(self, text: str) -> None:
+        os.write(self._terminal, text.encode())
+
+    def answer(self, question: str, text: str, times: int = 1) -> None:
+        self.wait_for(question, times)
+        self.type(f"{text}\n")
+
+    def end(self) -> int:
+        code = self.process.wait(3 * PATIENCE_S)
+        self._reader.join()
+        return code
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self._reader.join()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        os.close(self._terminal)
+
+
+class Rig:
+    """An emulated robot, its robot.toml, and people who set it up."""
+
+    def __init__(self, folder: Path, robot: EmulatedRobot, *, is_mirrored: bool) -> None:
+        self.robot = robot
+        self.is_mirrored = is_mirrored
+        more = 'imu_axes = ["x", "y", "z"]  # as the chip has them'
+        text = settings(folder / "ports", LINOROBOT, "ld19", more)
+        self.config = write_config(folder / "robot.toml", "tcp/127.0.0.1:7999", "tester", text)
+        self.before = self.config.read_text()
+
+    @contextmanager
+    def setup(self, *arguments: str) -> Iterator[Person]:
+        person = Person(self.config, *arguments)
+        try:
+            yield person
+        finally:
+            person.close()
+
+    def stands(self) -> bool:
+        twist = self.robot.truth().twist
+        return abs(twist.vx) < 0.005 and abs(twist.wz) < 0.01
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    world = load_world(make_hall(tmp_path))
+    body = RobotInWorld(world, 3, start=Pose2D(0.3, 0.1, 0.4), mount=Mount(MOUNT, reversed=True))
+    devices = [f"{LINOROBOT}:quiet,exact", "ld19"]
+    with EmulatedRobot(devices, body, tmp_path / "ports") as robot:
+        yield Rig(tmp_path, robot, is_mirrored=True)
+
+
+def lift(rig: Rig) -> None:
+    rig.robot.fault(f"{LINOROBOT}:lifted")
+
+
+def try_wheels(person: Person) -> None:
+    person.answer("Do the wheels hang free?", "y")
+    person.answer("Answer:", "f")
+    person.answer("Answer:", "r", times=2)
+    person.wait_for("count as they should")
+
+
+@pytest.mark.slow
+def test_a_robot_sets_itself_up_and_takes_it_back(rig: Rig) -> None:
+    lift(rig)
+    rig.robot.fault(f"{LINOROBOT}:gyro")  # upside down
+    with rig.setup("--short") as person:
+        try_wheels(person)
+        person.wait_for("may it drive?")
+        rig.robot.fault(f"{LINOROBOT}:ok")
+        rig.robot.fault(f"{LINOROBOT}:gyro")
+        person.type("y\n")
+        assert person.end() == 0, person.said
+    base = load_config(rig.config).base
+    found = base.lidar.pose.as_pose()
+    assert found.distance_to(MOUNT) < 0.01
+    assert abs(found.yaw - MOUNT.yaw) < 0.01
+    assert base.lidar.upside_down
+    assert base.chassis.imu_axes == ("x", "-y", "-z")
+    assert 0.0 < (base.chassis.delay_s or 0.0) < 0.35
+    assert base.odometry.linear_scale == pytest.approx(1.0, abs=0.02)
+    assert "# as the chip has them" in rig.config.read_text()
+    assert rig.robot.truth().collisions == 0
+    with rig.setup("--undo") as person:
+        assert person.end() == 0
+    assert rig.config.read_text() == rig.before
+
+
+@pytest.mark.slow
+def test_any_key_stops_and_the_next_call_goes_on_from_there(rig: Rig) -> None:
+    lift(rig)
+    with rig.setup("--short") as person:
+        try_wheels(person)
+        person.wait_for("may it drive?")
+        rig.robot.fault(f"{LINOROBOT}:ok")
+        person.type("y\n")
+        wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+        person.type(" ")
+        assert person.end() == 130
+    assert "Stopped." in person.said
+    wait_until(rig.stands, "it stands")
+    assert rig.config.read_text() == rig.before
+    # The wheels need not be tried again; killed at the worst moment, it stands as well.
+    with rig.setup("--short") as person:
+        person.answer("may it drive?", "y")
+        assert "hang free" not in person.said
+        wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+        person.process.send_signal(signal.SIGKILL)
+        person.end()
+    wait_until(rig.stands, "it stands")
+    assert rig.config.read_text() == rig.before
+
+
+@pytest.mark.parametrize(
+    ("break_it", "words"),
+    [
+        (lambda rig: None, "Lift it"),
+        (lambda rig: rig.robot.fault(f"{LINOROBOT}:encoder=left"), "left wheel counts nothing"),
+    ],
+)
+def test_wheels_that_are_not_right_end_it(
+    rig: Rig, break_it: Callable[[Rig], None], words: str
+) -> None:
+    if words != "Lift it":
+        lift(rig)
+    break_it(rig)
+    with rig.setup() as person:
+        person.answer("Do the wheels hang free?", "y")
+        assert person.end() == 1
+    assert words in person.said
+    wait_until(rig.stands, "it stands")
+    assert rig.config.read_text() == rig.before
+
+
+def test_swapped_sides_are_told_by_a_person_and_nothing_drives_on(rig: Rig) -> None:
+    lift(rig)
+    with rig.setup() as person:
+        person.answer("Do the wheels hang free?", "y")
+        person.answer("Answer:", "f")
+        person.answer("Answer:", "l", times=2)
+        assert person.end() == 1
+    assert "Left and right are swapped" in person.said
+    assert rig.config.read_text() == rig.before

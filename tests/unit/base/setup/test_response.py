@@ -1,0 +1,63 @@
+"""Delay, acceleration and braking from what wheels count after a step of the command."""
+
+import numpy as np
+import pytest
+
+from trolley.geometry import Pose2D, Twist2D
+from trolley_base.drivers import MotionSample
+from trolley_base.setup.record import Command, Record, SetupRefused
+from trolley_base.setup.response import measure
+
+SPEED, ACCELERATION, BRAKING = 0.35, 0.9, 1.4
+PERIOD_NS = 20_000_000
+
+
+def drive(delay_s: float, *, period_ns: int = PERIOD_NS, strokes: int = 8) -> Record:
+    """Strokes to and fro by motors that follow after a delay; reports at the end of each period."""
+    record = Record()
+    speed, told, way = 0.0, 0.0, 0.0
+    rng = np.random.default_rng(1)
+    step_ns, now_ns = 1_000_000, 0
+    changes: list[tuple[int, float]] = []
+    for number in range(strokes):
+        start_ns = number * 6_000_000_000 + int(rng.integers(period_ns))
+        direction = 1.0 if number % 2 else -1.0
+        for at_ns, velocity in ((start_ns, direction * SPEED), (start_ns + 3_000_000_000, 0.0)):
+            changes.append((at_ns + round(delay_s * 1e9), velocity))
+            record.commands.append(Command(at_ns, Twist2D(velocity, 0.0, 0.0)))
+    while now_ns < strokes * 6_000_000_000:
+        now_ns += step_ns
+        while changes and changes[0][0] <= now_ns:
+            told = changes.pop(0)[1]
+        rate = ACCELERATION if abs(told) > abs(speed) else BRAKING
+        change = rate * step_ns * 1e-9
+        speed += max(-change, min(change, told - speed))
+        way += speed * step_ns * 1e-9
+        if now_ns % period_ns == 0:
+            record.motions.append(MotionSample(now_ns, Pose2D(way, 0.0, 0.0), Twist2D.zero()))
+            way = 0.0
+    return record
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.12, 0.3])
+@pytest.mark.parametrize("period_ns", [PERIOD_NS, 50_000_000])
+def test_finds_how_motors_follow(delay_s: float, period_ns: int) -> None:
+    found = measure(drive(delay_s, period_ns=period_ns), 1.0)
+    assert found.delay.value == pytest.approx(delay_s, abs=0.008)
+    assert found.longest_delay_s >= found.delay.value
+    assert found.acceleration.value == pytest.approx(ACCELERATION, rel=0.08)
+    assert found.braking.value == pytest.approx(BRAKING, rel=0.08)
+    way_m = SPEED * delay_s + SPEED**2 / (2.0 * BRAKING)
+    assert found.stopping.value == pytest.approx(way_m, rel=0.03)
+    assert found.stopping_from(SPEED) == pytest.approx(way_m, rel=0.08)
+
+
+def test_wheels_that_are_smaller_than_set_brake_less() -> None:
+    full, small = measure(drive(0.1), 1.0), measure(drive(0.1), 0.9)
+    assert small.braking.value == pytest.approx(0.9 * full.braking.value)
+    assert small.stopping.value == pytest.approx(0.9 * full.stopping.value)
+
+
+def test_two_strokes_say_nothing() -> None:
+    with pytest.raises(SetupRefused, match="evenly enough"):
+        measure(drive(0.1, strokes=2), 1.0)
