@@ -20,6 +20,8 @@ from trolley.geometry import Pose2D
 from trolley_base.emulators import EmulatedRobot, Mount, RobotInWorld
 from trolley_base.world.world_file import load_world
 
+pytestmark = pytest.mark.slow
+
 MOUNT = Pose2D(0.08, -0.03, 2.0)
 COMMAND = [str(Path(sys.executable).with_name("trolley")), "setup"]
 LINOROBOT = "linorobot"
@@ -127,7 +129,6 @@ def try_wheels(person: Person) -> None:
     person.wait_for("count as they should")
 
 
-@pytest.mark.slow
 def test_a_robot_sets_itself_up_and_takes_it_back(rig: Rig) -> None:
     lift(rig)
     rig.robot.fault(f"{LINOROBOT}:gyro")  # upside down
@@ -153,7 +154,6 @@ def test_a_robot_sets_itself_up_and_takes_it_back(rig: Rig) -> None:
     assert rig.config.read_text() == rig.before
 
 
-@pytest.mark.slow
 def test_any_key_stops_and_the_next_call_goes_on_from_there(rig: Rig) -> None:
     lift(rig)
     with rig.setup("--short") as person:
