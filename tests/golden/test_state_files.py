@@ -73,7 +73,7 @@ FORMS = {
     "viewer_trip": Form(TripFile, TripFile.SCHEMA),
     "settings.toml": Form(KeptSettings, schema_of(KeptSettings)),
     "base_settings.toml": Form(SavedSettings, schema_of(SavedSettings)),
-    "map.yaml": Form(Version, 1),
+    "map.yaml": Form(Version, 2),
     "map.zones.toml": Form(ZoneFile, schema_of(ZoneFile)),
 }
 

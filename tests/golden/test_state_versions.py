@@ -266,8 +266,10 @@ def test_a_map_says_its_version_whatever_wrote_it(tmp_path: Path, saved: Saved) 
     found = versions.newest("home")
     assert found is not None
     assert (found.number, found.before, found.zones_added) == (3, 2, ["Küche"])
+    assert (found.start is not None) == (saved.schema == 2)
     shutil.copy(file, tmp_path / "other.yaml")
-    file.write_bytes(saved.content.replace(b"schema: 1", b"schema: 99"))
+    schema = f"schema: {saved.schema}".encode()
+    file.write_bytes(saved.content.replace(schema, b"schema: 99"))
     newer = versions.newest("home")
     assert newer is not None
     assert newer.schema == 99

@@ -66,7 +66,7 @@ def scans(*, drops: bool) -> list[np.ndarray]:
     def seen(angle_deg: float) -> float:
         return 1.0 if 90.2 < angle_deg % 360.0 < 91.0 else 2.5
 
-    lidar = make_lidar(LidarConfig(model="ld19", speckle_filter=drops))
+    lidar = make_lidar(LidarConfig(model="ld19", settings={"speckle_filter": drops}))
     lidar.begin(0)
     found = []
     for at_s, data in chunks(ld19_stream(seen=seen), 230400, 0.5, 0.02):
@@ -84,5 +84,5 @@ def test_a_speck_is_dropped_only_if_one_says_so() -> None:
 
 
 def test_a_lidar_without_the_filter_refuses_it() -> None:
-    with pytest.raises(DriverError, match="speckle_filter is for the LD19"):
-        make_lidar(LidarConfig(model="ydlidar_x4", speckle_filter=True))
+    with pytest.raises(DriverError, match="unknown key `speckle_filter`"):
+        make_lidar(LidarConfig(model="ydlidar_x4", settings={"speckle_filter": True}))

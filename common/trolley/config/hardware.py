@@ -44,9 +44,6 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Nearer echoes are ignored; the model's own limit if not given."""
     range_max_m: Annotated[float, Meta(gt=0.0, le=100.0)] | None = None
     """Farther echoes are ignored; the model's own limit if not given."""
-    speckle_filter: bool = False
-    """Whether dim single echoes nearer than 5 m are dropped, as LDROBOT's own driver does (`ld19`);
-    thin things, such as the legs of chairs, may then not be seen."""
     settings: dict[str, Any] = {}
     """What only this model's driver knows; its page says what there is."""
 

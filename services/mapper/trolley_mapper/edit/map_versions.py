@@ -28,7 +28,7 @@ from trolley.messages import Zone
 from trolley.state_file import Unreadable, keep_unreadable, parse, render
 from trolley.zones import ZoneFile
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the format of the entry `trolley` in a map's YAML file."""
 MAX_KEPT = 20
 """Number of former versions of a map that are kept; then the oldest is dropped."""

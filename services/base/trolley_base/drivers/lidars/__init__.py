@@ -4,7 +4,7 @@ from trolley.config.hardware import LidarConfig
 from trolley.drivers import Drivers, DriverUnusable, read_settings
 from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.interface import DriverError
-from trolley_base.drivers.lidars.models import LidarDriver
+from trolley_base.drivers.lidars.models import SETTINGS, LidarDriver
 
 MODELS = Drivers(LidarDriver)
 """By the name in `[base.lidar] model`; `trolley detect` tries them in this order."""
@@ -20,10 +20,13 @@ def make_lidar(config: LidarConfig) -> LidarDialogue:
         raise DriverError(f"[base.lidar] needs model, one of {', '.join(MODELS.names)}")
     try:
         driver = MODELS.find(config.model)
-        read_settings(config.settings, driver.settings, "base.lidar.settings")
-        return driver.make(config)
     except DriverUnusable as error:
         raise DriverError(f"[base.lidar] model: {error}") from error
+    try:
+        read_settings(config.settings, driver.settings, SETTINGS)
+        return driver.make(config)
+    except DriverUnusable as error:
+        raise DriverError(str(error)) from error
 
 
 __all__ = ["MODELS", "LidarDriver", "make_lidar"]

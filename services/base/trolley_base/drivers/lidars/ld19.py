@@ -18,12 +18,13 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from msgspec import Struct
 
 from trolley.config.hardware import LidarConfig
-from trolley.drivers import API
+from trolley.drivers import API, read_settings
 from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
-from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
+from trolley_base.drivers.lidars.models import SETTINGS, LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.scan_grid import Floats
 from trolley_base.drivers.lidars.streaming import StartedLidar, StreamingLidar
 
@@ -43,7 +44,6 @@ FACTS = LidarFacts(
     turns_hz=(5.0, 13.0),
     usual_hz=10.0,
     speed_hint="Its PWM wire must be tied to ground for it to keep its speed by itself.",
-    has_speckle_filter=True,
 )
 FACTS_27L = LidarFacts(
     title="STL-27L",
@@ -134,8 +134,22 @@ class LdDecoder(FrameDecoder):
         return self._evenly(frames, angle, head[:, 0], (range_m, points[:, :, 2]), shift_deg)
 
 
-def _streaming(facts: LidarFacts, config: LidarConfig) -> StreamingLidar:
-    return StreamingLidar(facts, config, partial(LdDecoder, facts))
+class Ld19Settings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What only an LD19 has."""
+
+    speckle_filter: bool = False
+    """Whether dim single echoes nearer than 5 m are dropped, as LDROBOT's own driver does; thin
+    things, such as the legs of chairs, may then not be seen."""
+
+
+def _ld19(config: LidarConfig) -> StreamingLidar:
+    settings = read_settings(config.settings, Ld19Settings, SETTINGS)
+    decoder = partial(LdDecoder, FACTS)
+    return StreamingLidar(FACTS, config, decoder, drops_speckles=settings.speckle_filter)
+
+
+def _stl27l(config: LidarConfig) -> StreamingLidar:
+    return StreamingLidar(FACTS_27L, config, partial(LdDecoder, FACTS_27L))
 
 
 def _ld14p(config: LidarConfig) -> StartedLidar:
@@ -147,8 +161,9 @@ EMULATOR = "trolley_base.emulators.ld19:LIDARS"
 DRIVERS: dict[str, LidarDriver] = {
     "ld19": LidarDriver(
         FACTS,
-        partial(_streaming, FACTS),
+        _ld19,
         frames=FORMAT,
+        settings=Ld19Settings,
         linorobot_names=("ld06", "ld19"),
         ros_packages=("ldlidar_stl_ros",),
         api=API,
@@ -157,7 +172,7 @@ DRIVERS: dict[str, LidarDriver] = {
     ),
     "stl27l": LidarDriver(
         FACTS_27L,
-        partial(_streaming, FACTS_27L),
+        _stl27l,
         frames=FORMAT,
         api=API,
         page="stl-27l.md",

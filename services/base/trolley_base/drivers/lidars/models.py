@@ -10,6 +10,9 @@ from trolley.drivers import Driver
 from trolley_base.drivers.dialogue import LidarDialogue
 from trolley_base.drivers.lidars.frames import FrameFormat
 
+SETTINGS = "base.lidar.settings"
+"""Where a driver's own settings stand."""
+
 
 @dataclass(frozen=True, slots=True)
 class LidarFacts:
@@ -27,7 +30,6 @@ class LidarFacts:
         speed_hint: what to do about a wrong speed.
         modes: what `[base.lidar] mode` may be.
         has_usb: it has USB of its own, so that its baud does not say how long bytes were under way.
-        has_speckle_filter: its maker's driver filters speckles by their intensity.
     """
 
     title: str
@@ -41,7 +43,6 @@ class LidarFacts:
     modes: tuple[str, ...] = ("auto",)
     other_bauds: tuple[int, ...] = ()
     has_usb: bool = False
-    has_speckle_filter: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -120,9 +120,17 @@ class Revolutions:
     Args:
         config: how it is mounted and what of it counts.
         counts: what goes wrong is added here.
+        drops_speckles: leave dim single echoes out.
     """
 
-    def __init__(self, facts: LidarFacts, config: LidarConfig, counts: Counter[str]) -> None:
+    def __init__(
+        self,
+        facts: LidarFacts,
+        config: LidarConfig,
+        counts: Counter[str],
+        *,
+        drops_speckles: bool = False,
+    ) -> None:
         self.scans: deque[LidarScan] = deque(maxlen=MOST_SCANS)
         self.turns_hz: float | None = None
         """How fast the head turned in the last revolution."""
@@ -135,7 +143,7 @@ class Revolutions:
         self._near_m = config.range_min_m or facts.range_min_m
         self._far_m = config.range_max_m or facts.range_max_m
         self._masks_deg = config.masks_deg
-        self._drops_speckles = config.speckle_filter
+        self._drops_speckles = drops_speckles
         self._counts = counts
         self._parts: list[NDArray[np.float64]] = []
         self._held = 0

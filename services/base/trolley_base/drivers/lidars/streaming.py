@@ -41,6 +41,7 @@ class StreamingLidar:
     Args:
         config: how it is mounted and what of it counts.
         decoder: makes what decodes it, anew at each opening; it counts what goes wrong.
+        drops_speckles: leave dim single echoes out, as `speckles.py` says.
 
     Raises:
         DriverError: the configuration asks for what it cannot do.
@@ -51,6 +52,8 @@ class StreamingLidar:
         facts: LidarFacts,
         config: LidarConfig,
         decoder: Callable[[Counter[str]], Decoder],
+        *,
+        drops_speckles: bool = False,
     ) -> None:
         self.facts = facts
         _check(facts, config)
@@ -59,7 +62,8 @@ class StreamingLidar:
         self._counts: Counter[str] = Counter()
         self._notes: dict[str, Note] = {}
         self._decoder = decoder(self._counts)
-        self._revolutions = Revolutions(self.facts, config, self._counts)
+        self._drops_speckles = drops_speckles
+        self._revolutions = self._none_yet()
         self._clock = SampleClock()
         self._sensor_s = 0.0
         self._reported_hz: float | None = None
@@ -130,10 +134,14 @@ class StreamingLidar:
         """Say whether the last good frame is longer ago than this."""
         return now_ns - self._frame_ns > longer_ns
 
+    def _none_yet(self) -> Revolutions:
+        config, drops = self._config, self._drops_speckles
+        return Revolutions(self.facts, config, self._counts, drops_speckles=drops)
+
     def _restart(self, decoder: Decoder) -> None:
         """Begin to listen to a stream, with the clock and the revolution forgotten."""
         finished = self._revolutions.scans
-        self._revolutions = Revolutions(self.facts, self._config, self._counts)
+        self._revolutions = self._none_yet()
         self._revolutions.scans.extend(finished)
         self._decoder, self._clock, self._sensor_s = decoder, SampleClock(), 0.0
 
@@ -252,9 +260,4 @@ def _check(facts: LidarFacts, config: LidarConfig) -> None:
     if config.mode not in facts.modes:
         raise DriverError(
             f'[base.lidar] the {facts.title} has no mode "{config.mode}"; remove the line'
-        )
-    if config.speckle_filter and not facts.has_speckle_filter:
-        raise DriverError(
-            f"[base.lidar] speckle_filter is for the LD19 alone, not for the {facts.title}; remove "
-            "the line"
         )
