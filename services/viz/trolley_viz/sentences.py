@@ -162,7 +162,7 @@ def base_line(base: BaseState | None) -> StatusLine | None:
             return StatusLine("Stop not confirmed", "bad", why)
         case "stopped":
             remedy = "" if "“Drive on”" in why else "Press “Drive on” to let it drive again."
-            return StatusLine("Stopped", "bad", _join(why, remedy))
+            return StatusLine("Stopped", "bad", _join(why.removeprefix("Stopped. "), remedy))
         case "held":
             return StatusLine("Held", "warn", _join(why, "It will continue by itself."))
         case _:

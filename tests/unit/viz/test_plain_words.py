@@ -88,7 +88,7 @@ def test_a_stop_says_once_what_lets_it_drive() -> None:
     )
     line = base_line(base)
     assert line is not None
-    assert line.detail == "Stopped. “Drive on” lets it drive."
+    assert line.detail == "“Drive on” lets it drive."
 
 
 def test_all_that_services_say_is_said_by_one_module() -> None:

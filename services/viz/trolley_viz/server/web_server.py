@@ -89,7 +89,7 @@ DECISION = web.RequestKey("decision", AccessDecision)
 """What was decided on a request."""
 
 
-AMBIENT_LIGHT = 6.4
+AMBIENT_LIGHT = 2.0
 """How bright what viser's lamps leave dark is, as three.js counts."""
 
 
