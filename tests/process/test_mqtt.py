@@ -418,7 +418,7 @@ def test_tls_with_a_certificate_authority_of_ones_own(
 @pytest.mark.parametrize(
     ("more", "problem"),
     [
-        ("", "[mqtt] broker is not set"),
+        ("", "neither [mqtt] broker nor [webhook] urls is set"),
         ('[mqtt]\nbroker = "b"\npassword_file = "no"\n', "password_file"),
         ('[mqtt]\nbroker = "b"\ntls_ca = "no.pem"\n', "tls_ca"),
         ('[mqtt]\nbroker = "mqtt://b"\n', "is not a broker"),
