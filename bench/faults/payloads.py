@@ -34,6 +34,8 @@ SPECIAL: dict[str, dict[str, Any]] = {
     "AskOffer": {"name": "kitchen"},
     "Stop": {"name": "kitchen"},
     "StartTour": {"name": "evening"},
+    "WhichPhoto": {"name": "evening-1"},
+    "CameraImage": {"jpeg": b""},
 }
 
 

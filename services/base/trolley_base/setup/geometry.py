@@ -13,12 +13,12 @@ Source:
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, angle_difference
-from trolley.jit import kernel
 from trolley_base.setup.record import Record, SetupRefused, WheelMotions
 
 Floats = NDArray[np.float64]
@@ -289,27 +289,24 @@ def _centre_of(turns: Sequence[Stretch], yaw: float) -> Floats:
     return np.asarray(found, np.float64)
 
 
-@kernel
-def turn_treads(out_moved: Floats, counted: Floats, play: float) -> None:
-    """Write how far the tread of a wheel goes when its motor turns.
+def turn_treads(counted: Floats, play: float) -> Floats:
+    """Return how far the tread of a wheel goes, each time, when its motor turns (n,) [m].
 
     Args:
-        out_moved: (n,) [m], overwritten.
         counted: (n,) how far the encoder says that the wheel went [m].
         play: how far it turns, when its direction changes, before it moves the robot [m].
     """
-    at = 0.0
-    for i in range(counted.size):
-        wanted = at + counted[i]
-        at = min(play, max(0.0, wanted))
-        out_moved[i] = wanted - at
+
+    def taken_up(before: float, moved: float) -> float:
+        return min(play, max(0.0, before + moved))
+
+    within = np.array([*accumulate(counted.tolist(), taken_up, initial=0.0)])
+    return within[:-1] + counted - within[1:]
 
 
 def _treads(drive: Drive, play: float) -> tuple[Floats, Floats]:
-    moved = np.empty_like(drive.left), np.empty_like(drive.right)
-    turn_treads(moved[0], drive.left, max(0.0, play))
-    turn_treads(moved[1], drive.right, max(0.0, play))
-    return moved
+    play = max(0.0, play)
+    return turn_treads(drive.left, play), turn_treads(drive.right, play)
 
 
 def _driven(
