@@ -15,8 +15,8 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
-from trolley.config import ConfigError, RobotConfig
-from trolley.files import read_text
+from trolley.config import RobotConfig
+from trolley_mqtt.credentials import read_secret, trust
 
 KEEP_ALIVE_S = 10
 """A broker that is silent for this long, or half as long again, is taken for lost."""
@@ -282,19 +282,8 @@ def broker_of(config: RobotConfig, will: tuple[str, bytes]) -> Broker:
     host, port = mqtt.address
     password = ""
     if mqtt.password_file:
-        path = config.path(mqtt.password_file)
-        try:
-            password = read_text(path).partition("\n")[0].strip()
-        except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(f"[mqtt] password_file {path} cannot be read: {error}") from error
-    tls = None
-    if mqtt.is_encrypted:
-        authority = config.path(mqtt.tls_ca) if mqtt.tls_ca else None
-        try:
-            accepted = None if authority is None else read_text(authority)
-            tls = ssl.create_default_context(cadata=accepted)
-        except (OSError, ValueError) as error:
-            raise ConfigError(f"[mqtt] tls_ca {authority} cannot be used: {error}") from error
+        password = read_secret(config, "[mqtt] password_file", mqtt.password_file)
+    tls = trust(config, "[mqtt] tls_ca", mqtt.tls_ca) if mqtt.is_encrypted else None
     return Broker(
         host=host,
         port=port,

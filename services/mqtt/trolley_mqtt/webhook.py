@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Struct
 
 from trolley.config import ConfigError, RobotConfig
-from trolley.files import read_text
+from trolley_mqtt.credentials import read_secret, trust
 from trolley_mqtt.events import Happened
 
 VERSION = 1
@@ -296,17 +296,9 @@ def endpoints_of(config: RobotConfig) -> list[Endpoint]:
         return []
     token = ""
     if webhook.token_file:
-        path = config.path(webhook.token_file)
-        try:
-            token = read_text(path).partition("\n")[0].strip()
-        except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(f"[webhook] token_file {path} cannot be read: {error}") from error
+        token = read_secret(config, "[webhook] token_file", webhook.token_file)
         if not token.isascii() or not token.isprintable() or not token:
+            path = config.path(webhook.token_file)
             raise ConfigError(f"[webhook] token_file {path}: its first line is no token")
-    authority = config.path(webhook.tls_ca) if webhook.tls_ca else None
-    try:
-        accepted = None if authority is None else read_text(authority)
-        tls = ssl.create_default_context(cadata=accepted)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"[webhook] tls_ca {authority} cannot be used: {error}") from error
+    tls = trust(config, "[webhook] tls_ca", webhook.tls_ca)
     return [Endpoint(url=url, token=token, tls=tls) for url in webhook.urls]
