@@ -16,6 +16,7 @@ from trolley.config.base import SenseConfig, SenseUse
 from trolley.geometry import Pose2D, wrap_angle
 from trolley.messages import Scan
 from trolley.messages.types import floats_from_bytes
+from trolley.scanning import end_ns
 
 Floats = NDArray[np.float64]
 
@@ -137,8 +138,7 @@ class Senses:
         sense = self._senses.get(name)
         if sense is None:
             return ""
-        count = len(floats_from_bytes(scan.ranges))
-        if not count:
+        if not scan.ranges:
             return "empty"
         age_ns = now_ns - scan.stamp_ns
         is_newer = sense.stamp_ns is None or scan.stamp_ns > sense.stamp_ns
@@ -146,9 +146,8 @@ class Senses:
             return "late"
         if age_ns < -PARAMS.early_s * 1e9:
             return "early"
-        last_ns = scan.stamp_ns + round((count - 1) * scan.time_increment * 1e9)
         base_T_sense = self._listed[name].pose.as_pose()
-        start, end = (odom_T_base(one) @ base_T_sense for one in (scan.stamp_ns, last_ns))
+        start, end = (odom_T_base(one) @ base_T_sense for one in (scan.stamp_ns, end_ns(scan)))
         sense.update(scan, start, end)
         return ""
 

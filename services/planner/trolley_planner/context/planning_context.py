@@ -309,7 +309,7 @@ class CostmapManager:
             return False
         if position_trouble(context, here) is not None:
             return False
-        poses = inputs.sweep_poses(scan, len(ranges), history)
+        poses = inputs.sweep_poses(scan, history)
         if poses is None or inputs.base_T_laser is None:
             return False
         if self._num_jumps != inputs.num_jumps:

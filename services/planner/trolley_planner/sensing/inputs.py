@@ -20,6 +20,7 @@ from trolley.messages import (
     Zones,
 )
 from trolley.messages.types import floats_from_bytes
+from trolley.scanning import end_ns
 from trolley.senses import Senses
 from trolley_planner.sensing.published_costs import PublishedCosts
 
@@ -127,21 +128,17 @@ class Inputs:
         """Return the robot's velocity by the newest odometry."""
         return Twist2D.zero() if self.odometry is None else self.odometry.twist
 
-    def sweep_poses(
-        self, scan: Scan, num_beams: int, history: Sequence[Odometry]
-    ) -> tuple[Pose2D, Pose2D] | None:
+    def sweep_poses(self, scan: Scan, history: Sequence[Odometry]) -> tuple[Pose2D, Pose2D] | None:
         """Return the pose of the lidar at the first and at the last beam of a scan.
 
         Args:
             scan: the scan.
-            num_beams: of it.
             history: odometry around the time of the scan, oldest first.
         """
         if self.frame_T_odom is None or self.base_T_laser is None or not history:
             return None
-        end_ns = scan.stamp_ns + round((num_beams - 1) * scan.time_increment * 1e9)
         first = odometry_at(history, scan.stamp_ns)
-        last = odometry_at(history, end_ns)
+        last = odometry_at(history, end_ns(scan))
         return (
             self.frame_T_odom @ first @ self.base_T_laser,
             self.frame_T_odom @ last @ self.base_T_laser,
