@@ -1,7 +1,6 @@
 """`trolley map new --from`: a map of a recorded drive or a ROS bag."""
 
 import contextlib
-import re
 import sys
 import tempfile
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from trolley.cli.printing import say
 from trolley.cli.show import Progress, print_json, seconds_text
 from trolley.config import ConfigError
 from trolley.gridmap import MapError, save_map
+from trolley.messages.mapping import MAP_NAME
 
 if TYPE_CHECKING:
     from trolley.recording.drive import Drive
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 OFFLINE = "trolley.offline"
 """Entry-point group of what services do without a robot: `map` makes one of a drive."""
 BAG_COMMAND = "import-bag"
-_NAME = re.compile(r"(?!\.)[A-Za-z0-9_.-]{1,64}")
 
 
 def map_of_drive(name: str, source: Path, *, as_json: bool) -> None:
@@ -33,7 +32,7 @@ def map_of_drive(name: str, source: Path, *, as_json: bool) -> None:
     Raises:
         ConfigError: The drive cannot be used, the map is there already or cannot be written.
     """
-    if not _NAME.fullmatch(name):
+    if not MAP_NAME.fullmatch(name):
         raise click.BadParameter(f"{name!r} is no name of a map: A-Z, a-z, 0-9, _, - and dots")
     path = Path(f"{name}.yaml")
     if path.exists():

@@ -1,5 +1,6 @@
 """Messages about the map and the pose on it."""
 
+import re
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
@@ -16,7 +17,8 @@ from trolley.messages.types import (
     check_floats,
 )
 
-MapName = Annotated[str, Meta(pattern=r"\A(?!\.)[A-Za-z0-9_.-]{1,64}\Z")]
+MAP_NAME = re.compile(r"(?!\.)[A-Za-z0-9_.-]{1,64}")
+MapName = Annotated[str, Meta(pattern=rf"\A{MAP_NAME.pattern}\Z")]
 """A map's name: the stem of its file."""
 
 Size = Annotated[int, Meta(ge=1, le=2**31 - 1)]

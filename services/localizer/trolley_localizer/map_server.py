@@ -1,6 +1,5 @@
 """The map in use: which maps there are, loading one, publishing it."""
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +16,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, MapError, load_map
 from trolley.gridmap.wire import map_message
 from trolley.messages import MapInfo, Zone
+from trolley.messages.mapping import MAP_NAME
 from trolley.messages.request_params import LoadMap, Nothing
 from trolley.runtime.service import Later, Service, answers
 from trolley_localizer.core import Localizer
@@ -26,8 +26,6 @@ from trolley_localizer.zone_rules import read_seeds
 
 CHOSEN_MAP_FILE = "map.toml"
 NO_MAP = "There is no map: make one (`trolley map new NAME`), or set [map] file."
-
-_NAME = re.compile(r"(?!\.)[A-Za-z0-9_.-]{1,64}")
 
 
 class ChosenMap(Struct, frozen=True, kw_only=True):
@@ -69,7 +67,7 @@ class MapStore:
         file = self._configured
         if file is None:
             return None
-        if _NAME.fullmatch(file.stem) is None:
+        if MAP_NAME.fullmatch(file.stem) is None:
             return (
                 f"[map] file: {file.name!r} cannot name a map: use 1 to 64 letters, digits, "
                 f"'_', '-' and '.'"
@@ -87,7 +85,7 @@ class MapStore:
         found = {
             file.stem
             for file in self._folder.glob("*.yaml")
-            if _NAME.fullmatch(file.stem) and not file.stem.endswith(".zones")
+            if MAP_NAME.fullmatch(file.stem) and not file.stem.endswith(".zones")
         }
         if self._configured is not None and self.problem() is None:
             found.add(self._configured.stem)
@@ -97,7 +95,7 @@ class MapStore:
         """Return the YAML file of a map, or None if there is no such map."""
         if self._configured is not None and name == self._configured.stem:
             return self._configured
-        if _NAME.fullmatch(name) is None:
+        if MAP_NAME.fullmatch(name) is None:
             return None
         file = self._folder / f"{name}.yaml"
         return file if file.exists() else None

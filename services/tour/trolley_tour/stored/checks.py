@@ -1,7 +1,6 @@
 """What may be stored: the rules for names, saved poses and tours, and the files they lie in."""
 
 import datetime
-import re
 import unicodedata
 from collections.abc import Mapping
 from typing import TypeVar
@@ -13,6 +12,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, Stop, Tour, name_problem
+from trolley.messages.mapping import MAP_NAME
 from trolley.suggestions import did_you_mean
 
 T = TypeVar("T", SavedPose, Tour)
@@ -23,7 +23,6 @@ MAX_VIA = 1000
 """Via points of one stop."""
 MAX_TEXT = 1000
 """Characters of an icon or a note."""
-_MAP_NAME = re.compile(r"(?!\.)[A-Za-z0-9_.-]{1,64}")
 
 
 class PosesFile(Struct, frozen=True, kw_only=True):
@@ -88,7 +87,7 @@ def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> Save
     on_map = pose.map or map_name
     if on_map is None:
         raise Refused(codes.NOT_READY, "No map is loaded yet; say which map the pose is on.")
-    if not _MAP_NAME.fullmatch(on_map):
+    if not MAP_NAME.fullmatch(on_map):
         raise Refused(codes.BAD_REQUEST, f"{on_map!r} is not a valid map name.")
     if max(len(pose.icon), len(pose.note)) > MAX_TEXT:
         raise Refused(codes.TOO_LARGE, f"Icon and note may have {MAX_TEXT} characters at most.")
