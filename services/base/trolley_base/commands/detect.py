@@ -61,15 +61,7 @@ def detect_command(
             )
     path = _file_to_write(write) if write is not None else None
     text = robot_toml.read_text(path) if path is not None else ""
-    candidates = find_ports(ports)
-    progress = Progress()
-    progress.show(f"Looking at {len(candidates)} serial ports ...")
-    try:
-        seen = detect_devices(
-            candidates, lambda one, left: progress.show(_progress(one, left), one.port.name)
-        )
-    finally:
-        progress.clear()
+    seen = look_at_ports(ports)
     proposal = settings.propose(seen, tomllib.loads(text))
     proposal.notes += what_is_left_out()
     if as_json:
@@ -83,6 +75,19 @@ def detect_command(
     elif not as_json and udev is None:
         _show_settings(proposal)
     return exits.OK if any(one.found for one in seen) else exits.FAILED
+
+
+def look_at_ports(ports: Sequence[str]) -> list[PortResult]:
+    """Look at these serial ports, else at all that no program has open, and show how far it is."""
+    candidates = find_ports(ports)
+    progress = Progress()
+    progress.show(f"Looking at {len(candidates)} serial ports ...")
+    try:
+        return detect_devices(
+            candidates, lambda one, left: progress.show(_progress(one, left), one.port.name)
+        )
+    finally:
+        progress.clear()
 
 
 def _file_to_write(write: str) -> Path:

@@ -14,17 +14,17 @@ from trolley.cli.init import render
 from trolley.cli.options import given, where_options
 from trolley.cli.printing import say, say_block
 from trolley.cli.robots import reports_errors
-from trolley.cli.show import Progress
 from trolley.config import ConfigError, find_config, load_config, robot_toml
 from trolley.config.describe import to_toml
 from trolley.files import write_atomically
+from trolley_base.commands.detect import look_at_ports
 from trolley_base.commands.setup_robot import OpenRobot
 from trolley_base.description import footprint_of, half_track_of, limits_of
 from trolley_base.detection import settings as detected
-from trolley_base.detection.detector import detect_devices
-from trolley_base.detection.ports import find_ports
 from trolley_base.drivers import LidarScan
 from trolley_base.odometry.wheel_scales import counted_track_of
+from trolley_base.setup.clearance import PARAMS as CLEARANCE
+from trolley_base.setup.clearance import Body
 from trolley_base.setup.drive import PARAMS as DRIVE
 from trolley_base.setup.drive import SetupDrive
 from trolley_base.setup.findings import Settings, describe, evaluate, settings_of
@@ -173,13 +173,7 @@ def _find_devices(path: Path, ports: tuple[str, ...], notes: Path, state: Progre
     if not ports and config.base.driver == "hardware" and chassis.port and lidar.port:
         say(f"{path} names them: {chassis.board} at {chassis.port}, {lidar.model} at {lidar.port}.")
         return
-    candidates = find_ports(ports)
-    progress = Progress()
-    progress.show(f"Looking at {len(candidates)} serial ports ...")
-    try:
-        seen = detect_devices(candidates, lambda one, _left: progress.show(one.port.name))
-    finally:
-        progress.clear()
+    seen = look_at_ports(ports)
     text = robot_toml.read_text(path)
     proposal = detected.propose(seen, tomllib.loads(text))
     new = robot_toml.with_values(text, proposal.values, proposal.waiting, proposal.appendix)
@@ -270,8 +264,8 @@ def _drive(path: Path, short: bool) -> None:
     config = load_config(path)
     footprint = footprint_of(config)
     half_track_m = half_track_of(config, footprint)
-    radius_m = max(math.hypot(x, y) for x, y in footprint.tolist())
-    room_m = 2.0 * (radius_m + DRIVE.half_stroke_m + DRIVE.margin_m)
+    radius_m = Body(footprint).radius_m
+    room_m = 2.0 * (radius_m + DRIVE.half_stroke_m + CLEARANCE.margin_m)
     say(
         f"Put the robot on the floor in the middle of {room_m:.1f} m of free room all round, with "
         "walls or furniture in sight. It turns on the spot, then drives to and fro. Keep out of "
@@ -280,7 +274,7 @@ def _drive(path: Path, short: bool) -> None:
     robot = OpenRobot(config)
     with robot.opened():
         scans = robot.look(DRIVE.scans)
-    own = _ask_what_is_near(scans, 2.0 * radius_m + DRIVE.turn_margin_m)
+    own = _ask_what_is_near(scans, 2.0 * radius_m + CLEARANCE.turn_margin_m)
     _confirm("Is the floor free, and may it drive?")
     drive = SetupDrive(
         footprint,

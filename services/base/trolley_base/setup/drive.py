@@ -8,28 +8,27 @@ ends it, with the reason, and from then on the velocity is zero.
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, angle_difference
 from trolley.messages import Imu
-from trolley.scan_matching.scan_odometry import Prior, ScanOdometry
 from trolley_base.drivers import LidarScan, MotionSample
-from trolley_base.setup.record import Command, Record, SetupRefused, Stand
+from trolley_base.setup.clearance import PARAMS as CLEARANCE
+from trolley_base.setup.clearance import Body, Mount
+from trolley_base.setup.motion import LidarTrack, WheelCount, axle_of
+from trolley_base.setup.record import Command, Record, SetupRefused, Stand, refuse_silence
 from trolley_base.setup.sight import PARAMS as SIGHT
 from trolley_base.setup.sight import (
     Beams,
     Room,
     Sector,
-    at_rest,
-    in_motion,
     is_within,
     moving_share,
     near_sectors,
     own_sectors,
-    usual_ranges,
 )
 
 Floats = NDArray[np.float64]
@@ -64,12 +63,6 @@ class DriveParams:
     """Shorter strokes tell too little [m]."""
     num_strokes: int = 26
     """Number of whole strokes: 24 m, over which slip of 0.02 m a metre errs by 0.4 %."""
-    margin_m: float = 0.12
-    """Least distance to anything while it drives [m]."""
-    turn_margin_m: float = 0.05
-    """Least distance to anything while it turns on the spot [m]."""
-    braking_s: float = 0.5
-    """Time for which the distance ahead must suffice [s]: delay and braking of slow boards."""
     steering: float = 1.0
     """Turn rate per error of the heading on a stroke [1/s]."""
     most_steering_radps: float = 0.3
@@ -88,12 +81,6 @@ class DriveParams:
     """Number of scans that are taken at a stand."""
     tries: int = 4
     """Number of times that scans are taken where something moves around the robot."""
-    still_mps: float = 0.004
-    """Wheels that are slower stand [m/s]."""
-    still_radps: float = 0.02
-    """Wheels that turn the robot more slowly stand [rad/s]."""
-    silence_s: float = 1.5
-    """Longest silence of board or lidar [s]."""
     patience_s: float = 3.0
     """Longest time until the robot moves as told [s]."""
     stand_s: float = 12.0
@@ -112,12 +99,6 @@ class DriveParams:
     """Added to that for ways [rad/m]: two wheels of 0.1 m on a narrow track may differ so much."""
     one_sided: float = 0.5
     """Share of a turn that shows as a way of the robot when one encoder does not count."""
-    plain: float = 0.02
-    """Share of what a scan shows that it must show in each direction: less is a plain corridor."""
-    prior_m: float = 0.05
-    """Standard deviation of where a stand is expected [m]."""
-    prior_rad: float = 0.03
-    """The same of its direction [rad]."""
 
 
 PARAMS = DriveParams()
@@ -155,33 +136,16 @@ class SetupDrive:
         """The slowest commanded speed that moved the wheels [m/s]."""
         self.own = list(own)
         """Where the lidar sees the robot itself; once it has turned round, measured."""
-        self._footprint = footprint
-        self._radius_m = float(np.max(np.hypot(footprint[:, 0], footprint[:, 1])))
+        self._body = Body(footprint)
         self._half_track_m = half_track_m
         self._speed_mps = speed_mps
-        self._num_strokes = num_strokes
-        self._num_turns = max(num_turns, PARAMS.num_round)
-        self._odometry = ScanOdometry(has_axle=False)
-        self._standing = ScanOdometry(has_axle=False)
-        self._lidar = _Lidar()
+        self._lidar, self._wheels, self._mount = LidarTrack(), WheelCount(), Mount()
+        self._line = _Line()
         self._now_ns = 0
         self._begun_ns: int | None = None
         self._command = Twist2D.zero()
-        self._still_since_ns: int | None = None
-        self._wheel_way = self._wheel_turn = 0.0
-        self._counts: list[tuple[float, float]] = []
-        self._odometry_at_stand = self._start_T_odometry = Pose2D.identity()
-        self._heading_rad, self._bend, self._first_stroke_index = 0.0, 0.0, 0
-        self._axle: Floats | None = None
-        self._ahead: Floats | None = None
-        self._sign = 1.0
         self._num_fast = 0
-        self._course = self._drive()
-
-    @property
-    def beams(self) -> Beams | None:
-        """The directions in which stands see."""
-        return self._lidar.beams
+        self._course = self._drive(num_strokes, max(num_turns, PARAMS.num_round))
 
     def step(
         self,
@@ -223,16 +187,16 @@ class SetupDrive:
         self.problem = self.problem or problem
 
     # The course.
-    def _drive(self) -> Course:
+    def _drive(self, num_strokes: int, num_turns: int) -> Course:
         yield from self._stand()
         self._refuse_near()
         self.step_name = "a first short turn"
         yield from self._turn(PARAMS.trial_rad, PARAMS.trial_radps)
         yield from self._stand()
         self._judge_trial_turn()
-        for number in range(2 * self._num_turns):
-            self.step_name = f"turn {number + 1} of {2 * self._num_turns}"
-            way = 1.0 if number < self._num_turns else -1.0
+        for number in range(2 * num_turns):
+            self.step_name = f"turn {number + 1} of {2 * num_turns}"
+            way = 1.0 if number < num_turns else -1.0
             yield from self._turn(way * PARAMS.turn_rad, PARAMS.turn_radps)
             yield from self._stand()
             self._judge()
@@ -241,10 +205,7 @@ class SetupDrive:
         half_m = self._find_room()
         yield from self._first_stroke()
         yield from self._creep()
-        yield from self._strokes(half_m)
-
-    def _strokes(self, half_m: float) -> Course:
-        for number, target_m in enumerate(_targets(self._num_strokes, half_m)):
+        for number, target_m in enumerate(_targets(num_strokes, half_m)):
             self.step_name = f"stroke {number + 1}"
             yield from self._straighten()
             yield from self._go_to(target_m, self._speed_mps)
@@ -254,11 +215,11 @@ class SetupDrive:
     def _first_stroke(self) -> Course:
         """Drive a little ahead: the way that the lidar goes is ahead."""
         self.step_name = "a first short stroke"
-        before = self._odometry.pose
-        self._heading_rad = self._here.yaw
-        self._first_stroke_index = len(self.record.stands) - 1
+        before = self._lidar.pose
+        self._line.heading_rad = self._lidar.here.yaw
+        self._line.start_T_first = self.record.stands[-1].start_T_laser
         until_ns = self._deadline(PARAMS.trial_m / PARAMS.trial_mps + PARAMS.patience_s)
-        while before.distance_to(self._odometry.pose) < PARAMS.trial_m:
+        while before.distance_to(self._lidar.pose) < PARAMS.trial_m:
             self._refuse_late(until_ns, "The robot does not drive ahead as told")
             yield Twist2D(PARAMS.trial_mps, 0.0, 0.0)
         yield from self._stand()
@@ -267,9 +228,9 @@ class SetupDrive:
         moved = first.inverse() @ last
         # Half of the turn on the way, since the robot drove an arc.
         direction = math.atan2(moved.y, moved.x) - 0.5 * moved.yaw
-        if self._counted()[0] < 0.0:
+        if self._wheels.between_stands()[0] < 0.0:
             direction += math.pi
-        self._ahead = np.array([math.cos(direction), math.sin(direction)])
+        self._mount.ahead = np.array([math.cos(direction), math.sin(direction)])
 
     def _creep(self) -> Course:
         """Find the slowest speed at which the wheels turn."""
@@ -280,10 +241,10 @@ class SetupDrive:
             way = None
             while self._now_ns < until_ns:
                 if way is None and self._now_ns >= middle_ns:
-                    way = self._wheel_way
+                    way = self._wheels.way
                 yield Twist2D(speed, 0.0, 0.0)
             expected = 0.5 * PARAMS.creep_s * speed
-            if way is not None and self._wheel_way - way > 0.5 * expected:
+            if way is not None and self._wheels.way - way > 0.5 * expected:
                 self.slowest_mps = speed
                 break
         yield from self._stand()
@@ -291,12 +252,12 @@ class SetupDrive:
     # Its parts.
     def _turn(self, angle: float, rate: float) -> Course:
         """Turn on the spot until the lidar has seen it."""
-        seen, last = 0.0, self._odometry.pose.yaw
+        seen, last = 0.0, self._lidar.pose.yaw
         until_ns = self._deadline(abs(angle) / rate * 1.8 + PARAMS.patience_s)
         while seen < abs(angle):
             self._refuse_late(until_ns, "The robot does not turn as told")
             yield Twist2D(0.0, 0.0, math.copysign(rate, angle))
-            now = self._odometry.pose.yaw
+            now = self._lidar.pose.yaw
             seen += abs(angle_difference(now, last))
             last = now
 
@@ -319,7 +280,7 @@ class SetupDrive:
         until_ns = self._deadline(1.8 * seconds + PARAMS.patience_s)
         while way * (target_m - self._along_m) > 0.25 * speed:
             self._refuse_late(until_ns, "The robot does not drive as told")
-            turn = -self._bend * way * speed
+            turn = -self._line.bend * way * speed
             if self._now_ns - begun_ns > 700_000_000:  # the start shows how the motors follow
                 limit = PARAMS.most_steering_radps
                 turn -= max(-limit, min(limit, PARAMS.steering * self._heading_error))
@@ -342,7 +303,7 @@ class SetupDrive:
     def _rest(self, until_ns: int) -> Generator[Twist2D, None, list[LidarScan]]:
         self._lidar.scans.clear()
         while True:
-            since_ns = self._still_since_ns
+            since_ns = self._wheels.still_since_ns
             if since_ns is not None:
                 from_ns = since_ns + round(PARAMS.settle_s * 1e9)
                 scans = [scan for scan in self._lidar.scans if _first_ns(scan) > from_ns]
@@ -352,46 +313,24 @@ class SetupDrive:
             yield Twist2D.zero()
 
     def _note_stand(self, scans: list[LidarScan]) -> None:
-        stands, beams = self.record.stands, self._lidar.beams
-        assert beams is not None  # there are scans
-        ranges = usual_ranges(beams, scans)
-        prior = None
-        if stands:
-            step = self._odometry_at_stand.inverse() @ self._odometry.pose
-            spread = (PARAMS.prior_m, PARAMS.prior_m, PARAMS.prior_rad)
-            prior = Prior(step, np.diag(np.square(spread)))
-        # Stands lie farther apart in time than scans of one drive may.
-        seen = self._standing.update(
-            at_rest(beams, ranges, scans[-1], self.own, (len(stands) + 1) * 1_000_000_000),
-            0.0,
-            prior,
-        )
-        if seen.is_lost:
-            raise SetupRefused(
-                "What the lidar sees here does not fit what it saw before: the robot was carried "
-                "away, or too much has changed around it."
-            )
-        if stands:
-            self._refuse_plain(seen.shown)
-        self._odometry_at_stand = self._odometry.pose
-        # Each stand corrects where the scans in motion have led.
-        self._start_T_odometry = self._standing.pose @ self._odometry.pose.inverse()
-        since_ns = self._still_since_ns
+        stands = self.record.stands
+        start_T_laser, ranges = self._lidar.note_stand(scans, self.own, len(stands))
+        since_ns = self._wheels.still_since_ns
         assert since_ns is not None
-        self._counts.append((self._wheel_way, self._wheel_turn))
-        stands.append(Stand(since_ns, _last_ns(scans[-1]), self._standing.pose, ranges))
+        self._wheels.note_stand()
+        stands.append(Stand(since_ns, _last_ns(scans[-1]), start_T_laser, ranges))
 
     # What it sees of itself and of the room.
     def _refuse_near(self) -> None:
         """Refuse what is near and what nobody has called a part of the robot."""
         beams, ranges = self._lidar.beams, self.record.stands[0].ranges
         assert beams is not None
-        reach_m = 2.0 * self._radius_m
-        for sector in near_sectors(beams, ranges, reach_m + PARAMS.turn_margin_m):
+        reach_m = 2.0 * self._body.radius_m
+        for sector in near_sectors(beams, ranges, reach_m + CLEARANCE.turn_margin_m):
             if not is_within(sector, self.own):
                 first, last = map(math.degrees, sector)
                 raise SetupRefused(
-                    f"Something is nearer than {reach_m + PARAMS.turn_margin_m:.2f} m to the "
+                    f"Something is nearer than {reach_m + CLEARANCE.turn_margin_m:.2f} m to the "
                     f"lidar, at its angles from {first:.0f}° to {last:.0f}°. Give the robot more "
                     "room."
                 )
@@ -400,8 +339,8 @@ class SetupDrive:
         """Learn where the axle is, and what has turned with the robot."""
         stands, beams = self.record.stands, self._lidar.beams
         assert beams is not None
-        self._axle = _axle_of([stand.start_T_laser for stand in stands])
-        found = own_sectors(beams, stands, 2.0 * self._radius_m)
+        self._mount.axle = axle_of([stand.start_T_laser for stand in stands])
+        found = own_sectors(beams, stands, 2.0 * self._body.radius_m)
         for sector in self.own:
             if not is_within(sector, found) and not any(is_within(one, [sector]) for one in found):
                 first, last = map(math.degrees, sector)
@@ -415,9 +354,9 @@ class SetupDrive:
         """Return how far strokes may reach; refuse where there is too little room."""
         stands, beams = self.record.stands, self._lidar.beams
         assert beams is not None
-        assert self._axle is not None
+        assert self._mount.axle is not None
         here = stands[-1].start_T_laser
-        room = Room(here.transform_points(self._axle[None])[0])
+        room = Room(here.transform_points(self._mount.axle[None])[0])
         keep = beams.outside(self.own)
         for stand in stands:
             room.add(stand.start_T_laser.transform_points(beams.points(stand.ranges, keep)))
@@ -426,9 +365,9 @@ class SetupDrive:
                 "In some directions the lidar sees nothing at all, so nobody knows whether the "
                 "floor is free there. Choose a place with walls around, away from glass."
             )
-        half_m = min(PARAMS.half_stroke_m, room.free_m - self._radius_m - PARAMS.margin_m)
+        half_m = min(PARAMS.half_stroke_m, room.free_m - self._body.radius_m - CLEARANCE.margin_m)
         if half_m < PARAMS.least_half_m:
-            needed_m = PARAMS.least_half_m + self._radius_m + PARAMS.margin_m
+            needed_m = PARAMS.least_half_m + self._body.radius_m + CLEARANCE.margin_m
             raise SetupRefused(
                 f"The nearest thing is {room.free_m:.2f} m from the middle of the robot; it needs "
                 f"{needed_m:.2f} m all round. Give it more room."
@@ -437,7 +376,7 @@ class SetupDrive:
 
     # Judging what it did.
     def _judge_trial_turn(self) -> None:
-        (way, turn), moved = self._counted(), self._moved()
+        (way, turn), moved = self._wheels.between_stands(), self._moved()
         if abs(turn) < 0.25 * PARAMS.trial_rad and abs(way) < 0.02:
             raise SetupRefused(
                 "The robot turned, but the wheels counted nothing: look at the encoders' cables."
@@ -454,13 +393,13 @@ class SetupDrive:
                 f"On a turn only one wheel counted: the encoder of the {side} wheel does not "
                 "count, or that wheel does not turn."
             )
-        self._sign = math.copysign(1.0, moved.yaw)
+        self._mount.sign = math.copysign(1.0, moved.yaw)
         self._judge()
 
     def _judge(self) -> None:
         """Refuse a stretch that wheels and lidar saw quite differently."""
-        (way, turn), moved = self._counted(), self._moved()
-        turned = self._sign * moved.yaw
+        (way, turn), moved = self._wheels.between_stands(), self._moved()
+        turned = self._mount.sign * moved.yaw
         off = abs(math.remainder(turned - turn, 2.0 * math.pi))
         if off > PARAMS.differ * abs(turn) + PARAMS.differ_rad + PARAMS.differ_bend * abs(way):
             raise SetupRefused(
@@ -478,15 +417,7 @@ class SetupDrive:
             )
         if abs(way) > 0.5 * PARAMS.trial_m:
             share = abs(way) / (abs(way) + PARAMS.bend_m)
-            self._bend += share * ((turned - turn) / way - self._bend)
-
-    def _refuse_plain(self, shown: Floats) -> None:
-        values = np.linalg.eigvalsh(shown[:2, :2])
-        if values[0] < PARAMS.plain * values.sum():
-            raise SetupRefused(
-                "The lidar sees too few different walls here, as in a plain corridor, to tell how "
-                "the robot moves. Choose a place with walls or furniture in several directions."
-            )
+            self._line.bend += share * ((turned - turn) / way - self._line.bend)
 
     def _refuse_late(self, until_ns: int, what: str) -> None:
         if self._now_ns > until_ns:
@@ -501,7 +432,7 @@ class SetupDrive:
         part = wheels.between(last.middle_ns, self._now_ns)
         turns = abs(float(np.sum(wheels.turn[part]))) > 0.1
         drives = abs(float(np.sum(wheels.way[part]))) > 0.03
-        seen = self._odometry_at_stand.inverse() @ self._odometry.pose
+        seen = self._lidar.since_stand
         moves = math.hypot(seen.x, seen.y) > 0.05 or abs(seen.yaw) > 0.1
         if not (turns or drives or moves):
             return (
@@ -524,34 +455,24 @@ class SetupDrive:
         self, motions: Sequence[MotionSample], scans: Sequence[LidarScan], imu: Sequence[Imu]
     ) -> None:
         for motion in motions:
-            step, twist = motion.previous_T_base, motion.twist
             self.record.motions.append(motion)
-            self._wheel_way += step.x
-            self._wheel_turn += step.yaw
-            if twist.speed > PARAMS.still_mps or abs(twist.wz) > PARAMS.still_radps:
-                self._still_since_ns = None
-            elif self._still_since_ns is None and self._command.is_zero:
-                self._still_since_ns = motion.stamp_ns
+            self._wheels.take(motion, is_to_stand=self._command.is_zero)
         self.record.imu.extend(imu)
         for scan in scans:
             if self._lidar.take(scan):
                 self._follow(scan)
 
     def _follow(self, scan: LidarScan) -> None:
-        duration_s = max(len(scan.ranges) - 1, 0) * scan.time_increment
-        found = self._odometry.update(in_motion(scan, self.own), duration_s)
-        if self._odometry.is_lost:
-            raise SetupRefused(
-                "The lidar cannot follow how the robot moves: it sees too little here, or the "
-                "robot was carried away."
-            )
-        self._refuse_too_fast(found.twist)
+        self._refuse_too_fast(self._lidar.follow(scan, self.own))
         if not self._command.is_zero:
-            self._refuse_obstacle(scan)
+            beams = Beams.of(scan)
+            points = beams.points(scan.ranges, beams.outside(self.own))
+            self._body.refuse_obstacle(points, self._mount, self._command.vx)
 
     def _refuse_too_fast(self, twist: Twist2D) -> None:
         told = self._command
-        lever = 0.5 if self._axle is None else float(np.hypot(*self._axle)) + 0.05
+        axle = self._mount.axle
+        lever = 0.5 if axle is None else float(np.hypot(*axle)) + 0.05
         most_wz = PARAMS.too_fast * max(abs(told.wz), PARAMS.turn_radps) + 0.3
         most_v = PARAMS.too_fast * max(abs(told.vx), self._speed_mps) + lever * abs(twist.wz) + 0.1
         is_fast = abs(twist.wz) > most_wz or twist.speed > most_v
@@ -562,95 +483,49 @@ class SetupDrive:
                 "so that the board drives its wheel harder and harder; or somebody carries it."
             )
 
-    def _refuse_obstacle(self, scan: LidarScan) -> None:
-        """Refuse to come nearer to what the lidar sees than the margin."""
-        beams = Beams.of(scan)
-        points = beams.points(scan.ranges, beams.outside(self.own))
-        if not len(points):
-            return
-        speed = self._command.vx
-        if speed == 0.0 or self._axle is None or self._ahead is None:
-            centre = np.zeros(2) if self._axle is None else self._axle
-            reach_m = self._radius_m * (2.0 if self._axle is None else 1.0)
-            away_m = _nearest(np.hypot(*(points - centre).T))
-            least_m = reach_m + (PARAMS.turn_margin_m if speed == 0.0 else PARAMS.margin_m)
-            if away_m < least_m:
-                raise SetupRefused(_too_near(away_m - reach_m))
-            return
-        away = points - self._axle
-        ahead_x, ahead_y = self._ahead
-        along = ahead_x * away[:, 0] + ahead_y * away[:, 1]
-        aside = self._sign * (ahead_x * away[:, 1] - ahead_y * away[:, 0])
-        sides = self._footprint[:, 1]
-        in_way = (aside > sides.min() - 0.05) & (aside < sides.max() + 0.05)
-        if speed > 0.0:
-            gaps = along[in_way & (along > 0.0)] - float(self._footprint[:, 0].max())
-        else:
-            gaps = float(self._footprint[:, 0].min()) - along[in_way & (along < 0.0)]
-        gap_m = _nearest(gaps)
-        if gap_m < 0.5 * abs(speed) * PARAMS.braking_s:
-            raise SetupRefused(_too_near(gap_m))
-
     def _watch(self) -> None:
         """Refuse to go on without the devices."""
         assert self._begun_ns is not None
         motions = self.record.motions
         heard_ns = max(self._begun_ns, motions[-1].stamp_ns if motions else 0)
-        if self._now_ns - heard_ns > PARAMS.silence_s * 1e9:
-            raise SetupRefused("The motor board has fallen silent.")
-        seen_ns = max(self._begun_ns, self._lidar.latest_ns)
-        if self._now_ns - seen_ns > PARAMS.silence_s * 1e9:
-            raise SetupRefused("The lidar has fallen silent.")
+        refuse_silence("motor board", heard_ns, self._now_ns)
+        refuse_silence("lidar", max(self._begun_ns, self._lidar.latest_ns), self._now_ns)
 
     # Figures.
     def _deadline(self, seconds: float) -> int:
         return self._now_ns + round(seconds * 1e9)
 
     @property
-    def _here(self) -> Pose2D:
-        """start_T_laser now."""
-        return self._start_T_odometry @ self._odometry.pose
-
-    @property
     def _heading_error(self) -> float:
         """How far the robot is turned to the left of the heading of the strokes [rad]."""
-        return self._sign * angle_difference(self._here.yaw, self._heading_rad)
+        turned = angle_difference(self._lidar.here.yaw, self._line.heading_rad)
+        return self._mount.sign * turned
 
     @property
     def _along_m(self) -> float:
         """How far ahead the lidar is of where the strokes began [m]."""
-        assert self._ahead is not None
-        first = self.record.stands[self._first_stroke_index].start_T_laser
-        moved = first.inverse() @ self._here
-        return float(self._ahead @ np.array([moved.x, moved.y]))
+        assert self._mount.ahead is not None
+        moved = self._line.start_T_first.inverse() @ self._lidar.here
+        return float(self._mount.ahead @ np.array([moved.x, moved.y]))
 
     def _moved(self) -> Pose2D:
         stands = self.record.stands
         return stands[-2].start_T_laser.inverse() @ stands[-1].start_T_laser
 
-    def _counted(self) -> tuple[float, float]:
-        """Return the way [m] and the turn [rad] that the wheels counted since the stand before."""
-        before, after = self._counts[-2:]
-        return after[0] - before[0], after[1] - before[1]
 
+@dataclass(slots=True)
+class _Line:
+    """The line on which strokes go to and fro.
 
-class _Lidar:
-    """Keeps the scans since the last stand, and the beams that they are compared in."""
+    Attributes:
+        start_T_first: where the lidar was when they began, as in `Stand.start_T_laser`.
+        heading_rad: its direction then.
+        bend: turn per way that the wheels make of a command to go straight [rad/m].
+    """
 
-    def __init__(self) -> None:
-        self.beams: Beams | None = None
-        self.scans: list[LidarScan] = []
-        self.latest_ns = 0
-
-    def take(self, scan: LidarScan) -> bool:
-        """Keep a scan; False where it is not newer."""
-        if scan.stamp_ns <= self.latest_ns:
-            return False
-        if self.beams is None:
-            self.beams = Beams.round_about(scan)
-        self.latest_ns = scan.stamp_ns
-        self.scans.append(scan)
-        return True
+    start_T_first: Pose2D = field(default_factory=Pose2D.identity)
+    heading_rad: float = 0.0
+    bend: float = 0.0
 
 
 def _targets(num_strokes: int, half_m: float) -> list[float]:
@@ -667,19 +542,6 @@ def _targets(num_strokes: int, half_m: float) -> list[float]:
     return [*found, 0.0]
 
 
-def _axle_of(poses: Sequence[Pose2D]) -> Floats:
-    """Return the point (2,) in the frame of the lidar that stays where it is on all turns [m]."""
-    rows = np.zeros((2 * len(poses), 4))
-    places = np.zeros(2 * len(poses))
-    for index, pose in enumerate(poses):
-        cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-        rows[2 * index] = cos, -sin, -1.0, 0.0
-        rows[2 * index + 1] = sin, cos, 0.0, -1.0
-        places[2 * index : 2 * index + 2] = -pose.x, -pose.y
-    found, *_ = np.linalg.lstsq(rows, places, rcond=None)
-    return np.asarray(found[:2], np.float64)
-
-
 def _duration_ns(scan: LidarScan) -> int:
     return round(max(len(scan.ranges) - 1, 0) * scan.time_increment * 1e9)
 
@@ -692,15 +554,3 @@ def _first_ns(scan: LidarScan) -> int:
 def _last_ns(scan: LidarScan) -> int:
     """Return when the last of its beams was measured."""
     return scan.stamp_ns + max(0, _duration_ns(scan))
-
-
-def _nearest(away: Floats) -> float:
-    """Return the least distance that two beams confirm; one alone may hang between two things."""
-    return math.inf if len(away) < 2 else float(np.partition(away, 1)[1])
-
-
-def _too_near(gap_m: float) -> str:
-    return (
-        f"Something is {max(0.0, gap_m):.2f} m from the robot, nearer than it may be. Clear the "
-        "floor, or give the robot more room."
-    )

@@ -14,6 +14,22 @@ class SetupRefused(Exception):
     """It cannot go on: one sentence that says what is wrong and what to do about it."""
 
 
+SILENCE_S = 1.5
+"""Longest silence of a device before the drive is ended [s]."""
+
+
+def refuse_silence(what: str, heard_ns: int, now_ns: int) -> None:
+    """Refuse to go on without a device.
+
+    Args:
+        what: the motor board or the lidar.
+        heard_ns: robot time of the last that it said.
+        now_ns: robot time.
+    """
+    if now_ns - heard_ns > SILENCE_S * 1e9:
+        raise SetupRefused(f"The {what} has fallen silent.")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Stand:
     """Where the robot stood for a moment.

@@ -239,12 +239,6 @@ class Room:
         """The number of directions without any echo."""
         return int(np.count_nonzero(~self._is_seen))
 
-    @property
-    def nearest_direction(self) -> float:
-        """Where the nearest thing is [rad]."""
-        middle = (float(np.argmin(self._nearest)) + 0.5) / PARAMS.num_bins
-        return math.remainder(2.0 * math.pi * middle, 2.0 * math.pi)
-
     def _bins(self, angles: Floats) -> NDArray[np.int64]:
         share = np.mod(angles, 2.0 * math.pi) / (2.0 * math.pi)
         return np.minimum((share * PARAMS.num_bins).astype(np.int64), PARAMS.num_bins - 1)

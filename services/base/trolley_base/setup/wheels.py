@@ -10,7 +10,7 @@ from typing import Literal
 
 from trolley.geometry import Twist2D
 from trolley_base.drivers import LidarScan, MotionSample
-from trolley_base.setup.record import SetupRefused
+from trolley_base.setup.record import SetupRefused, refuse_silence
 from trolley_base.setup.sight import Beams, moving_share
 
 Seen = Literal["both forward", "both back", "left forward", "right forward", "not both"]
@@ -39,8 +39,6 @@ class WheelParams:
     """A wheel that counts more than so many times what was told runs away."""
     moved_share: float = 0.3
     """Share of the lidar's beams that change when the robot moves, and is not in the air."""
-    silence_s: float = 1.5
-    """Longest silence of the board [s]."""
 
 
 PARAMS = WheelParams()
@@ -99,7 +97,7 @@ class WheelTrial:
             self._turn += motion.previous_T_base.yaw
         self._scans.extend(scans)
         try:
-            self._watch()
+            refuse_silence("motor board", self._heard_ns, now_ns)
             return next(self._course)
         except StopIteration:
             return Twist2D.zero()
@@ -127,10 +125,6 @@ class WheelTrial:
             if not twist.is_zero:
                 self._watch_robot()
             yield twist
-
-    def _watch(self) -> None:
-        if self._now_ns - self._heard_ns > PARAMS.silence_s * 1e9:
-            raise SetupRefused("The motor board has fallen silent.")
 
     def _watch_robot(self) -> None:
         """Refuse a robot that moves, or whose wheels run away."""
