@@ -4,14 +4,16 @@ The robot cannot see its own wheels. A person says how they turned, once when to
 once when told to turn to the left; the counts say what the encoders made of it.
 """
 
+import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from trolley.geometry import Twist2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley_base.drivers import LidarScan, MotionSample
+from trolley_base.setup.motion import LidarTrack
 from trolley_base.setup.record import SetupRefused, refuse_silence
-from trolley_base.setup.sight import Beams, moving_share
+from trolley_base.setup.sight import moving_share
 
 Seen = Literal["both forward", "both back", "left forward", "right forward", "not both"]
 """How the wheels turned: with one of them forward the other went back; or one of them stood."""
@@ -39,6 +41,10 @@ class WheelParams:
     """A wheel that counts more than so many times what was told runs away."""
     moved_share: float = 0.3
     """Share of the lidar's beams that change when the robot moves, and is not in the air."""
+    moved_m: float = 0.08
+    """A robot in the air does not move farther than this by what the lidar sees [m]."""
+    moved_rad: float = 0.15
+    """Nor does it turn farther than this [rad]."""
 
 
 PARAMS = WheelParams()
@@ -69,8 +75,9 @@ class WheelTrial:
         self._told = Twist2D(speed, 0.0, 0.0)
         if way == "left":
             self._told = Twist2D(0.0, 0.0, speed / half_track_m)
-        self._scans: list[LidarScan] = []
+        self._lidar = LidarTrack()
         self._first: list[LidarScan] = []
+        self._start = Pose2D.identity()
         self._way = self._turn = 0.0
         self._now_ns, self._heard_ns = 0, 0
         self._course = self._try()
@@ -95,8 +102,10 @@ class WheelTrial:
         for motion in motions:
             self._way += motion.previous_T_base.x
             self._turn += motion.previous_T_base.yaw
-        self._scans.extend(scans)
         try:
+            for scan in scans:
+                if self._lidar.take(scan):
+                    self._lidar.follow(scan, ())
             refuse_silence("motor board", self._heard_ns, now_ns)
             return next(self._course)
         except StopIteration:
@@ -107,7 +116,7 @@ class WheelTrial:
 
     def _try(self) -> Generator[Twist2D]:
         yield from self._for(PARAMS.resting_s, Twist2D.zero())
-        self._first = self._scans[-6:]
+        self._first, self._start = self._lidar.scans[-6:], self._lidar.pose
         self._way = self._turn = 0.0
         yield from self._for(PARAMS.turning_s, self._told)
         yield from self._for(PARAMS.resting_s, Twist2D.zero())
@@ -134,11 +143,13 @@ class WheelTrial:
                 "The wheels turn much faster than told: an encoder counts backwards or is dead, so "
                 "that the board drives its wheel harder and harder."
             )
-        if len(self._first) < 2 or len(self._scans) < 4:
+        beams, scans = self._lidar.beams, self._lidar.scans
+        if beams is None or len(self._first) < 2 or len(scans) < 4:
             return
-        beams = Beams.round_about(self._first[0])
-        pair = [*self._first[:2], *self._scans[-2:]]
-        if moving_share(beams, pair) > PARAMS.moved_share:
+        moved = self._start.inverse() @ self._lidar.pose
+        is_away = math.hypot(moved.x, moved.y) > PARAMS.moved_m
+        is_moved = is_away or abs(moved.yaw) > PARAMS.moved_rad
+        if is_moved or moving_share(beams, [*self._first[:2], *scans[-2:]]) > PARAMS.moved_share:
             raise SetupRefused(
                 "The robot moves, or what is around it does. Lift it, so that its wheels turn "
                 "freely in the air and the rest of it stands still."

@@ -5,6 +5,7 @@ import random
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from trolley_base.setup.drive import SetupDrive
 from trolley_base.setup.findings import evaluate
 from trolley_base.setup.gyro import Gyro
 from trolley_base.setup.sight import Sector
+from trolley_base.setup.wheels import WheelTrial
 from trolley_base.world import RobotBody, Simulation, decode_world
 from trolley_base.world.faulty_wheels import BOTH, Trouble
 
@@ -217,3 +219,17 @@ def test_a_board_that_falls_silent_ends_it() -> None:
         _, scans, _ = odd.read()
         assert drive.step(odd.now_ns, [], scans) == Twist2D.zero()
     assert drive.problem == "The motor board has fallen silent."
+
+
+@pytest.mark.parametrize("way", ["ahead", "left"])
+def test_wheels_are_not_tried_on_a_robot_that_stands_on_the_floor(
+    way: Literal["ahead", "left"],
+) -> None:
+    odd = odd_robot(replace(ROBOT, post=None), hall(8.0, 4.0))
+    trial = WheelTrial(way, 0.5 * ASSUMED_TRACK_M)
+    while not trial.has_ended:
+        motions, scans, _ = odd.read()
+        odd.drive(trial.step(odd.now_ns, motions, scans))
+    assert trial.problem is not None
+    assert "Lift it" in trial.problem
+    assert odd.simulation.truth().pose.distance_to(Pose2D.identity()) < 0.2
