@@ -78,7 +78,7 @@ class Hand:
 
     @property
     def cells(self) -> np.ndarray:
-        return self.editor._drawn.grid.cells
+        return self.editor.drafting.drawn.grid.cells
 
     def wait(self) -> None:
         self.stage.runtime.run(0.3)
@@ -89,13 +89,13 @@ class Hand:
             ray_direction=tuple(np.array([x, y, 0.0]) - EYE),
             screen_pos=(0.5, 0.5),
         )
-        asyncio.run(self.editor._canvas._floor._impl.click_cb[0].callback(event))
+        asyncio.run(self.editor.pencil._canvas._floor._impl.click_cb[0].callback(event))
         self.wait()
         self.stage.session.drags.released((0.5, 0.5))
         self.wait()
 
     def drag(self, *way: tuple[float, float], is_called_off: bool = False) -> None:
-        callback = self.editor._canvas._floor._impl.drag_cb[0].callback
+        callback = self.editor.pencil._canvas._floor._impl.drag_cb[0].callback
         phases = ["start", *["update"] * (len(way) - 1), "end"]
         for phase, at in zip(phases, [*way, way[-1]], strict=True):
             event = SimpleNamespace(
@@ -138,7 +138,7 @@ def test_strokes_are_seen_at_once_and_stored_when_it_is_said(hand: Hand, mapper:
     hand.tap(1.0, 0.5)
     editor.choose("crop")
     hand.drag((-2.0, -1.95), (2.0, 1.5))
-    assert [type(op) for op in editor.draft.ops] == [EraseStroke, DrawWall, Crop]
+    assert [type(op) for op in editor.drafting.draft.ops] == [EraseStroke, DrawWall, Crop]
     assert hand.cells.shape == (35, 40)
     assert mapper.asked == []
     editor.store()
@@ -177,11 +177,11 @@ def test_a_drag_that_is_called_off_changes_nothing(hand: Hand) -> None:
     for tool in ("erase", "wall", "crop"):
         hand.editor.choose(tool)
         hand.drag((-1.0, 0.0), (1.0, 1.0), is_called_off=True)
-        assert hand.editor.draft.ops == ()
+        assert hand.editor.drafting.draft.ops == ()
         assert hand.editor._preview._stroke is None
     hand.editor.choose("erase")  # and the next one counts
     hand.drag((-1.0, -1.95), (1.0, -1.95))
-    assert len(hand.editor.draft.ops) == 1
+    assert len(hand.editor.drafting.draft.ops) == 1
 
 
 def test_turning_takes_all_of_the_scene_along(hand: Hand) -> None:
@@ -189,13 +189,14 @@ def test_turning_takes_all_of_the_scene_along(hand: Hand) -> None:
     for degrees in (10.0, 20.0, 30.0):
         editor.turn_to(degrees)
     hand.wait()
-    assert [op.angle for op in editor.draft.ops] == pytest.approx([math.radians(30.0)])
+    assert [op.angle for op in editor.drafting.draft.ops] == pytest.approx([math.radians(30.0)])
     root = hand.stage.drawn()._overrides[hand.stage.session.robot][""]
     hand.wait()
     assert root.wxyz[3] == pytest.approx(math.sin(math.radians(15.0)))
     editor.straighten()
     hand.wait()
-    assert editor.draft.ops == () or abs(editor.draft.last_turn) < math.radians(0.3)
+    draft = editor.drafting.draft
+    assert draft.ops == () or abs(draft.last_turn) < math.radians(0.3)
     editor.leave()
     hand.wait()
     assert root.wxyz[3] == pytest.approx(0.0)
@@ -207,7 +208,7 @@ def test_what_makes_no_sense_is_said_and_left_out(hand: Hand) -> None:
     hand.editor.choose("crop")
     hand.drag((50.0, 50.0), (60.0, 60.0))
     assert hand.browser.notices[-1][0] == "Not done"
-    assert len(hand.editor.draft.ops) == 1
+    assert len(hand.editor.drafting.draft.ops) == 1
     hand.editor.take_back()
     hand.wait()
     assert not hand.editor.hides_map
@@ -218,13 +219,13 @@ def test_another_map_is_merged_where_the_mapper_finds_it(hand: Hand, mapper: Map
     hand.editor.merge("attic")
     hand.wait()
     assert mapper.asked[0].preview
-    assert hand.editor.draft.ops == (Merge(name="attic", pose=Pose2D(1.0, 0.0, 0.0)),)
+    assert hand.editor.drafting.draft.ops == (Merge(name="attic", pose=Pose2D(1.0, 0.0, 0.0)),)
     hand.editor.turn_to(90.0)
     hand.wait()
-    about = hand.editor.draft.ops[1].about
+    about = hand.editor.drafting.draft.ops[1].about
     turned = Pose2D(about[0], about[1], math.pi / 2) @ Pose2D(-about[0], -about[1], 0.0)
     wanted = turned.transform_points(np.array([(4.0, 0.0), (4.0, 1.0)]))
-    np.testing.assert_allclose(hand.editor._drawn.walls, wanted, atol=1e-9)
+    np.testing.assert_allclose(hand.editor.drafting.drawn.walls, wanted, atol=1e-9)
     hand.editor.store()
     hand.wait()
     assert [type(op) for op in mapper.asked[1].ops] == [Merge, Turn]
@@ -279,7 +280,7 @@ def test_the_map_is_changed_from_the_page(hand: Hand, mapper: Mapper) -> None:
     page.type("Brush (m)", 9.0)
     page.tick("Erase to unknown")
     hand.drag((-1.0, -1.95), (1.0, -1.95))
-    assert (hand.editor.brush_m, hand.editor.to_unknown) == (2.0, True)
+    assert (hand.editor.pencil.brush_m, hand.editor.pencil.to_unknown) == (2.0, True)
     assert "Erase · 1 step" in page.text()
     page.press("Wall")
     hand.wait()
@@ -287,7 +288,7 @@ def test_the_map_is_changed_from_the_page(hand: Hand, mapper: Mapper) -> None:
     page.type("Wall (m)", 0.1)
     page.type("Turn (°)", 30.0)
     hand.wait()
-    assert (hand.editor.wall_m, len(hand.editor.draft.ops)) == (0.1, 2)
+    assert (hand.editor.pencil.wall_m, len(hand.editor.drafting.draft.ops)) == (0.1, 2)
     page.press("Undo last step")
     hand.wait()
     assert page.value("Turn (°)") == 0.0

@@ -518,8 +518,8 @@ def test_what_is_drawn_is_drawn_again_in_another_scene(stage: "Stage", begun: st
     else:
         session.map_editor.open()
         session.map_editor.choose("erase")
-        canvas = session.map_editor._canvas
-        session.map_editor._tapped((0.0, 0.0), 0.1)
+        canvas = session.map_editor.pencil._canvas
+        session.map_editor.pencil._tapped((0.0, 0.0), 0.1)
         stage.runtime.run(0.5)
         assert session.map_editor.hides_map
     floor = canvas._floor

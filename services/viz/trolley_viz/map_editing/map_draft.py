@@ -60,9 +60,11 @@ class Draft:
 
     def take_back(self) -> "Draft":
         """Drop the last operation."""
-        kept = len(self.ops) - 1
-        walls = tuple(one for one in self.walls if one[0] < kept)
-        return Draft(self.ops[:-1], walls)
+        return self.cut(len(self.ops) - 1)
+
+    def cut(self, count: int) -> "Draft":
+        """Keep so many operations, the first ones."""
+        return Draft(self.ops[:count], tuple(one for one in self.walls if one[0] < count))
 
 
 def draw(base: GridMap, draft: Draft, before: Drawn | None = None) -> Drawn | Refused:

@@ -3,7 +3,7 @@
 import math
 
 from trolley_viz.controls.controls import Controls
-from trolley_viz.map_editing.map_editor import BRUSH_M, WALL_M, Tool
+from trolley_viz.map_editing.pencil import BRUSH_M, WALL_M, Tool
 from trolley_viz.panels.markup import note
 from trolley_viz.session.session import Session
 
@@ -43,18 +43,18 @@ class MapEditPanel:
         editor = self._editor
         self._closed.visible, self._opened.visible = not editor.is_open, editor.is_open
         self._undo.disabled = editor.is_busy
-        label = next(text for text, one in TOOLS.items() if one == editor.tool)
-        steps = len(editor.draft.ops)
+        label = next(text for text, one in TOOLS.items() if one == editor.pencil.tool)
+        steps = len(editor.drafting.draft.ops)
         count = "nothing changed yet" if not steps else f"{steps} step{'s' * (steps > 1)}"
         busy = " · working …" if editor.is_busy else ""
         self._now.content = note(f"{label} · {count}{busy}")
-        self._brush.visible = self._unknown.visible = editor.tool == "erase"
-        self._wall.visible = editor.tool == "wall"
+        self._brush.visible = self._unknown.visible = editor.pencil.tool == "erase"
+        self._wall.visible = editor.pencil.tool == "wall"
         self._other.visible = bool(editor.maps)
         self._other.options = (CHOOSE, *editor.maps)
         self._back.visible = bool(steps)
         self._save.disabled = editor.is_busy or not steps
-        self._angle.value = round(math.degrees(editor.draft.last_turn), 3)
+        self._angle.value = round(math.degrees(editor.drafting.draft.last_turn), 3)
         if self._filled != editor.filled:
             self._filled = editor.filled
             self._name.value, self._other.value = editor.as_name, CHOOSE
@@ -64,9 +64,9 @@ class MapEditPanel:
         self._open.on_press(editor.open)
         self._undo.on_press(editor.undo_stored)
         self._tools.on_press(lambda label: editor.choose(TOOLS[label]))
-        self._brush.on_change(lambda metres: setattr(editor, "brush_m", metres))
-        self._wall.on_change(lambda metres: setattr(editor, "wall_m", metres))
-        self._unknown.on_change(lambda is_on: setattr(editor, "to_unknown", is_on))
+        self._brush.on_change(lambda metres: setattr(editor.pencil, "brush_m", metres))
+        self._wall.on_change(lambda metres: setattr(editor.pencil, "wall_m", metres))
+        self._unknown.on_change(lambda is_on: setattr(editor.pencil, "to_unknown", is_on))
         self._angle.on_change(editor.turn_to)
         self._straight.on_press(editor.straighten)
         self._other.on_change(editor.merge)
