@@ -150,7 +150,7 @@ class VizService(Service):
     def close_scene(self, client_id: int) -> None:
         """Forget a connection of viser's that is gone."""
         for page in self.pages.values():
-            if page.session.picture.is_of(client_id):
+            if page.session.window.picture.is_of(client_id):
                 page.session.detach()
         for secret, client in tuple(self._unclaimed.items()):
             if client.client_id == client_id:

@@ -423,7 +423,7 @@ class Stage:
 
     def drawn(self, client_id: int = 0) -> BrowserScene:
         """What a browser alone has in its scene."""
-        scene = self.page(client_id).session.scene
+        scene = self.page(client_id).session.window.scene
         assert scene is not None
         return scene
 

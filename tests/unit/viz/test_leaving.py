@@ -80,7 +80,7 @@ class Page:
         self.wait(lambda: bool(stage.viz.pages))
         (self.page,) = stage.viz.pages.values()
         self.line.send(f'{{"scene": "{self._secret()}"}}')
-        self.wait(lambda: self.page.session.picture.client is not None)
+        self.wait(lambda: self.page.session.window.picture.client is not None)
         self.run(0.5)
 
     def run(self, seconds: float) -> None:
@@ -109,7 +109,7 @@ class Page:
 
     @property
     def _owner(self) -> Any:
-        client = self.stage.session.picture.client
+        client = self.stage.session.window.picture.client
         assert client is not None
         return client.scene._owner_id
 
@@ -121,7 +121,7 @@ class Page:
         """Go without a word."""
         for one in (self.line, self.socket):
             one.socket.shutdown(socket.SHUT_RDWR)
-        self.wait(lambda: self.page.session.picture.client is None)
+        self.wait(lambda: self.page.session.window.picture.client is None)
         self.stage.runtime.run(3.0)
 
     def _is_heard(self) -> bool:

@@ -449,8 +449,8 @@ def test_a_scene_is_claimed_once_and_by_its_own_secret_only(stage: "Stage") -> N
         stage.say(thief, Said(scene=secret))
         stage.say(browser, Said(scene=secret))
     stage.runtime.run(0.5)
-    assert stage.page(1).session.picture.client is None
-    assert session.picture.client is browser
+    assert stage.page(1).session.window.picture.client is None
+    assert session.window.picture.client is browser
 
 
 def test_secrets_are_not_to_be_guessed(stage: "Stage") -> None:
@@ -466,7 +466,7 @@ def test_a_scene_that_went_before_it_was_claimed_cannot_be(stage: "Stage") -> No
     stage.viz.open_scene(other)
     stage.viz.close_scene(1)
     stage.say(browser, Said(scene=other.secret))
-    assert stage.session.picture.client is browser
+    assert stage.session.window.picture.client is browser
     assert stage.viz._unclaimed == {}
 
 
@@ -500,10 +500,10 @@ def test_a_page_whose_scene_is_lost_goes_on_without_and_finds_another(stage: "St
 def test_a_page_may_change_its_scene(stage: "Stage") -> None:
     """As when viser's page is loaded anew before the old connection is seen to be gone."""
     browser = stage.browse()
-    old = stage.session.scene
+    old = stage.session.window.scene
     stage.show(browser)
     stage.runtime.run(0.5)
-    assert stage.session.scene is not old
+    assert stage.session.window.scene is not old
 
 
 @pytest.mark.parametrize("begun", ["zone", "erase"])

@@ -105,7 +105,7 @@ def test_camera_is_moved_once_for_a_map(stage: "Stage") -> None:
     browser.camera.position = fitted + 1.0
     stage.runtime.run(1.0)
     assert browser.camera.position == pytest.approx(fitted + 1.0)
-    stage.session.fit_view()
+    stage.session.window.fit()
     assert browser.camera.position != pytest.approx(fitted + 1.0)
 
 
@@ -114,11 +114,11 @@ def test_a_view_that_is_where_every_page_begins_is_left_alone(stage: "Stage") ->
     bounds = map_bounds(stage.session.view)
     assert bounds is not None
     browser.camera.image_width = round(INITIAL_ASPECT * 800)
-    stage.session.fit_view()
+    stage.session.window.fit()
     stage.runtime.run(3.0)
     fits: list[object] = []
     watched = SimpleNamespace(camera=browser.camera, atomic=lambda: fits.append(1))
-    stage.session._viewport._client = watched  # type: ignore[assignment]
+    stage.session.window._viewport._client = watched  # type: ignore[assignment]
     stage.runtime.run(3.0)
     assert fits == []
 
@@ -127,12 +127,12 @@ def test_the_map_fits_a_picture_that_turns_unless_somebody_looks_elsewhere(stage
     browser, session = stage.browse(), stage.session
     stage.runtime.run(5.0)
     wide = browser.camera.position
-    session.resized((390.0, 844.0))
+    session.window.resized((390.0, 844.0))
     stage.runtime.run(5.0)
     high = browser.camera.position
     assert high[2] > wide[2] + 1.0
     browser.camera.position = high + 1.0
-    session.resized((844.0, 390.0))
+    session.window.resized((844.0, 390.0))
     stage.runtime.run(5.0)
     assert browser.camera.position == pytest.approx(high + 1.0)
 
@@ -144,7 +144,7 @@ def test_a_page_that_starts_very_slowly_is_looked_after_once_it_speaks(stage: "S
     bounds = map_bounds(session.view)
     assert bounds is not None
     browser.camera.position, _ = stand(bounds, INITIAL_ASPECT)
-    session.resized((1200.0, 800.0))
+    session.window.resized((1200.0, 800.0))
     stage.runtime.run(5.0)
     assert browser.camera.position == pytest.approx(fitted, abs=0.5)
 

@@ -111,7 +111,7 @@ class Page:
 
     def shown_layers(self) -> set[str]:
         """The keys of the layers that it shows."""
-        if self.session.picture.client is None:
+        if self.session.window.picture.client is None:
             return set()
         return {key for key, is_on in self.session.preferences.layers.items() if is_on}
 
@@ -232,7 +232,7 @@ class Page:
             hint=self.session.hint,
             dark=self.session.preferences.is_dark,
             language=self._language,
-            has_scene=self.session.picture.client is not None,
+            has_scene=self.session.window.picture.client is not None,
             has_letters=self.session.preferences.has_letters,
             is_pointing=self.session.pointing.tool is not None,
             has_cursor=self.session.pointing.cursor is not None,
@@ -333,7 +333,7 @@ class Page:
     def _gesture(self, gesture: Gesture, *, is_late: bool) -> None:
         session = self.session
         if gesture.size is not None:
-            session.resized(gesture.size)
+            session.window.resized(gesture.size)
         elif gesture.cancelled or (is_late and gesture.released is not None):
             session.drags.cancelled()
         elif gesture.released is not None:

@@ -47,7 +47,7 @@ class MoreTab:
     def __init__(self, gui: Controls, session: Session) -> None:
         self._due_ns = 0
         fit = gui.add_button("Show the whole map", icon="maximize")
-        fit.on_press(session.fit_view)
+        fit.on_press(session.window.fit)
         chosen = session.preferences.choices
         now = DARK if chosen.dark else LIGHT if chosen.light else AS_DEVICE
         look = gui.add_list("Look", (AS_DEVICE, LIGHT, DARK), value=now)

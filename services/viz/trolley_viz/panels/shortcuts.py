@@ -33,7 +33,7 @@ def add_shortcuts(gui: Controls, session: Session) -> str:
         ("Continue", "o", lambda: actions.steer("Continue")),
         ("Cancel", "x", lambda: actions.steer("Cancel")),
         ("Undo", "u", actions.history.undo),
-        ("Show the whole map", "v", session.fit_view),
+        ("Show the whole map", "v", session.window.fit),
     ]
     steps = [
         ("Move the point up", "↑", lambda: session.step_cursor(0.0, STEP_M)),

@@ -122,7 +122,7 @@ class TouchCard:
     def _look_closer(self) -> None:
         one = self._touching.touched
         if one is not None:
-            self._session.look_at(one.x, one.y)
+            self._session.window.look_at(one.x, one.y)
 
 
 def _title(view: View, one: Touched) -> str:

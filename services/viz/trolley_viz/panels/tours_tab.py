@@ -32,7 +32,9 @@ class TourTab:
         self._stored = TourActions(actions, lambda: session.robot)
         self._edited_on = ""
         """The robot whose tour is edited."""
-        self._drawing = TourDrawing(lambda: session.picture.scene, "/edited_tour", raised=0.02)
+        self._drawing = TourDrawing(
+            lambda: session.window.picture.scene, "/edited_tour", raised=0.02
+        )
         steer = actions.steer_tour if session.may_drive else None
         self._trip = TripPanel(gui, steer)
         self._list: TourList | None = None

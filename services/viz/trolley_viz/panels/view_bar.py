@@ -17,7 +17,7 @@ class ViewBar:
             self._follow = gui.add_button("")
             self._turn = gui.add_button("")
             self._past = gui.add_button("Past", icon="history")
-        fit.on_press(session.fit_view)
+        fit.on_press(session.window.fit)
         self._above.on_press(self._change_height)
         self._follow.on_press(self._follow_or_stay)
         self._turn.on_press(self._turn_or_not)
@@ -26,7 +26,7 @@ class ViewBar:
 
     def update(self) -> None:
         """Say what each would do now."""
-        look = self._session.look
+        look = self._session.window.look
         self._above.label = "Look from the side" if look.is_flat else "Look from above"
         self._above.icon = "perspective" if look.is_flat else "square"
         self._follow.label = "Stop following the robot" if look.follows else "Follow the robot"
@@ -38,16 +38,16 @@ class ViewBar:
         self._past.colour = "teal" if self._session.past.is_open else "grey"
 
     def _change_height(self) -> None:
-        look = self._session.look
-        self._session.change_look(replace(look, is_flat=not look.is_flat))
+        look = self._session.window.look
+        self._session.window.change_look(replace(look, is_flat=not look.is_flat))
 
     def _follow_or_stay(self) -> None:
-        look = self._session.look
-        self._session.change_look(replace(look, follows=not look.follows, turns=False))
+        look = self._session.window.look
+        self._session.window.change_look(replace(look, follows=not look.follows, turns=False))
 
     def _turn_or_not(self) -> None:
-        look = self._session.look
-        self._session.change_look(replace(look, follows=True, turns=not look.turns))
+        look = self._session.window.look
+        self._session.window.change_look(replace(look, follows=True, turns=not look.turns))
 
     def _open_or_close_past(self) -> None:
         past = self._session.past

@@ -1,6 +1,5 @@
 """One browser: its controls, its tool, the robot that it follows and the layers that it shows."""
 
-import math
 from collections.abc import Callable, Set
 from dataclasses import dataclass
 
@@ -18,13 +17,11 @@ from trolley_viz.drawing.map_changes import ChangeMarks, ChangeRequests
 from trolley_viz.drawing.suspected_mirrors import SuspectLines
 from trolley_viz.drawing.zone_editor import ZoneEditor, stored_zones
 from trolley_viz.drawing.zone_requests import ZoneRequests
-from trolley_viz.graphics.camera import NORTH, Look
 from trolley_viz.map_editing.map_editor import MapEditor
 from trolley_viz.map_editing.map_preview import MapPreview
 from trolley_viz.overlays.pages import File
 from trolley_viz.past.looking import Looking
 from trolley_viz.pointing.drags import Drags
-from trolley_viz.pointing.picture import Picture
 from trolley_viz.pointing.pointer import Pointer
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapLayer
@@ -33,10 +30,9 @@ from trolley_viz.scene.touch import Touched, touched
 from trolley_viz.sentences import Tone
 from trolley_viz.server.messages import Notice, Told
 from trolley_viz.server.visitors import Visitor
-from trolley_viz.session.browser_scene import BrowserScene
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.preferences import Preferences
-from trolley_viz.session.viewport import Viewport
+from trolley_viz.session.window import Window
 from trolley_viz.settings import Choices
 
 
@@ -64,8 +60,6 @@ class Session:
     """
 
     def __init__(self, hub: Hub, page: PagePort, choices: Choices) -> None:
-        self.picture = Picture()
-        """Where it draws what is its own."""
         self.visitor = page.visitor
         self._page = page
         self._hub = hub
@@ -75,10 +69,13 @@ class Session:
         )
         """What its person has chosen."""
         self._robot = choices.robot or hub.robots.own
+        self.window = Window(lambda: self.view, lambda: service.monotonic_ns)
+        """What it shows of the scene."""
+        picture = self.window.picture
         self.drags = Drags(
             self._post_while_open, lambda: hub.service.monotonic_ns, self._tell_unconfirmed
         )
-        self.pointing = Pointer(self.picture, self.drags)
+        self.pointing = Pointer(picture, self.drags)
         self.actions = RobotActions(
             service, lambda: self._robot, lambda: self.view, self.tell, self._note_sent
         )
@@ -98,7 +95,7 @@ class Session:
             lambda: self.view,
         )
         self.zone_editor = ZoneEditor(
-            Canvas(self.picture, self.drags),
+            Canvas(picture, self.drags),
             ZoneRequests(
                 service,
                 lambda: self._robot,
@@ -112,49 +109,40 @@ class Session:
             self._begin_zone,
         )
         self.map_editor = MapEditor(
-            Canvas(self.picture, self.drags),
-            MapPreview(self.picture),
+            Canvas(picture, self.drags),
+            MapPreview(picture),
             service,
             lambda: self._robot,
             lambda: self.view,
             self.tell,
             self._begin_map_tool,
         )
-        self.suspected_mirrors = SuspectLines(self.picture)
-        self.change_marks = ChangeMarks(self.picture)
+        self.suspected_mirrors = SuspectLines(picture)
+        self.change_marks = ChangeMarks(picture)
         self.change_requests = ChangeRequests(
             service, self.actions, lambda: self._robot, self._map_name
         )
-        self.scene: BrowserScene | None = None
-        """What this browser alone has in its scene; None while it has no picture."""
-        self._viewport: Viewport | None = None
-        self.look = Look()
-        """How its person wants to see the map."""
         self.take_tap: Callable[[Touched], bool] | None = None
         """Takes what is touched, as while a tour is made of it; says whether it did."""
-        self._size: tuple[float, float] | None = None
-        """Width and height of the picture [px of the page], once the page has told."""
 
     # Its picture.
     def attach(self, client: viser.ClientHandle) -> None:
         """Draw in a picture that is new; what is under way there goes on."""
         self.detach()
-        self.picture.client = client
+        self.window.open(client)
         self._set_look()
-        self.scene = BrowserScene(client.scene)
-        self._viewport = Viewport(client, self._size, self.look)
         self.pointing.show()
         self.zone_editor.show()
         self.map_editor.show()
 
     def detach(self) -> None:
         """Go without a picture, as while viser's part of the page loads."""
-        if self.picture.client is not None:
+        if self.window.picture.client is not None:
             self.drags.cancelled()
             self.pointing.hide()
             self.zone_editor.hide()
             self.map_editor.hide()
-            self.picture.client = self.scene = self._viewport = None
+            self.window.shut()
 
     # What the panels read.
     @property
@@ -242,12 +230,6 @@ class Session:
         """Do not offer some changes of the map here for now."""
         self.change_marks.put_off(self._map_name(), changes)
 
-    def resized(self, size: tuple[float, float]) -> None:
-        """Note the width and height of the picture [px of the page]."""
-        self._size = size
-        if self._viewport is not None:
-            self._viewport.resized(size, self._hub.service.monotonic_ns)
-
     def choose_look(self, *, dark: bool, light: bool) -> None:
         """Change the look, and remember it; neither: as the device is set."""
         self.preferences.choose_look(dark=dark, light=light)
@@ -258,23 +240,6 @@ class Session:
         self.preferences.device_is_dark = is_dark
         self._set_look()
 
-    def look_at(self, x: float, y: float) -> None:
-        """Show a place in the world [m] from near."""
-        if self._viewport is not None:
-            self._viewport.look_at(x, y)
-
-    def change_look(self, look: Look) -> None:
-        """See the map from elsewhere."""
-        self.look = look
-        if self._viewport is not None:
-            self._viewport.change(look, self.view)
-
-    def fit_view(self) -> None:
-        """Show the whole map, and follow nobody."""
-        self.change_look(Look(is_flat=self.look.is_flat))
-        if self._viewport is not None:
-            self._viewport.fit(self.view)
-
     # What the service asks for.
     def update_scene(self, robots: Set[str]) -> None:
         """Show what this browser wants to see of the robots in the scene, and nothing else."""
@@ -282,27 +247,28 @@ class Session:
         self.drags.tick()
         self._tick_past()
         self.aiming.tick()
-        if self.scene is not None and self._viewport is not None:
+        scene, eye = self.window.scene, self.window.eye
+        if scene is not None and eye is not None:
             hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
             hidden |= HIDDEN if self.past.is_past else set[str]()
             shown = layers
             if hidden:
                 shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
-            self.scene.show_robot(self._robot, robots, shown)
-            self.scene.move_root(self._robot, self.map_editor.new_T_old)
+            scene.show_robot(self._robot, robots, shown)
+            scene.move_root(self._robot, self.map_editor.new_T_old)
             markers = self._hub.scenes.of(self._robot).markers
-            self.scene.draw(
+            scene.draw(
                 view,
                 layers,
                 preview=self.aiming.preview or self.touching.preview,
                 queue=self.actions.goal_queue.items,
                 icons=markers.icons if layers[markers.key] else [],
                 frames=self.preferences.frames,
-                eye=self._viewport.eye,
+                eye=eye,
                 touched=self.touching.touched,
             )
-            self.scene.past.draw(self.past.picture, view)
-            self._viewport.update(view, self._robot)
+            scene.past.draw(self.past.picture, view)
+            self.window.update(self._robot)
         self._keep_one_tool()
         self.zone_editor.update()
         self.map_editor.update()
@@ -312,17 +278,15 @@ class Session:
 
     def step_cursor(self, right: float, up: float, turn: float = 0.0) -> None:
         """Move what arrow keys point at, as seen in the picture [m], or turn it [rad]."""
-        heading = NORTH if self._viewport is None else self._viewport.up
         here = self.view.placement.world_T_base or Pose2D.identity()
-        x = up * math.cos(heading) + right * math.sin(heading)
-        y = up * math.sin(heading) - right * math.cos(heading)
-        self.pointing.step(here, Pose2D(x, y, turn))
+        self.pointing.step(here, Pose2D(*self.window.offset(right, up), turn))
 
     def tapped(self, at: tuple[float, float]) -> None:
         """Take a tap on the picture, unless a tool waits for it: shares of its width and height."""
-        if self.hint or self._viewport is None or not self.may_drive:
+        eye = self.window.eye
+        if self.hint or eye is None or not self.may_drive:
             return
-        one = touched(self.view, self._viewport.eye, at)
+        one = touched(self.view, eye, at)
         if one is None or not (self.take_tap and self.take_tap(one)):
             self.touching.touch(one)
 
@@ -340,7 +304,7 @@ class Session:
         people.senders.note(robot, sent, people.names.of(self.visitor))
 
     def _set_look(self) -> None:
-        client = self.picture.client
+        client = self.window.picture.client
         if client is not None:
             client.gui.configure_theme(
                 dark_mode=self.preferences.is_dark, show_logo=False, show_share_button=False
@@ -356,7 +320,7 @@ class Session:
         """Call on the service's thread what a pointer did, unless its browser is gone."""
 
         def call() -> None:
-            client = self.picture.client
+            client = self.window.picture.client
             if client is not None and self._hub.is_open(client.client_id):
                 fn()
 
