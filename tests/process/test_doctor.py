@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from support.terminals import Terminal
@@ -81,12 +82,21 @@ def test_doctor_finds_what_is_wrong_with_a_robot(
 ) -> None:
     add_robot("one")
     add_robot("two")
-    done = trolley("doctor", "--connect", endpoint, "--robot", "one", "--json")
-    assert done.returncode == 1
-    found = json.loads(done.stdout)["findings"]
-    problems = [one["sentence"] for one in found if one["level"] == "problem"]
-    assert "planner is not running, or hangs." in problems
-    assert "scan is not published, although base is running." in problems
+    found: list[dict[str, Any]] = []
+
+    def problems() -> list[str]:
+        return [one["sentence"] for one in found if one["level"] == "problem"]
+
+    def is_base_heard() -> bool:
+        """Whether base had its share of the processor while the doctor listened."""
+        done = trolley("doctor", "--connect", endpoint, "--robot", "one", "--json")
+        assert done.returncode == 1
+        found[:] = json.loads(done.stdout)["findings"]
+        return "base is not running, or hangs." not in problems()
+
+    wait_until(is_base_heard, "doctor hears base")
+    assert "planner is not running, or hangs." in problems()
+    assert "scan is not published, although base is running." in problems()
     assert {one["robot"] for one in found} == {None, "one"}
     assert all(one["remedy"] for one in found if one["level"] in ("problem", "warning"))
     everybody = trolley("doctor", "--connect", endpoint, "--json", "--seconds", "1")
