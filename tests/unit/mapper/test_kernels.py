@@ -72,27 +72,51 @@ def test_noise_is_no_information() -> None:
     assert without_noise(np.diag([1e4, 1e4, 9e4]))[0, 0] == pytest.approx(9700.0)
 
 
-@given(seed=st.integers(0, 1000))
-def test_branch_and_bound_finds_what_trying_everything_finds(seed: int) -> None:
+def naive_score(level: np.ndarray, cells: np.ndarray, row: int, col: int) -> float:
+    """The mean score of points that are shifted by so many cells, 0 to 1."""
+    total = 0
+    _, height, width = level.shape
+    for r, c, layer in np.add(cells, [row, col, 0]):
+        if 0 <= r < height and 0 <= c < width:
+            total += int(level[layer, r, c])
+    return total / (255.0 * len(cells))
+
+
+@given(seed=st.integers(0, 1000), cols=st.sampled_from([5, 30, 60]))
+def test_branch_and_bound_finds_what_trying_everything_finds(seed: int, cols: int) -> None:
     rng = np.random.default_rng(seed)
-    shape = (correlate.LAYERS, 24, 30)
+    shape = (correlate.LAYERS + 1, 45, cols)
     levels = np.zeros((4, *shape), np.uint8)
     levels[0] = rng.integers(0, 256, shape) * (rng.random(shape) < 0.2)
+    levels[0, correlate.ANY_SIDE] = levels[0, : correlate.LAYERS].max(axis=0)
     correlate.fill_pyramid(levels)
-    low, high = (-3, -3, -1), (27, 27, correlate.LAYERS)
+    low, high = (-3, -3, 0), (48, cols + 3, correlate.LAYERS + 1)
     cells = rng.integers(low, high, (3, 12, 3)).astype(np.int32)
     best = np.empty(4)
-    heading = correlate.find_best_shift(best, levels, cells, 6, 0.0, 0.0)
+    heading = correlate.find_best_shift(best, levels, cells.copy(), 6, 0.0, 0.0)
     assert heading >= 0
     tried = [
-        correlate.bound_at(levels[0], cells[a], row, col, 1)
+        naive_score(levels[0], cells[a], row, col)
         for a in range(3)
         for row in range(-6, 7)
         for col in range(-6, 7)
     ]
     assert best[0] == pytest.approx(max(tried))
-    again = correlate.bound_at(levels[0], cells[heading], int(best[1]), int(best[2]), 1)
+    again = naive_score(levels[0], cells[heading], int(best[1]), int(best[2]))
     assert again == pytest.approx(best[0])
+
+
+@given(seed=st.integers(0, 1000), cols=st.sampled_from([1, 3, 8, 40]))
+def test_a_pyramid_has_the_maxima_up_and_right(seed: int, cols: int) -> None:
+    rng = np.random.default_rng(seed)
+    levels = np.zeros((4, correlate.LAYERS + 1, 20, cols), np.uint8)
+    levels[0] = rng.integers(0, 256, levels[0].shape)
+    correlate.fill_pyramid(levels)
+    for h in range(4):
+        for row in range(20):
+            for col in range(cols):
+                block = levels[0, :, row : row + (1 << h), col : col + (1 << h)]
+                assert (levels[h, :, row, col] == block.max(axis=(1, 2))).all()
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, 1.0, 2.5])

@@ -6,6 +6,7 @@ Source:
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from trolley.scan_matching.layout import Cloud, Surfels
 LAYERS = 4
 """Surfaces are drawn in layers by the side that they are seen from: the back of a wall must not be
 laid over its front."""
+ANY_SIDE = LAYERS
+"""One layer more has all of them: for points of which it is not clear which side they show."""
 IN_LAYER = 0.25
 """A layer takes what faces within 75 degrees of its middle (a cosine), so that points, which go to
 the nearest middle, may err in their direction by 30."""
@@ -32,7 +35,8 @@ def draw_likelihood(
     """Write how well a point fits in each cell: 255 on a surface, less beside it.
 
     Args:
-        out_score: (LAYERS, rows, cols), overwritten; layer k has what faces k quarter turns.
+        out_score: (LAYERS + 1, rows, cols), overwritten; layer k has what faces k quarter turns,
+            layer `ANY_SIDE` what is in any of the others.
         surfels: of the neighbourhood.
         count: how many there are.
         frame: (3,) x, y [m] of the outer corner of cell (0, 0), and cells per metre.
@@ -59,6 +63,7 @@ def draw_likelihood(
                     value = np.uint8(255.0 * math.exp(scale * (dx * dx + dy * dy)))
                     if value > out_score[layer, row, col]:
                         out_score[layer, row, col] = value
+                        out_score[ANY_SIDE, row, col] = max(out_score[ANY_SIDE, row, col], value)
 
 
 @kernel
@@ -66,22 +71,36 @@ def fill_pyramid(levels: NDArray[np.uint8]) -> None:
     """Fill level h with the maxima over 2^h x 2^h cells up and right, from level 0.
 
     Args:
-        levels: (heights, LAYERS, rows, cols); level 0 is read, the others are overwritten.
+        levels: (heights, LAYERS + 1, rows, cols); level 0 is read, the others are overwritten.
     """
     heights, layers, rows, cols = levels.shape
     for at in range(layers, heights * layers):
         h = at // layers
         step = 1 << (h - 1)
+        inside = max(cols - step, 0)
         below = levels[h - 1, at % layers]
         above = levels[h, at % layers]
         for row in range(rows):
-            up = min(row + step, rows - 1)
-            for col in range(cols):
-                right = min(col + step, cols - 1)
-                best = below[row, col]
-                best = max(best, below[up, col])
-                best = max(best, below[row, right])
-                above[row, col] = max(best, below[up, right])
+            here, up = below[row], below[min(row + step, rows - 1)]
+            fill_highest(above[row, :inside], here, up, here[step:], up[step:])
+            fill_highest(above[row, inside:], here[inside:], up[inside:], here[-1:], up[-1:])
+
+
+@kernel
+def fill_highest(
+    out: NDArray[np.uint8],
+    here: NDArray[np.uint8],
+    up: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    corner: NDArray[np.uint8],
+) -> None:
+    """Write the highest of four rows in each column; the last two may be one cell, for all."""
+    if right.size < out.size:
+        for col in range(out.size):
+            out[col] = max(max(here[col], up[col]), max(right[0], corner[0]))
+    else:  # plain enough for several columns to be done at once
+        for col in range(out.size):
+            out[col] = max(max(here[col], up[col]), max(right[col], corner[col]))
 
 
 @kernel
@@ -96,7 +115,7 @@ def turn_cloud(
 
     Args:
         out_cells: (yaws, points, 3), overwritten: row, col, and the layer of the side that the
-            surface is seen from; -1 where that is not clear.
+            surface is seen from; `ANY_SIDE` where that is not clear.
         cloud: the points in `base_link`.
         yaws: (yaws,) [rad] in `map`.
         frame: (3,) of the grid, see `draw_likelihood`.
@@ -113,66 +132,107 @@ def turn_cloud(
             nx = cos * cloud.normals[j, 0] - sin * cloud.normals[j, 1]
             ny = sin * cloud.normals[j, 0] + cos * cloud.normals[j, 1]
             if nx == 0.0 and ny == 0.0:
-                out_cells[a, j, 2] = -1
+                out_cells[a, j, 2] = ANY_SIDE
             elif abs(nx) > abs(ny):
                 out_cells[a, j, 2] = 0 if nx > 0.0 else 2
             else:
                 out_cells[a, j, 2] = 1 if ny > 0.0 else 3
 
 
+class Placed(NamedTuple):
+    """The points of a scan at one heading, as they are looked up."""
+
+    inside: NDArray[np.uint32]
+    """(points,) for those that no shift takes off the grid: the place of their cell in a level's
+    memory, at the window's lower left corner."""
+    edge: NDArray[np.int32]
+    """(points, 3) of the others: row, col and layer without shift."""
+    half: int
+    """Half the window's edge [cells]."""
+
+
 @kernel
-def bound_at(
-    level: NDArray[np.uint8], cells: NDArray[np.int32], row: int, col: int, reach: int
-) -> float:
+def place(
+    out_inside: NDArray[np.uint32],
+    cells: NDArray[np.int32],
+    shape: tuple[int, int, int],
+    half: int,
+    spare: int,
+) -> Placed:
+    """Tell which points no shift takes off the grid, and where in a level they are looked up.
+
+    Args:
+        out_inside: (points,), room for `Placed.inside`.
+        cells: (points, 3) of one heading, from `turn_cloud`; put into another order.
+        shape: of a level.
+        half: half the window's edge [cells].
+        spare: what a block reaches beyond the window [cells].
+    """
+    _, height, width = shape
+    reach = 2 * half + spare
+    count = 0
+    for j in range(cells.shape[0]):
+        row, col, layer = cells[j, 0], cells[j, 1], cells[j, 2]
+        low, left = row - half, col - half
+        if low < 0 or left < 0 or low + reach >= height or left + reach >= width:
+            continue
+        out_inside[count] = (layer * height + low) * width + left
+        cells[j] = cells[count]
+        cells[count, 0], cells[count, 1], cells[count, 2] = row, col, layer
+        count += 1
+    return Placed(out_inside[:count], cells[count:], half)
+
+
+@kernel
+def bound_at(level: NDArray[np.uint8], points: Placed, row: int, col: int, reach: int) -> float:
     """Return the highest mean score (0 to 1) of any shift in a block; exact where reach is 1.
 
     Args:
-        level: (LAYERS, rows, cols) maxima over `reach` cells up and right.
-        cells: (points, 3) row, col and layer of the points without shift.
+        level: (LAYERS + 1, rows, cols) maxima over `reach` cells up and right.
+        points: at one heading.
         row: lowest shift of the block [cells]; `col` alike.
         col: see `row`.
         reach: shifts in the block along each axis.
     """
     total = np.int64(0)
-    layers, height, width = level.shape
-    for j in range(cells.shape[0]):
-        r = cells[j, 0] + row
-        c = cells[j, 1] + col
-        if not (-reach < r < height and -reach < c < width):
-            continue
-        # The first cell covers all that a block below the edge can reach.
-        r, c = max(r, 0), max(c, 0)
-        if cells[j, 2] >= 0:
-            total += level[cells[j, 2], r, c]
-        else:
-            best = level[0, r, c]
-            for layer in range(1, layers):
-                best = max(best, level[layer, r, c])
-            total += best
-    return float(total) / (255.0 * max(cells.shape[0], 1))
+    _, height, width = level.shape
+    memory = level.reshape(-1)
+    # Without a sign numba does not ask each time whether it counts from the end.
+    offset = np.uint64((row + points.half) * width + col + points.half)
+    for j in range(points.inside.size):
+        total += memory[np.uint64(points.inside[j]) + offset]
+    for j in range(points.edge.shape[0]):
+        r = points.edge[j, 0] + row
+        c = points.edge[j, 1] + col
+        if -reach < r < height and -reach < c < width:
+            # The first cell covers all that a block below the edge can reach.
+            total += level[points.edge[j, 2], max(r, 0), max(c, 0)]
+    count = points.inside.size + points.edge.shape[0]
+    return float(total) / (255.0 * max(count, 1))
 
 
 @kernel
 def descend(
     out_best: NDArray[np.float64],
     levels: NDArray[np.uint8],
-    cells: NDArray[np.int32],
+    points: Placed,
     block: tuple[int, int, float],
-    window: tuple[int, float, float],
+    window: tuple[float, float],
 ) -> float:
     """Search one block of the highest level, best parts first.
 
     Args:
         out_best: (4,) score, rows, cols, as in `find_best_shift`; overwritten if one is better.
-        levels: (heights, LAYERS, rows, cols) of `fill_pyramid`.
-        cells: (points, 3) of one heading.
+        levels: (heights, LAYERS + 1, rows, cols) of `fill_pyramid`.
+        points: at one heading.
         block: its lowest shift and its bound.
-        window: half its edge [cells], loss of score at its border, loss for the heading.
+        window: loss of score at its border, loss for the heading.
 
     Returns:
         The best score so far, losses taken off.
     """
-    half, pull, turned = window
+    pull, turned = window
+    half = points.half
     best = out_best[3]
     top = levels.shape[0] - 1
     stack = np.empty((4 * top + 8, 3), np.int64)
@@ -197,7 +257,7 @@ def descend(
         step = 1 << (h - 1)
         for k in range(4):
             r, c = row + step * (k // 2), col + step * (k % 2)
-            children[k] = bound_at(levels[h - 1], cells, r, c, step)
+            children[k] = bound_at(levels[h - 1], points, r, c, step)
         for k in np.argsort(children):
             if children[k] >= best:
                 stack[depth, 0] = h - 1
@@ -221,8 +281,8 @@ def find_best_shift(
 
     Args:
         out_best: (4,) score, rows, cols, and score with the loss taken off, overwritten.
-        levels: (heights, LAYERS, rows, cols) of `fill_pyramid`.
-        cells: (yaws, points, 3) of `turn_cloud`.
+        levels: (heights, LAYERS + 1, rows, cols) of `fill_pyramid`.
+        cells: (yaws, points, 3) of `turn_cloud`; put into another order.
         half: the window reaches from -half to half [cells].
         least: scores below this are not looked for.
         pull: loss of score towards the window's corners, for what cannot be told from the scan.
@@ -235,11 +295,14 @@ def find_best_shift(
     block = 1 << top
     side = (2 * half + block) // block
     bounds = np.empty(yaws * side * side)
-    for at in range(bounds.size):
-        row = (at // side) % side * block - half
-        col = at % side * block - half
-        a = at // (side * side)
-        bounds[at] = bound_at(levels[top], cells[a], row, col, block)
+    inside = np.empty(cells.shape[:2], np.uint32)
+    counts = np.empty(yaws, np.int64)
+    for a in range(yaws):
+        points = place(inside[a], cells[a], levels.shape[1:], half, block)
+        counts[a] = points.inside.size
+        for at in range(side * side):
+            row, col = at // side * block - half, at % side * block - half
+            bounds[a * side * side + at] = bound_at(levels[top], points, row, col, block)
     found = -1
     best = least
     kept = np.empty(4)
@@ -251,9 +314,10 @@ def find_best_shift(
         off = abs(2.0 * a / max(yaws - 1, 1) - 1.0)
         bound = float(bounds[at])
         at_block = ((at // side) % side * block - half, at % side * block - half, bound)
-        window = (half, pull, pull * 0.5 * off * off)
+        window = (pull, pull * 0.5 * off * off)
         out_best[0] = -1.0
-        score = descend(out_best, levels, cells[a], at_block, window)
+        points = Placed(inside[a, : counts[a]], cells[a, counts[a] :], half)
+        score = descend(out_best, levels, points, at_block, window)
         if out_best[0] >= 0.0:
             best = score
             found = a

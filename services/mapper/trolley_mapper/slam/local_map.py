@@ -99,7 +99,7 @@ class LocalMap:
             every = max(len(one.points) // PARAMS.free_beams, 1)
             surfels.mark_free(self.surfels, one.points, one.laser, pose, every)
         surfels.normalise_surfels(self.surfels, self.count)
-        self._levels = np.empty((PARAMS.num_levels, correlate.LAYERS, 0, 0), np.uint8)
+        self._levels = np.empty((PARAMS.num_levels, correlate.LAYERS + 1, 0, 0), np.uint8)
         self._fine_frame = np.empty(3)
         # Corners (2, 2) of what the levels show [m].
         self._drawn = np.zeros((2, 2))
@@ -211,7 +211,7 @@ class LocalMap:
         low, high = self._drawn = np.clip(wanted + spare, bounds[0], bounds[1])
         cols, rows = np.maximum(np.ceil((high - low) / PARAMS.fine_cell_m), 1).astype(int)
         self._fine_frame = np.array([low[0], low[1], 1.0 / PARAMS.fine_cell_m])
-        self._levels = np.empty((PARAMS.num_levels, correlate.LAYERS, rows, cols), np.uint8)
+        self._levels = np.empty((PARAMS.num_levels, correlate.LAYERS + 1, rows, cols), np.uint8)
         correlate.draw_likelihood(
             self._levels[0], self.surfels, self.count, self._fine_frame, PARAMS.blur_m
         )
