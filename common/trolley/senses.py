@@ -1,4 +1,4 @@
-"""Further senses than the lidar: what programs publish as `scan/<name>`, kept near the robot.
+"""Further senses than the lidar: what is published as `scan/<name>`, kept near the robot.
 
 Each echo stays where it was seen while the robot moves on: until its own sense sees past that
 place, for `kept_s` where it does not look. What has come nearer than `range_min`, within which a
@@ -31,8 +31,6 @@ class SenseParams:
     """Scans stamped more than this ahead are not used: their program has another clock [s]."""
     silent_s: float = 1.0
     """A sense that was heard and has sent nothing for this long is missing [s]."""
-    kept_s: float = 3.0
-    """For how long echoes are kept that nothing has seen past [s]."""
     past_m: float = 0.05
     """A beam sees past a point that is nearer than what it measures by this [m]."""
     cell_m: float = 0.02
@@ -45,9 +43,14 @@ PARAMS = SenseParams()
 
 
 class Sense:
-    """The echoes of one sense, in `odom`."""
+    """The echoes of one sense, in `odom`.
 
-    def __init__(self) -> None:
+    Args:
+        kept_s: for how long those are kept that nothing has seen past.
+    """
+
+    def __init__(self, kept_s: float) -> None:
+        self._kept_ns = round(kept_s * 1e9)
         self.stamp_ns: int | None = None
         """Of its newest scan."""
         self._points_odom: Floats = np.empty((0, 2))
@@ -77,7 +80,7 @@ class Sense:
         free_m = np.where(is_valid, np.minimum(ranges, scan.range_max), 0.0)
         is_past, is_too_near = self._judge(scan, free_m, start)
         known_ns = np.where(is_too_near, scan.stamp_ns, self._seen_ns)
-        kept = ~is_past & (known_ns > scan.stamp_ns - round(PARAMS.kept_s * 1e9))
+        kept = ~is_past & (known_ns > scan.stamp_ns - self._kept_ns)
         points = np.concatenate([new, self._points_odom[kept]])
         seen_ns = np.concatenate([np.full(len(new), scan.stamp_ns), known_ns[kept]])
         cells = np.floor(points / PARAMS.cell_m).astype(np.int64)
@@ -88,7 +91,7 @@ class Sense:
 
     def points_odom(self, now_ns: int) -> Floats:
         """Return the echoes (n, 2) that are kept now."""
-        return self._points_odom[self._seen_ns > now_ns - round(PARAMS.kept_s * 1e9)]
+        return self._points_odom[self._seen_ns > now_ns - self._kept_ns]
 
     def _judge(
         self, scan: Scan, free_m: Floats, start: Pose2D
@@ -117,7 +120,7 @@ class Senses:
 
     def __init__(self, listed: Mapping[str, SenseConfig], use: SenseUse) -> None:
         self._listed = listed
-        self._senses = {name: Sense() for name, one in listed.items() if use in one.uses}
+        self._senses = {name: Sense(one.kept_s) for name, one in listed.items() if use in one.uses}
 
     def update(
         self, name: str, scan: Scan, now_ns: int, odom_T_base: Callable[[int], Pose2D]
@@ -167,4 +170,4 @@ class Senses:
 
     def forget(self) -> None:
         """Forget everything: base began a new run."""
-        self._senses = {name: Sense() for name in self._senses}
+        self._senses = {name: Sense(self._listed[name].kept_s) for name in self._senses}

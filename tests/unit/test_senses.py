@@ -74,7 +74,7 @@ def test_it_goes_where_its_sense_sees_past_it_and_in_time_where_it_does_not_look
     robot.pose = Pose2D(0.0, 0.0, math.pi)
     robot.hear(scan(10.2, [math.inf] * 9))
     assert robot.points(10.3) == [(3.2, 0.0)]
-    assert robot.points(10.1 + PARAMS.kept_s + 0.01) == []
+    assert robot.points(10.1 + SenseConfig().kept_s + 0.01) == []
 
 
 @pytest.mark.parametrize("unseen", [[0.0] * 9, ahead(0.5), [math.nan] * 9])

@@ -4,12 +4,11 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
-from trolley.config.hardware import ChassisConfig, LidarConfig, OdometryConfig
+from trolley.config.hardware import ChassisConfig, LidarConfig, OdometryConfig, SenseName
 from trolley.config.robot import PoseConfig
 
 Speed = Annotated[float, Meta(gt=0.0, le=5.0)]
 Rate = Annotated[float, Meta(gt=0.0, le=10.0)]
-SenseName = Annotated[str, Meta(pattern="^[a-z0-9_-]{1,32}$")]
 
 
 class BatteryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -69,7 +68,7 @@ SenseUse = Literal["stop", "mark"]
 
 
 class SenseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.scans.NAME]`: a further sense, whose echoes a program publishes as `scan/NAME`."""
+    """`[base.scans.NAME]`: a further sense, published as `scan/NAME` by a program or the board."""
 
     pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
     """Its pose in `base_link`: x forward, y left, yaw counter-clockwise to angle 0."""
@@ -79,6 +78,9 @@ class SenseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         default_factory=lambda: ["stop", "mark"]
     )
     """What its echoes are for: `stop`, the stop field; `mark`, the planner's obstacles."""
+    kept_s: Annotated[float, Meta(ge=0.5, le=600.0)] = 3.0
+    """For how long an echo stays that the sense does not see past; a bumper, which sees nothing
+    from afar, wants a minute."""
 
 
 class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -10,6 +10,7 @@ from trolley.messages import Battery, Link, Odometry, Scan, Transform, floats_to
 from trolley.messages.motion import CHASSIS
 from trolley.runtime.service import Service, gets, on
 from trolley.senses import Senses
+from trolley_base.board_senses import BoardSenses
 from trolley_base.device_log import DeviceLog
 from trolley_base.drivers import ChassisReading, Hardware, LidarScan
 from trolley_base.odometry.dead_reckoning import DeadReckoning, Measured
@@ -38,6 +39,7 @@ class DeviceInputs:
         view: how much of its surroundings it sees.
         base_T_laser: where it sits.
         senses: further senses that may stop the robot.
+        board_senses: those of the motor board.
     """
 
     def __init__(
@@ -48,9 +50,11 @@ class DeviceInputs:
         view: LidarView,
         base_T_laser: Pose2D,
         senses: Senses,
+        board_senses: BoardSenses,
     ) -> None:
         self._service = service
         self._senses = senses
+        self._board_senses = board_senses
         self._near_echoes = echoes
         self._space = space
         self._base_T_laser = base_T_laser
@@ -138,6 +142,9 @@ class DeviceInputs:
         self._has_moved = self._has_moved or bool(reading.motions)
         for imu in reading.imu:
             self._service.publish(topics.IMU, imu)
+        for scan in self._board_senses.scans(reading, now_ns):
+            self._service.publish(topics.SENSE, scan, scan.frame)
+            self._add_sense(scan, scan.frame)
         self.battery = reading.battery or self.battery
         self._device_log.add(now_ns, reading.link, reading.notes, reading.counts)
 
@@ -195,8 +202,11 @@ class DeviceInputs:
 
     @on(topics.SENSE)
     def take_sense(self, scan: Scan, name: str) -> None:
-        """Take the echoes of a further sense."""
+        """Take the echoes of a further sense; what the board feels did not have to come back."""
+        if name not in self._board_senses.names:
+            self._add_sense(scan, name)
 
+    def _add_sense(self, scan: Scan, name: str) -> None:
         def odom_T_base(stamp_ns: int) -> Pose2D:
             x, y, yaw = self._reckoning.track.poses_at(np.array([stamp_ns])).tolist()[0]
             return Pose2D(x, y, wrap_angle(yaw))

@@ -10,6 +10,7 @@ from trolley.config.changeable_settings import all_keys
 from trolley.messages import Transform
 from trolley.runtime.service import Service, every
 from trolley.senses import Senses
+from trolley_base.board_senses import BoardSenses
 from trolley_base.description import describe_robot, footprint_of, half_track_of, limits_of
 from trolley_base.device_factory import choose_device
 from trolley_base.device_inputs import DeviceInputs
@@ -70,6 +71,7 @@ class BaseService(Service):
             LidarView(footprint, mount),
             mount,
             Senses(config.base.scans, "stop"),
+            BoardSenses(config.base.scans, footprint),
         )
         blur_s = LIDAR_BLUR_S if config.base.odometry.source == "lidar" else 0.0
         half_track_m = half_track_of(config, footprint)

@@ -1,14 +1,16 @@
 """What a further sense sees stops the robot, as what the lidar sees does."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from trolley import topics
+from trolley import codes, topics
 from trolley.geometry import Twist2D
 from trolley.messages import Scan, floats_to_bytes
+from trolley_base.drivers import ChassisReading, Contact
 
 from .conftest import MakeRig, Rig
 
@@ -83,3 +85,66 @@ def test_where_it_sits_is_published(make_rig: MakeRig) -> None:
     rig.restart()
     rig.run(0.2)
     assert (frames[-1].parent, frames[-1].pose.x, frames[-1].z) == ("base_link", 0.15, 0.1)
+
+
+LOW_BOX = """
+[[box]]
+x = 0.6
+y = 0.0
+length_m = 0.2
+width_m = 0.4
+seen = false
+"""
+"""Its near side is at 0.5; the robot's front at 0.15."""
+
+
+class Bumped:
+    """The simulated chassis with a bumper in front, as a motor board reports it."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._chassis = rig.base.hardware.chassis
+        self.is_hit = False
+        self._read, self._chassis.read = self._chassis.read, self.read  # type: ignore[method-assign]
+
+    def read(self) -> ChassisReading:
+        reading = self._read()
+        self.is_hit = bool(self._rig.truths) and self._rig.truth.clearance < 0.002
+        felt = (FRONT,) if self.is_hit else ()
+        alarms = (codes.BUMPER,) if self.is_hit else ()
+        return dataclasses.replace(reading, contacts=(Contact("bumper", felt),), alarms=alarms)
+
+
+FRONT = (-0.5, 0.5)
+
+
+def bump_back_off_and_try_again(rig: Rig) -> float:
+    """Return how near it came to the low box at the second try."""
+    bumper = Bumped(rig)
+    rig.drive(3.0, 0.2)
+    assert bumper.is_hit
+    assert rig.state.reason == codes.BUMPER
+    rig.drive(1.5, -0.1)
+    assert not bumper.is_hit
+    backed_off = rig.truth.clearance
+    assert backed_off > 0.08
+    before = len(rig.truths)
+    rig.drive(4.0, 0.2)
+    return min(truth.clearance for truth in rig.truths[before:])
+
+
+def test_a_thing_that_the_bumper_met_stops_the_robot_before_it_the_next_time(
+    make_rig: MakeRig,
+) -> None:
+    listed = {"bumper": {"kept_s": 30.0}}
+    rig = make_rig(things=LOW_BOX, base={"scans": listed})
+    heard = rig.lockstep.record(topics.SENSE, "bumper")
+    assert bump_back_off_and_try_again(rig) > 0.03
+    assert rig.state.reason == codes.STOP_FIELD
+    assert {scan.frame for scan in heard} == {"bumper"}
+    assert rig.counters.get("scan/late", 0) == 0
+
+
+def test_it_is_met_again_where_the_bumper_is_not_listed(make_rig: MakeRig) -> None:
+    rig = make_rig(things=LOW_BOX)
+    assert bump_back_off_and_try_again(rig) < 0.002

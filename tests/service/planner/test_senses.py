@@ -51,9 +51,13 @@ class WithCamera(Stage):
             range_max=3.0,
             ranges=floats_to_bytes(ranges),
         )
-        self.robot.publish(topics.SENSE, message, "front")
+        self.publish(message)
         self.nearest_m = min(self.nearest_m, math.hypot(pose.x - x, pose.y - y))
         return self.goals[-1].state == "arrived"
+
+    def publish(self, message: Scan) -> None:
+        """Say what the camera sees."""
+        self.robot.publish(topics.SENSE, message, "front")
 
     def drive(self, there: Pose2D) -> None:
         self.send(there)

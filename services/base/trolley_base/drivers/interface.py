@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D
-from trolley.messages import Battery, Imu, Link
+from trolley.messages import Battery, Imu, Link, Scan
 
 CallSoon = Callable[[Callable[[], None]], None]
 """Calls a function on the service's thread, as soon as that is free."""
@@ -50,6 +50,27 @@ class Note:
     text: str
 
 
+Sector = tuple[float, float]
+"""Bearings in `base_link` from ... to, counter-clockwise [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """What a bumper, or a sensor that only says that something is there, feels now.
+
+    Base makes echoes of it, just outside of the robot's outline.
+
+    Attributes:
+        name: of its table `[base.scans.NAME]`.
+        sectors: where it feels something; () for nothing.
+        beyond_m: how far outside of the outline that is.
+    """
+
+    name: str
+    sectors: tuple[Sector, ...]
+    beyond_m: float = 0.01
+
+
 @dataclass(frozen=True, slots=True)
 class ChassisReading:
     """Everything a chassis had to say since the last `read`, oldest first.
@@ -63,6 +84,9 @@ class ChassisReading:
         notes: what the board or its driver has to say.
         counts: what happened since the last `read`, for the counters of `health/base`.
         num_jumps: how many motions the driver left out, since no robot can do them.
+        contacts: what its bumpers and the like feel now, each one's state in every reading.
+        ranges: what its range sensors measured; `frame` is the name of the table
+            `[base.scans.NAME]`.
     """
 
     motions: tuple[MotionSample, ...]
@@ -73,6 +97,8 @@ class ChassisReading:
     notes: tuple[Note, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict[str, int])
     num_jumps: int = 0
+    contacts: tuple[Contact, ...] = ()
+    ranges: tuple[Scan, ...] = ()
 
 
 class Chassis(Protocol):

@@ -12,8 +12,9 @@ Source:
 import math
 from typing import Any
 
-from trolley.geometry import Twist2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley_base.emulators.device import Board
+from trolley_base.emulators.sonar import nearest_m
 from trolley_base.emulators.surroundings import EmulatedBoard, WheelFacts
 from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
@@ -24,12 +25,15 @@ AUTO_STOP_NS = 2_000 * NS_PER_MS
 PID_INTERVAL_S = 0.033
 """The firmware's PID_INTERVAL: 1000 / 30 as a whole number of ms."""
 ARGUMENT_CHARS = 15
-BUMPER_PIN, CLIFF_PIN, BATTERY_PIN = 4, 7, 0
+BUMPER_PIN, CLIFF_PIN, SONAR_PIN, BATTERY_PIN = 4, 7, 8, 0
 BATTERY_COUNTS, BATTERY_VOLTS_PER_COUNT = 816, 0.0147
 LEAP_TICKS, LEAP_NS = 1 << 20, 1_000 * NS_PER_MS
 """A bit of the left count that falls over."""
 TOUCHING_M = 0.003
-NO_SONAR_CM = 0
+NO_SONAR_CM, NO_ECHO_CM = 0, 318
+"""What a pin without a sonar reads, after a second, and a sonar without an echo."""
+SONAR_MOUNT, SONAR_CONE, SONAR_REACH_M = Pose2D(0.15, 0.0, 0.0), math.radians(20.0), 3.0
+SONAR_NS = 20 * NS_PER_MS
 
 
 class ArduinoBridge(Board):
@@ -64,6 +68,7 @@ class ArduinoBridge(Board):
         self._frozen: str | None = None
         self._outputs: dict[str, int] = {}
         self._is_touching = False
+        self._ahead_cm, self._pinged_ns = NO_ECHO_CM, now_ns
 
     def opened(self, now_ns: int) -> None:
         """Opening the port raises DTR, and DTR resets an Arduino."""
@@ -93,6 +98,10 @@ class ArduinoBridge(Board):
         if to_ns - self._moved_ns > AUTO_STOP_NS:
             self._target = (0, 0)
         self._is_touching = simulation.truth().clearance < TOUCHING_M
+        if to_ns - self._pinged_ns >= SONAR_NS:
+            self._pinged_ns = to_ns
+            ahead_m = nearest_m(simulation, SONAR_MOUNT, SONAR_CONE, SONAR_REACH_M)
+            self._ahead_cm = int(100.0 * ahead_m) if ahead_m < math.inf else NO_ECHO_CM
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Answer each command, which ends with a CR."""
@@ -131,7 +140,7 @@ class ArduinoBridge(Board):
             case "x" | "c":
                 return "OK"
             case "p":
-                return str(NO_SONAR_CM)
+                return str(self._ahead_cm if pin == SONAR_PIN else NO_SONAR_CM)
             case _:
                 return "Invalid Command"
 
@@ -192,6 +201,7 @@ def _tables(board: Board, wheels: WheelFacts) -> dict[str, Any]:
         "inputs": {
             "bumper_pins": [BUMPER_PIN],
             "cliff_pins": [CLIFF_PIN],
+            "sonar_pins": {"ahead": SONAR_PIN},
             "battery_pin": BATTERY_PIN,
             "battery_volts_per_count": BATTERY_VOLTS_PER_COUNT,
         },

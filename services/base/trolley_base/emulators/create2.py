@@ -30,8 +30,9 @@ CLEANING = Twist2D(0.2, 0.0, 0.0)
 NEAR_M = 0.003
 JUMP_COUNTS, JUMP_NS = 20_000, 1_000 * NS_PER_MS
 MILLIVOLTS, CHARGE, CAPACITY = 15_200, 2_100, 2_696
-FEELINGS = ("bump", "cliff", "drop", "dock", "clean")
-"""What a fault makes it feel; `clean` is its Clean button."""
+FEELINGS = ("bump", "left", "right", "cliff", "drop", "near", "wall", "dock", "clean")
+"""What a fault makes it feel; `left` and `right` are one half of its bumper, `near` is what its
+light bumper sees ahead, `clean` is its Clean button."""
 
 
 class Mode(IntEnum):
@@ -235,13 +236,16 @@ class Create2(Board):
         if number in TWO_BYTES:
             return struct.pack(">H", wide.get(number, 0))
         bumped = 0b11 if self._is_touching or "bump" in self.felt else 0
+        bumped |= ("right" in self.felt) | ("left" in self.felt) << 1
         narrow = {
             7: bumped | (0b1100 if "drop" in self.felt else 0),
+            8: int("wall" in self.felt),
             10: int("cliff" in self.felt),
             18: int("clean" in self.felt),
             21: 2 if docked else 0,
             34: 2 if docked else 0,
             35: int(self._mode),
+            45: 0b001100 if "near" in self.felt else 0,
         }
         return bytes((narrow.get(number, 0),))
 

@@ -45,7 +45,8 @@ KINDS = {
     "md5": "linorobot: other firmware, with a different `raw_vel` (linorobot2: `cmd_vel`)",
     "session": "linorobot2: it is in a session with another agent, which has gone",
     "pin": "arduino_bridge: =d4:0 or =a0:700, what a pin reads",
-    "feels": "create2: =bump, =cliff, =drop (of a wheel), =dock or =clean (its button)",
+    "feels": "create2: =bump, =left, =right (of the bumper), =cliff, =drop (of a wheel), =near and "
+    "=wall (by light), =dock or =clean (its button)",
     "ok": "all faults of the device end",
 }
 _FAULT = re.compile(

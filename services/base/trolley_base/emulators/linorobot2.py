@@ -1,15 +1,16 @@
 """A board with the firmware of linorobot2 (micro-ROS), as it ships.
 
-Two driven wheels, an inertial unit, a battery. It looks for an agent twice a second, and creates
-its objects one after the other. It gives up where one is not answered within a second: it blinks
-until its hardware watchdog, if the firmware was built with one, restarts it. Then it controls its
+Two driven wheels, an inertial unit, a battery; a sonar where one is wired. It looks for an agent
+twice a second, and creates its objects one after the other. It gives up where one is not answered
+within a second: it blinks until its hardware watchdog, if the firmware was built with one, restarts
+it. Then it controls its
 wheels and reports 50 times a second, or as fast as each report is acknowledged. It stops its wheels
 200 ms after the last command; but where a ping is not answered within 100 ms it gives its session
 up, and the wheels go on until it has an agent again.
 
 Source:
     linorobot2_hardware, firmware/src/firmware.cpp (7f78317) and firmware.ino (040820d, of 2021);
-    lib/odometry, lib/imu, lib/battery.
+    lib/odometry, lib/imu, lib/battery, lib/range.
 """
 
 import math
@@ -23,6 +24,7 @@ from trolley_base.emulators import micro_ros
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.linorobot import ACCELERATION_NOISE, GRAVITY
 from trolley_base.emulators.micro_ros import Cdr, MicroRosClient, Publisher, Sleep, object_id
+from trolley_base.emulators.sonar import nearest_m
 from trolley_base.emulators.surroundings import EmulatedBoard
 from trolley_base.units import NS_PER_MS
 from trolley_base.world import STEP_NS, Simulation
@@ -42,6 +44,8 @@ LEAP_MPS, LEAP_NS = 11.0, 1_000 * NS_PER_MS
 GYRO_BIAS_STD, GYRO_NOISE, GYRO_DEAD = 0.003, 0.002, 0.01
 """What is left of its zero-rate error, noise, and what it reports as 0 [rad/s]."""
 VOLTS = 11.8
+SONAR_MOUNT, SONAR_NS = Pose2D(0.15, 0.0, 0.0), 100 * NS_PER_MS
+SONAR_CONE, SONAR_MIN_M, SONAR_MAX_M = 15 * 0.0174533, 0.02, 0.00034 * 5000 / 2 * 0.95
 SENSOR, NAV, GEOMETRY = "sensor_msgs", "nav_msgs", "geometry_msgs"
 
 
@@ -56,6 +60,7 @@ class Linorobot2Options:
         is_of_2021: the first version: reports 20 times a second without acknowledgement, stops when
             it has lost its agent.
         has_wdt: built with WDT_TIMEOUT: it restarts when it has given up.
+        has_sonar: built with TRIG_PIN; without one it reports zeros all the same.
     """
 
     is_uart: bool = False
@@ -63,6 +68,7 @@ class Linorobot2Options:
     stops: bool = False
     is_of_2021: bool = False
     has_wdt: bool = True
+    has_sonar: bool = False
 
 
 class Linorobot2(Board):
@@ -103,6 +109,8 @@ class Linorobot2(Board):
         self._pose: Pose2D | None = None
         self._speed = self._yaw_rate = self._true_speed = self._forward = 0.0
         self._measured_ns = self._leapt_ns = self._battery_ns = now_ns
+        self._sonar_ns = now_ns
+        self._ahead_m = math.inf
         self._client.now_ns = now_ns
         self._client.begin(0)
         self._must_restart = False
@@ -151,6 +159,8 @@ class Linorobot2(Board):
         self._yaw_rate = wrap_angle(state.pose.yaw - before.yaw) / seconds
         self._forward = (state.twist.vx - self._true_speed) / seconds if self._pose else 0.0
         self._pose, self._true_speed = state.pose, state.twist.vx
+        if self._options.has_sonar:
+            self._ahead_m = nearest_m(simulation, SONAR_MOUNT, SONAR_CONE, SONAR_MAX_M)
 
     def _go_on(self) -> None:
         while self._wake_ns <= self._client.now_ns:
@@ -319,6 +329,9 @@ class Linorobot2(Board):
         if "battery" in self._publishers and client.now_ns - self._battery_ns >= BATTERY_NS:
             self._battery_ns = client.now_ns
             yield from client.publish(self._publishers["battery"], _battery(stamp))
+        if "ultrasound" in self._publishers and client.now_ns - self._sonar_ns >= SONAR_NS:
+            self._sonar_ns = client.now_ns
+            yield from client.publish(self._publishers["ultrasound"], self._range(stamp))
         return True
 
     def _odometry_at(self, stamp: int) -> bytes:
@@ -328,6 +341,12 @@ class Linorobot2(Board):
         pose, covariance = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), [0.001] + [0.0] * 35
         told = _header(stamp, "odom").text("base_footprint")
         return told.put("85d", *pose, *covariance, vx, 0.0, 0.0, 0.0, 0.0, wz, *covariance).data
+
+    def _range(self, stamp: int) -> bytes:
+        if not self._options.has_sonar:
+            return _header(stamp, "").put("B", 0).put("4f", 0.0, 0.0, 0.0, 0.0).data
+        told = _header(stamp, "sonar_link").put("B", 0)
+        return told.put("4f", SONAR_CONE, SONAR_MIN_M, SONAR_MAX_M, self._ahead_m).data
 
     def _imu(self, stamp: int) -> bytes:
         gyro = self._bias + GYRO_NOISE * self._rng.standard_normal(3)
@@ -359,6 +378,7 @@ BOARDS = {
                 stops="stops" in options,
                 is_of_2021="2021" in options,
                 has_wdt="no-wdt" not in options,
+                has_sonar="sonar" in options,
             ),
             rng,
         ),
@@ -367,6 +387,7 @@ BOARDS = {
             "fast": "the same at 921600 baud, as a fork has it",
             "stops": "it stops its motors when it has lost its agent, as a fork does",
             "no-wdt": "nothing restarts it when it has given up",
+            "sonar": "with a sonar at its front",
             "2021": "the first version, whose reports are not acknowledged",
         },
     )

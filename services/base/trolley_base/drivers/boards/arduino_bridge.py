@@ -56,6 +56,7 @@ ANSWERS = {
     "e": re.compile(rb"-?\d{1,10} -?\d{1,10}"),
     "d": re.compile(rb"[01]"),
     "a": re.compile(rb"\d{1,4}"),
+    "p": re.compile(rb"\d{1,5}"),
     "m": re.compile(rb"OK"),
     "u": re.compile(rb"OK"),
 }
@@ -193,8 +194,10 @@ class ArduinoBridgeDialogue:
             self._invalid_in_row = 0
         if question == self._gains:
             self._owes_gains = False
-        elif question[0] in "da":
-            self._inputs.answer(question, int(line), arrived_ns)
+        elif question[0] in "dap":
+            scan = self._inputs.answer(question, int(line), arrived_ns)
+            if scan is not None:
+                self._report.add_range(scan)
         elif question == ENCODERS:
             self._encoders_ns = arrived_ns
             left, right = (int(number) for number in line.split())
@@ -301,7 +304,9 @@ class ArduinoBridgeDialogue:
 
     def take(self, now_ns: int) -> ChassisReading:
         """Hand over what was reported."""
-        return self._report.take(self.status(now_ns), self._inputs.alarms(), self._inputs.battery)
+        inputs = self._inputs
+        contacts = inputs.contacts() if self._is_reporting(now_ns) else ()
+        return self._report.take(self.status(now_ns), inputs.alarms(), inputs.battery, contacts)
 
 
 FACTS = BoardFacts("ROSArduinoBridge (Arduino)", 57600, 2.0, has_inputs=True)

@@ -37,11 +37,12 @@ from trolley_base.drivers.boards.models import (
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
 from trolley_base.drivers.boards.wheel_ticks import StreamedOdometry
 from trolley_base.drivers.dialogue import Line, Status, travel_ns
-from trolley_base.drivers.interface import ChassisReading
+from trolley_base.drivers.interface import ChassisReading, Contact, Sector
 
 START, SAFE, DRIVE_DIRECT, STREAM = 128, 131, 145, 148
 FIELDS = (
     (7, "B"),  # bumps and wheel drops
+    (8, "B"),  # wall
     (9, "B"),  # cliff left
     (10, "B"),  # cliff front left
     (11, "B"),  # cliff front right
@@ -56,6 +57,7 @@ FIELDS = (
     (35, "B"),  # mode
     (43, "H"),  # left encoder
     (44, "H"),  # right encoder
+    (45, "B"),  # light bumper
 )
 """The packets that are asked for, with their layouts."""
 BODY = struct.Struct(">" + "".join(f"B{layout}" for _, layout in FIELDS))
@@ -94,10 +96,36 @@ TRACK_M = 0.235
 WHEELS = WheelsConfig(ticks_per_revolution=508.8, diameter_m=0.072, track_m=TRACK_M)
 
 
+def _sector(from_deg: float, to_deg: float) -> Sector:
+    return math.radians(from_deg), math.radians(to_deg)
+
+
+# Where its sensors look; the interface names them left to right and gives no angles, which are
+# estimated by photographs of the robot.
+BUMPED = {0b01: _sector(-75, -5), 0b10: _sector(5, 75), 0b11: _sector(-30, 30)}
+"""By the bits of the bumper, of which bit 0 is the right half."""
+CLIFFS = _sector(45, 75), _sector(5, 25), _sector(-25, -5), _sector(-75, -45)
+"""Left, front left, front right, right."""
+LIGHT = (
+    _sector(50, 75),
+    _sector(25, 50),
+    _sector(0, 25),
+    _sector(-25, 0),
+    _sector(-50, -25),
+    _sector(-75, -50),
+)
+"""By the bits of the light bumper: left, front left, centre left, and so on to the right."""
+WALL = _sector(-75, -60)
+LIGHT_M = 0.05
+"""How far from the bumper what the light sensors see is taken to be: how strongly it reflects
+decides, from a few millimetres to about 10 cm [m]."""
+
+
 class Senses(NamedTuple):
     """What a frame holds."""
 
     bumps: int
+    wall: int
     cliff_left: int
     cliff_front_left: int
     cliff_front_right: int
@@ -112,6 +140,7 @@ class Senses(NamedTuple):
     mode: int
     left: int
     right: int
+    light: int
 
     @property
     def is_charged(self) -> bool:
@@ -123,9 +152,25 @@ class Senses(NamedTuple):
         """Whether a wheel hangs in the air."""
         return bool(self.bumps & WHEEL_DROPS)
 
+    @property
+    def _cliffs(self) -> tuple[int, ...]:
+        return self.cliff_left, self.cliff_front_left, self.cliff_front_right, self.cliff_right
+
+    def contacts(self) -> tuple[Contact, ...]:
+        """Return what it feels, and where."""
+        bump = BUMPED.get(self.bumps & BUMPS)
+        cliffs = [where for where, is_felt in zip(CLIFFS, self._cliffs, strict=True) if is_felt]
+        light = [where for bit, where in enumerate(LIGHT) if self.light >> bit & 1]
+        light += [WALL] if self.wall else []
+        return (
+            Contact(codes.BUMPER, () if bump is None else (bump,)),
+            Contact(codes.CLIFF, tuple(cliffs)),
+            Contact("light_bumper", tuple(light), LIGHT_M),
+        )
+
     def alarms(self) -> set[str]:
         """Return the codes that hold."""
-        cliffs = any(self[1:5]) or self.is_dropped
+        cliffs = any(self._cliffs) or self.is_dropped
         found = {codes.CLIFF} if cliffs else set[str]()
         if self.bumps & BUMPS:
             found.add(codes.BUMPER)
@@ -334,10 +379,12 @@ class Create2Dialogue:
 
     def take(self, now_ns: int) -> ChassisReading:
         """Hand over what was reported."""
-        found = set(self._gauge.alarms())
+        found, contacts = set(self._gauge.alarms()), ()
         if self._senses is not None:
             found |= self._senses.alarms()
-        return self._report.take(self.status(now_ns), tuple(sorted(found)), self._gauge.battery)
+            contacts = self._senses.contacts() if self._is_reporting(now_ns) else ()
+        alarms = tuple(sorted(found))
+        return self._report.take(self.status(now_ns), alarms, self._gauge.battery, contacts)
 
 
 def _why_not(senses: Senses) -> str:

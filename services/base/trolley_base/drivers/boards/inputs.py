@@ -1,14 +1,27 @@
-"""Bumpers, cliff sensors and a battery on pins of the board."""
+"""Bumpers, cliff sensors, sonars and a battery on pins of the board."""
+
+import math
 
 from trolley import codes
 from trolley.config.hardware import InputsConfig
-from trolley.messages import Battery
+from trolley.messages import Battery, Scan
 from trolley_base.drivers.boards.battery import BatteryGauge
+from trolley_base.drivers.boards.sonar import sonar_scan
+from trolley_base.drivers.interface import Contact
 
 TOUCH_EVERY_NS, TOUCH_PINS = 40_000_000, 2
 """Two pins are read this often: with the answer and a period of base, the wheels are told to stop
 within 0.1 s. More of them share the same part of the line."""
 BATTERY_EVERY_NS = 1_000_000_000
+SONAR_EVERY_NS = 100_000_000
+"""Each sonar is read this often where there is one; more of them share the time: while a board
+waits for an echo, 18 ms without one, it does nothing else."""
+SONAR_MIN_M, SONAR_MAX_M, SONAR_CONE_RAD = 0.02, 3.0, math.radians(20.0)
+"""Of Parallax's PING))), by its data sheet; of its cone the part in which it sees a broad thing."""
+CM = 0.01
+AHEAD = (math.radians(-60.0), math.radians(60.0))
+"""Where bumpers and cliff sensors on pins are taken to be: with one active the robot may only back
+away."""
 
 
 class Inputs:
@@ -39,22 +52,45 @@ class Inputs:
         touched = [*config.bumper_pins, *config.cliff_pins]
         period_ns = TOUCH_EVERY_NS * max(TOUCH_PINS, len(touched)) // TOUCH_PINS
         asked = {f"d {pin}": period_ns for pin in touched}
+        period_ns = SONAR_EVERY_NS * len(config.sonar_pins)
+        asked |= {f"p {pin}": period_ns for pin in config.sonar_pins.values()}
         if config.battery_pin is not None:
             asked[f"a {config.battery_pin}"] = BATTERY_EVERY_NS
         return asked
 
-    def answer(self, question: str, value: int, now_ns: int) -> None:
-        """Take what a pin reads."""
+    def answer(self, question: str, value: int, now_ns: int) -> Scan | None:
+        """Take what a pin reads; return what a sonar measured."""
         kind, pin = question.split()
         if kind == "a":
             self._gauge.take_voltage(value * self._config.battery_volts_per_count, now_ns)
-            return
+            return None
         config = self._config
+        if kind == "p":
+            name = next(name for name, its in config.sonar_pins.items() if its == int(pin))
+            return sonar_scan(
+                name,
+                now_ns,
+                value * CM,
+                cone_rad=SONAR_CONE_RAD,
+                range_min=SONAR_MIN_M,
+                range_max=SONAR_MAX_M,
+            )
         self._active.pop(question, None)
         if int(pin) in config.bumper_pins and value == config.bumper_active:
             self._active[question] = codes.BUMPER
         elif int(pin) in config.cliff_pins and value == config.cliff_active:
             self._active[question] = codes.CLIFF
+        return None
+
+    def contacts(self) -> tuple[Contact, ...]:
+        """Return what bumpers and cliff sensors feel."""
+        config, active = self._config, self._active.values()
+        there = {codes.BUMPER: config.bumper_pins, codes.CLIFF: config.cliff_pins}
+        return tuple(
+            Contact(code, (AHEAD,) if code in active else ())
+            for code, pins in there.items()
+            if pins
+        )
 
     def alarms(self) -> tuple[str, ...]:
         """Return the codes that hold now."""

@@ -1,11 +1,11 @@
 """A board with linorobot2's firmware: micro-ROS over a serial line, unchanged.
 
 The firmware pings until an agent answers. It then opens a session, creates its topics
-(`odom/unfiltered`, `imu/data`, `battery`, `cmd_vel`), asks for the time, and reports up to 50 times
-a second, as fast as each report is acknowledged. It stops its motors 0.2 s after the last
-`cmd_vel` while it has an agent. **When an agent does not answer within 0.1 s, most versions give
-the session up with their motors as they are**, and stop them only when they have an agent again.
-So a ping is answered whatever else is wrong, and who leaves waits until the wheels stand.
+(`odom/unfiltered`, `imu/data`, `battery`, `ultrasound`, `cmd_vel`), asks for the time, and reports
+up to 50 times a second, as fast as each report is acknowledged. It stops its motors 0.2 s after the
+last `cmd_vel` while it has an agent. **When an agent does not answer within 0.1 s, most versions
+give the session up with their motors as they are**, and stop them only when they have one again. So
+a ping is answered whatever else is wrong, and who leaves waits until the wheels stand.
 
 Counts, below `chassis/`: `bad_checksum`, `skipped_bytes`, those of the agent, `gaps`, `sessions`
 (opened after the first: the board has lost us, or restarted), `not_taken` (commands that found no
@@ -35,6 +35,7 @@ from trolley_base.drivers.boards.models import (
     count_nothing,
 )
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.sonar import sonar_scan
 from trolley_base.drivers.boards.velocities import NO_SPEED, StampedVelocities
 from trolley_base.drivers.boards.xrce_agent import Delivery, XrceAgent, matches
 from trolley_base.drivers.boards.xrce_frames import FrameDecoder, encode
@@ -160,6 +161,22 @@ class Linorobot2Dialogue:
             voltage = messages.parse_voltage(delivery.body)
             if voltage >= LEAST_VOLTAGE:
                 self._gauge.take_voltage(voltage, arrived_ns)
+        elif name == messages.ULTRASOUND:
+            self._take_range(delivery.body, arrived_ns)
+
+    def _take_range(self, body: bytes, arrived_ns: int) -> None:
+        found = messages.parse_range(body)
+        if found is None:
+            return
+        scan = sonar_scan(
+            messages.ULTRASOUND,
+            self._clock.stamp(found.stamp_ns, arrived_ns),
+            found.range_m,
+            cone_rad=found.cone_rad,
+            range_min=found.range_min,
+            range_max=found.range_max,
+        )
+        self._report.add_range(scan)
 
     def _take_odometry(self, body: bytes, arrived_ns: int) -> None:
         try:

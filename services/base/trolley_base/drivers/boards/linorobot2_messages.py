@@ -6,7 +6,7 @@ letters.
 
 Source:
     linorobot2_hardware, firmware/; common_interfaces (Odometry.msg, Imu.msg, BatteryState.msg,
-    Twist.msg); OMG CORBA 3.0, chapter 15.3.
+    Range.msg, Twist.msg); OMG CORBA 3.0, chapter 15.3.
 """
 
 import math
@@ -21,16 +21,18 @@ from trolley_base.drivers.boards.lino_messages import MOST_SPEED, MOST_TURN, tur
 ODOMETRY, IMU = "odom/unfiltered", "imu/data"
 RAW_IMU = "imu/data_raw"
 """What a firmware with a magnetometer calls the same."""
-BATTERY, CMD_VEL = "battery", "cmd_vel"
+BATTERY, ULTRASOUND, CMD_VEL = "battery", "ultrasound", "cmd_vel"
 TYPES = {
     ODOMETRY: "nav_msgs::msg::dds_::Odometry_",
     IMU: "sensor_msgs::msg::dds_::Imu_",
     RAW_IMU: "sensor_msgs::msg::dds_::Imu_",
     BATTERY: "sensor_msgs::msg::dds_::BatteryState_",
+    ULTRASOUND: "sensor_msgs::msg::dds_::Range_",
     CMD_VEL: "geometry_msgs::msg::dds_::Twist_",
 }
 """What the topics carry."""
 LONGEST_STRING = 256
+MOST_RANGE_M = 50.0
 POSE, POSE_WITH_COVARIANCE = 7, 7 + 36
 """How many numbers a pose is, and one with its covariance."""
 
@@ -40,6 +42,24 @@ class Odometry(NamedTuple):
 
     stamp_ns: int
     twist: Twist2D
+
+
+class Range(NamedTuple):
+    """What a sonar measured.
+
+    Attributes:
+        stamp_ns: by the board's clock.
+        cone_rad: whole angle of its cone.
+        range_min: [m].
+        range_max: [m].
+        range_m: what it measured [m]; +inf for nothing within reach.
+    """
+
+    stamp_ns: int
+    cone_rad: float
+    range_min: float
+    range_max: float
+    range_m: float
 
 
 class NoMessageError(ValueError):
@@ -101,6 +121,23 @@ def parse_voltage(body: bytes) -> float:
     """
     _, at = _header(body)
     return float(_unpack("<f", body, at + -at % 4)[0])
+
+
+def parse_range(body: bytes) -> Range | None:
+    """Read `sensor_msgs/Range`; None of a board without a sonar, which reports zeros.
+
+    Raises:
+        NoMessageError: it is none, or of no cone or reach that a sonar has.
+    """
+    stamp_ns, at = _header(body)
+    at += 1  # the kind of radiation
+    cone_rad, range_min, range_max, range_m = _unpack("<4f", body, at + -at % 4)
+    if range_max == 0.0:
+        return None
+    # Comparisons with NaN are false.
+    if not (0.0 < cone_rad < math.pi and 0.0 <= range_min < range_max <= MOST_RANGE_M):
+        raise NoMessageError("no sonar is like that")
+    return Range(stamp_ns, cone_rad, range_min, range_max, range_m)
 
 
 def _header(body: bytes) -> tuple[int, int]:

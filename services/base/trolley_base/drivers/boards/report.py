@@ -4,10 +4,10 @@ import re
 from collections import Counter, deque
 from typing import Literal
 
-from trolley.messages import Battery, Imu, Link
+from trolley.messages import Battery, Imu, Link, Scan
 from trolley.messages.motion import CHASSIS
 from trolley_base.drivers.dialogue import Status
-from trolley_base.drivers.interface import ChassisReading, MotionSample, Note
+from trolley_base.drivers.interface import ChassisReading, Contact, MotionSample, Note
 
 SILENCE_NS = 500_000_000
 """A board that has been silent for this long is not merely late."""
@@ -17,6 +17,8 @@ MOST_MOTIONS = 256
 """Motions that are kept: 5 s of a board that reports 50 times a second."""
 MOST_IMU = 64
 """Inertial readings that are kept."""
+MOST_RANGES = 64
+"""Readings of range sensors that are kept."""
 MOST_KINDS_OF_LINES = 32
 """Lines that differ in more than their numbers; a board that says more only fills logs."""
 MOST_LETTERS = 200
@@ -25,11 +27,12 @@ NUMBER = re.compile(r"[+-]?\d[\d.]*")
 
 
 class Report:
-    """Collects motions, inertial readings, notes and counts."""
+    """Collects motions, readings of inertial units and range sensors, notes and counts."""
 
     def __init__(self) -> None:
         self._motions: list[MotionSample] = []
         self._imu: deque[Imu] = deque(maxlen=MOST_IMU)
+        self._ranges: deque[Scan] = deque(maxlen=MOST_RANGES)
         self._notes: dict[str, Note] = {}
         self._kinds: set[str] = set()
         self._counts: Counter[str] = Counter()
@@ -46,6 +49,10 @@ class Report:
     def add_imu(self, imu: Imu) -> None:
         """Keep an inertial reading; of too many the oldest are forgotten."""
         self._imu.append(imu)
+
+    def add_range(self, scan: Scan) -> None:
+        """Keep what a range sensor measured; of too many the oldest are forgotten."""
+        self._ranges.append(scan)
 
     def note(self, level: Literal["info", "warning", "error"], text: str) -> None:
         """Keep a line for people; lines that differ in their numbers alone are one kind."""
@@ -65,7 +72,11 @@ class Report:
         self._num_jumps += 1
 
     def take(
-        self, status: Status, alarms: tuple[str, ...] = (), battery: Battery | None = None
+        self,
+        status: Status,
+        alarms: tuple[str, ...] = (),
+        battery: Battery | None = None,
+        contacts: tuple[Contact, ...] = (),
     ) -> ChassisReading:
         """Hand over everything and begin anew."""
         reading = ChassisReading(
@@ -77,9 +88,12 @@ class Report:
             notes=tuple(self._notes.values()),
             counts=dict(self._counts),
             num_jumps=self._num_jumps,
+            contacts=contacts,
+            ranges=tuple(self._ranges),
         )
         self._motions.clear()
         self._imu.clear()
+        self._ranges.clear()
         self._notes.clear()
         self._counts.clear()
         self._num_jumps = 0

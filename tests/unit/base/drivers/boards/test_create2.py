@@ -1,5 +1,6 @@
 """A Create 2: what it is told, its modes, its senses, its counts."""
 
+import math
 import struct
 from collections.abc import Callable
 
@@ -8,7 +9,7 @@ from support.emulated_boards import MS, EmulatedTalk, config_of, dialogue_of
 
 from trolley import codes
 from trolley.geometry import Twist2D
-from trolley_base.drivers import ChassisReading, DriverError
+from trolley_base.drivers import ChassisReading, Contact, DriverError
 from trolley_base.drivers.boards import BOARDS, counted_track_m, make_board
 from trolley_base.drivers.boards.create2 import FIELDS, drive_direct, parse_frame
 from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
@@ -67,7 +68,7 @@ def test_it_is_started_step_by_step_with_rests(talk: EmulatedTalk) -> None:
     sent = [data for _, data in talk.sent]
     assert sent[0] == bytes.fromhex("91 00 00 00 00 80")
     assert sent[1] == b"\x83"
-    assert sent[2][:2] == bytes((148, 15))
+    assert sent[2][:2] == bytes((148, 17))
     changes = [at for at, data in talk.sent[:3]]
     assert changes[1] - changes[0] >= 60 * MS
     assert changes[2] - changes[1] >= 60 * MS
@@ -237,3 +238,41 @@ def test_its_port_is_opened_so_that_it_wakes() -> None:
     assert (line.baud, line.clears_rts) == (115200, True)
     # Three pulses of 50 to 500 ms would make it speak at 19200 baud.
     assert line.settle_s > 0.5
+
+
+def contact(reading: ChassisReading, name: str) -> Contact:
+    return next(one for one in reading.contacts if one.name == name)
+
+
+@pytest.mark.parametrize(
+    ("felt", "name", "least_deg", "most_deg"),
+    [
+        ("left", "bumper", 5, 75),
+        ("right", "bumper", -75, -5),
+        ("bump", "bumper", -30, 30),
+        ("cliff", "cliff", 5, 25),
+        ("near", "light_bumper", -25, 25),
+        ("wall", "light_bumper", -75, -60),
+    ],
+)
+def test_it_says_on_which_side_it_feels_something(
+    talk: EmulatedTalk, felt: str, name: str, least_deg: float, most_deg: float
+) -> None:
+    talk.come_up()
+    assert not any(one.sectors for one in talk.tick().contacts)
+    feel(talk, felt)
+    talk.run(0.1)
+    sectors = contact(talk.readings[-1], name).sectors
+    assert math.degrees(min(begin for begin, _ in sectors)) == pytest.approx(least_deg)
+    assert math.degrees(max(end for _, end in sectors)) == pytest.approx(most_deg)
+    feel(talk)
+    talk.run(0.1)
+    assert not any(one.sectors for one in talk.readings[-1].contacts)
+
+
+def test_one_that_is_silent_feels_nothing(talk: EmulatedTalk) -> None:
+    talk.come_up()
+    feel(talk, "bump")
+    talk.run(0.1)
+    talk.is_cut = True
+    assert talk.run(1.0).contacts == ()
