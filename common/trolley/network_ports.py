@@ -1,4 +1,7 @@
-"""Names of devices that are reached over the network: `tcp://host:port` and `udp://host:port`."""
+"""Names of devices that are reached over the network: `tcp://host:port` and `udp://host:port`.
+
+Without a host, `udp://:port`, the device calls this computer.
+"""
 
 import errno
 import re
@@ -6,18 +9,22 @@ import socket
 from typing import Literal, NamedTuple
 
 ADDRESS = re.compile(
-    r"(?P<kind>tcp|udp)://(?P<host>\[[0-9a-fA-F:.]+\]|[A-Za-z0-9.-]+):(?P<port>\d+)"
+    r"(?P<kind>tcp|udp)://(?P<host>\[[0-9a-fA-F:.]+\]|[A-Za-z0-9.-]*):(?P<port>\d+)"
 )
 SCHEMES = ("tcp:", "udp:")
 MOST_PORT = 65535
 
 
 class Address(NamedTuple):
-    """Where a device is."""
+    """Where a device is; without a host, where it sends to."""
 
     kind: Literal["tcp", "udp"]
     host: str
     port: int
+
+
+class AddressChangedError(OSError):
+    """A device that called from one address calls from another."""
 
 
 def is_network(name: str) -> bool:
@@ -33,10 +40,11 @@ def parse_address(name: str) -> Address:
     """
     match = ADDRESS.fullmatch(name)
     port = 0 if match is None else int(match["port"])
-    if match is None or not 0 < port <= MOST_PORT:
+    is_whole = match is not None and (match["host"] or match["kind"] == "udp")
+    if match is None or not is_whole or not 0 < port <= MOST_PORT:
         raise ValueError(
             f"{name} is not an address: write tcp://HOST:PORT or udp://HOST:PORT, such as "
-            "tcp://192.168.0.10:10940"
+            "tcp://192.168.0.10:10940; for a device that sends to this computer, udp://:PORT"
         )
     kind: Literal["tcp", "udp"] = "tcp" if match["kind"] == "tcp" else "udp"
     return Address(kind, match["host"].strip("[]"), port)
@@ -46,6 +54,10 @@ def explain_network(name: str, error: OSError) -> str:
     """Say why a device of the network cannot be reached, or was lost, and what to do."""
     address = ADDRESS.fullmatch(name)
     host = name if address is None else address["host"]
+    if isinstance(error, AddressChangedError):
+        return f"{name}: {error.strerror}"
+    if not host:
+        return _explain_listening(name, error)
     if isinstance(error, socket.gaierror):
         return f"{name}: nobody in this network is called {host}; give its address (192.168…)."
     if error.errno == errno.ECONNREFUSED:
@@ -59,3 +71,15 @@ def explain_network(name: str, error: OSError) -> str:
         f"{name} does not answer ({error.strerror or error}): is the device switched on, its cable "
         f"plugged in, and is this computer in its network (`ping {host}`)?"
     )
+
+
+def _explain_listening(name: str, error: OSError) -> str:
+    """Say why nobody can be listened to."""
+    if error.errno == errno.EADDRINUSE:
+        return (
+            f"{name}: another program listens there already; end it (a micro_ros_agent, perhaps, "
+            "its service or container), or choose another port here and on the device."
+        )
+    if error.errno == errno.EACCES:
+        return f"{name}: ports below 1024 are for the system; choose a higher one."
+    return f"{name} cannot be listened to: {error.strerror or error}."

@@ -1,6 +1,7 @@
 """What leaves base on the serial line: judged by the emulated board and by the simulated truth."""
 
 import signal
+import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,8 +20,10 @@ BACK = Twist2D(-0.3, 0.0, 0.0)
 
 @pytest.fixture
 def make_metal(tmp_path: Path, endpoint: str) -> Callable[..., Metal]:
-    def make(board: str = "linorobot", lidar: str = "ld19", more: str = "") -> Metal:
-        return Metal(tmp_path, endpoint, board, lidar, more)
+    def make(
+        board: str = "linorobot", lidar: str = "ld19", more: str = "", udp: int | None = None
+    ) -> Metal:
+        return Metal(tmp_path, endpoint, board, lidar, more, udp=udp)
 
     return make
 
@@ -43,6 +46,16 @@ def test_each_cause_sends_a_zero_to_other_boards(
     make_metal: Callable[..., Metal], board: str
 ) -> None:
     with make_metal(board).running() as metal:
+        metal.wait_for("ok")
+        check_each_cause(metal)
+
+
+@pytest.mark.slow
+def test_each_cause_sends_a_zero_over_udp(make_metal: Callable[..., Metal]) -> None:
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("", 0))
+        number = free.getsockname()[1]
+    with make_metal("linorobot2", udp=number).running() as metal:
         metal.wait_for("ok")
         check_each_cause(metal)
 

@@ -115,16 +115,21 @@ class Metal:
         lidar: str,
         more: str = "",
         lidar_more: str = "",
+        udp: int | None = None,
     ) -> None:
+        """`udp`: the port of this computer that the board calls, in place of a serial one."""
         world = load_world(make_hall(folder))
         self.ports = folder / "ports"
         self.board, self.lidar = board, lidar
         self._folder = folder
         text = settings(self.ports, board, lidar, more, lidar_more)
+        network = {} if udp is None else {board: f"udp:{udp}"}
+        if udp is not None:
+            text = text.replace(str(self.ports / board), f"udp://:{udp}")
         self._config = write_config(folder / "robot.toml", endpoint, NAME, text)
         mount = Mount(load_config(self._config).base.lidar.pose.as_pose())
         body = RobotInWorld(world, 3, footprint=footprint_from_box(0.4, 0.3), mount=mount)
-        self.emulated = EmulatedRobot([board, lidar], body, self.ports)
+        self.emulated = EmulatedRobot([board, lidar], body, self.ports, network=network)
         self.base: Process | None = None
         self._connection = Connection([endpoint], PATIENCE_S)
         self.states: list[BaseState] = []

@@ -25,7 +25,7 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     `ydlidar_x2` the X3."""
     port: str = ""
     """The serial port; a name below /dev/serial/by-id or by-path stays the same. A device of the
-    network is `tcp://host:port` or `udp://host:port`."""
+    network is `tcp://host:port` or `udp://host:port`; one that sends to this computer `udp://:port`."""
     baud: Baud | None = None
     """Baud rate of the line; the model's own if not given."""
     mode: Literal["auto", "standard", "express"] = "auto"
@@ -120,7 +120,7 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """The firmware it runs; without one only the lidar works and the robot cannot drive."""
     port: str = ""
     """The serial port; a name below /dev/serial/by-id or by-path stays the same. A device of the
-    network is `tcp://host:port` or `udp://host:port`."""
+    network is `tcp://host:port` or `udp://host:port`; one that sends to this computer `udp://:port`."""
     baud: Baud | None = None
     """Baud rate of the line; the board's own if not given."""
     watchdog_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None

@@ -25,6 +25,18 @@ def travel_ns(num_bytes: int, baud: int) -> int:
     return num_bytes * BITS_PER_BYTE * 1_000_000_000 // baud
 
 
+class Datagrams(Protocol):
+    """How a device's messages are sent as datagrams, where over a line they are frames."""
+
+    def join(self, datagram: bytes) -> bytes:
+        """Return a datagram as it would be on the line; b"" where it is none of such a device."""
+        ...
+
+    def cut(self, data: bytes) -> list[bytes]:
+        """Return the datagrams of whole frames."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Line:
     """How the port is opened.
@@ -42,6 +54,7 @@ class Line:
             board that drives on when nobody answers it.
         responder: is given what arrives, on the port's thread, and returns what is answered at
             once, for a device that does not wait; it has nothing to do with the dialogue's state.
+        datagrams: for a device that calls its host over UDP.
     """
 
     baud: int
@@ -53,6 +66,7 @@ class Line:
     clears_rts: bool = False
     leaves_standing: bool = False
     responder: Callable[[bytes], bytes] | None = None
+    datagrams: Datagrams | None = None
 
 
 @dataclass(frozen=True, slots=True)

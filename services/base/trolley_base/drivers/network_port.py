@@ -1,4 +1,8 @@
-"""A device of the network in place of a serial port: a TCP connection, or UDP datagrams."""
+"""A device of the network in place of a serial port: a TCP connection, or UDP datagrams.
+
+Most devices are called. A `ListeningPort` is for one that sends to this computer, such as a board
+that looks for its agent; whoever speaks first is heard, others only once it has gone silent.
+"""
 
 import errno
 import fcntl
@@ -6,8 +10,10 @@ import os
 import select
 import socket
 import sys
+import time
 
-from trolley.network_ports import parse_address
+from trolley.network_ports import AddressChangedError, parse_address
+from trolley_base.drivers.dialogue import Datagrams
 
 CONNECTS_WITHIN_S = 3.0
 GIVES_UP_MS = 1000
@@ -18,6 +24,9 @@ MOST_UNSENT = 1024
 SIOCOUTQ = 0x5411
 MOST_READ, FULL_BYTES = 65536, 32768
 """A lidar of a network sends 4 kB a turn, and whoever reads may be some turns late."""
+SILENT_S = 0.5
+"""A device that calls and has been silent for this long has gone; another may be heard. A board
+loses its session sooner."""
 
 
 class NetworkPort:
@@ -59,8 +68,16 @@ class NetworkPort:
             OSError: the device is gone.
         """
         data = self._socket.recv(MOST_READ)
-        if not data and self._is_stream:
-            raise OSError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
+        if self._is_stream:
+            if not data:
+                raise OSError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
+            return data
+        # All datagrams that wait: a fast lidar sends more of them than there are reads.
+        while len(data) < FULL_BYTES:
+            try:
+                data += self._socket.recv(MOST_READ)
+            except BlockingIOError:
+                break
         return data
 
     def write(self, data: bytes) -> bool:
@@ -103,4 +120,102 @@ class NetworkPort:
 
     def close(self) -> None:
         """End the connection; may be called more than once."""
+        self._socket.close()
+
+
+class ListeningPort:
+    """A UDP port of this computer to which a device sends, for one reading and one writing thread.
+
+    Args:
+        name: `udp://:port`.
+        datagrams: how a stream of bytes is cut into datagrams; None: the bytes are as they come,
+            and each write is one datagram.
+
+    Raises:
+        OSError: another program listens there.
+    """
+
+    full_bytes = FULL_BYTES
+
+    def __init__(self, name: str, datagrams: Datagrams | None) -> None:
+        self._datagrams = datagrams
+        self._socket = socket.socket(type=socket.SOCK_DGRAM)
+        try:
+            self._socket.bind(("", parse_address(name).port))
+        except OSError:
+            self._socket.close()
+            raise
+        self._socket.setblocking(False)
+        self._peer: tuple[str, int] | None = None
+        self._heard_s = 0.0
+        self._num_strangers = 0
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for datagrams; whether there are any."""
+        return bool(select.select([self._socket], [], [], timeout_s)[0])
+
+    def read(self) -> bytes:
+        """Return what the device has sent, b"" where only others have.
+
+        Raises:
+            AddressChangedError: the device has gone, and somebody else calls.
+        """
+        data = b""
+        while len(data) < FULL_BYTES:
+            try:
+                datagram, sender = self._socket.recvfrom(MOST_READ)
+            except BlockingIOError:
+                break
+            # What is no message of such a device at all makes nobody one.
+            part = datagram if self._datagrams is None else self._datagrams.join(datagram)
+            if part and self._is_heard(sender):
+                data += part
+        return data
+
+    def _is_heard(self, sender: tuple[str, int]) -> bool:
+        now_s = time.monotonic()
+        if self._peer is None:
+            self._peer = sender
+        elif sender != self._peer:
+            if now_s - self._heard_s < SILENT_S:
+                self._num_strangers += 1
+                return False
+            raise AddressChangedError(
+                errno.EADDRNOTAVAIL,
+                f"the device at {self._peer[0]}:{self._peer[1]} is silent, and {sender[0]}:"
+                f"{sender[1]} calls instead, which is heard from now on.",
+            )
+        self._heard_s = now_s
+        return True
+
+    def write(self, data: bytes) -> bool:
+        """Send bytes to the device without waiting; False while none has called.
+
+        Raises:
+            OSError: the network is gone.
+        """
+        if self._peer is None:
+            return False
+        try:
+            for one in [data] if self._datagrams is None else self._datagrams.cut(data):
+                self._socket.sendto(one, self._peer)
+        except BlockingIOError:
+            return False
+        return True
+
+    def take_strangers(self) -> int:
+        """Return how many datagrams of others were left out since the last call."""
+        number, self._num_strangers = self._num_strangers, 0
+        return number
+
+    def discard_input(self) -> None:
+        """Drop what has arrived and was not read."""
+        while self.wait(0.0):
+            self._socket.recv(MOST_READ)
+
+    def clear_rts(self) -> None:
+        """Do nothing: there is no such line."""
+
+    def close(self) -> None:
+        """Listen no more; may be called more than once."""
         self._socket.close()

@@ -9,6 +9,7 @@ from trolley.serial_diagnosis import explain
 from trolley_base.drivers import CallSoon, DriverError
 from trolley_base.drivers.boards import find_board, make_board
 from trolley_base.drivers.device import Opened
+from trolley_base.drivers.dialogue import BoardDialogue
 from trolley_base.drivers.lidars import make_lidar
 from trolley_base.drivers.real_hardware import RealHardware
 from trolley_base.persistence import SavedWorld
@@ -52,7 +53,7 @@ class RealDevice:
         try:
             make_lidar(lidar)
             if chassis.board is not None:
-                make_board(chassis, config.robot.drive)
+                _check_calls(chassis, make_board(chassis, config.robot.drive))
             self.watchdog_s = _watchdog_s(chassis)
         except DriverError as error:
             raise ConfigError(str(error)) from error
@@ -80,6 +81,18 @@ def _watchdog_s(chassis: ChassisConfig) -> float:
     if chassis.board is None:
         return 0.0
     return chassis.watchdog_s or find_board(chassis).facts.watchdog_s
+
+
+def _check_calls(chassis: ChassisConfig, board: BoardDialogue) -> None:
+    """Refuse a port that is called for a board that calls."""
+    if board.line.datagrams is None or not is_network(chassis.port):
+        return
+    address = parse_address(chassis.port)
+    if address.kind == "udp" and address.host:
+        raise DriverError(
+            f"[base.chassis] port = {chassis.port!r}: over UDP a {chassis.board} sends to this "
+            f'computer, so write port = "udp://:{address.port}"'
+        )
 
 
 def _port(config: RobotConfig, name: str) -> str:

@@ -10,10 +10,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from trolley.network_ports import is_network
+from trolley.network_ports import is_network, parse_address
 from trolley_base.drivers.dialogue import BITS_PER_BYTE, Line
-from trolley_base.drivers.network_port import NetworkPort
+from trolley_base.drivers.network_port import ListeningPort, NetworkPort
 from trolley_base.drivers.serial_port import SerialPort
+
+Port = SerialPort | NetworkPort | ListeningPort
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.25, 3.0
 """Pauses before the port is opened again [s]."""
@@ -77,7 +79,7 @@ class SerialDevice:
         self._events: list[Event] = []
         self._stored = 0
         self._dropped = 0
-        self._port: SerialPort | NetworkPort | None = None
+        self._port: Port | None = None
         self._is_closing = threading.Event()
         self._wants_reopen = False
         self._thread = threading.Thread(target=self._run, name=f"serial {path}", daemon=True)
@@ -97,6 +99,12 @@ class SerialDevice:
         with self._lock:
             dropped, self._dropped = self._dropped, 0
         return dropped
+
+    def take_strangers(self) -> int:
+        """Return how many datagrams of others than the device came since the last call."""
+        with self._lock:
+            port = self._port
+            return port.take_strangers() if isinstance(port, ListeningPort) else 0
 
     def write(self, data: bytes) -> bool:
         """Send bytes; False where the port is not open or takes nothing."""
@@ -135,12 +143,14 @@ class SerialDevice:
             self._is_closing.wait(pause_s)
             pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
 
-    def _open(self) -> SerialPort | NetworkPort:
-        if is_network(self.path):
+    def _open(self) -> Port:
+        if not is_network(self.path):
+            return SerialPort(self.path, self._line)
+        if parse_address(self.path).host:
             return NetworkPort(self.path)
-        return SerialPort(self.path, self._line)
+        return ListeningPort(self.path, self._line.datagrams)
 
-    def _serve(self, port: SerialPort | NetworkPort) -> None:
+    def _serve(self, port: Port) -> None:
         """Read until the port is lost, or is to be closed."""
         self._wants_reopen = False
         try:
@@ -154,7 +164,7 @@ class SerialDevice:
                 self._port = None
             port.close()
 
-    def _settle(self, port: SerialPort | NetworkPort) -> None:
+    def _settle(self, port: Port) -> None:
         """Wait for a board that reboots, or wakes, when its port is opened."""
         if self._line.settle_s > 0.0:
             self._is_closing.wait(self._line.settle_s)
@@ -162,13 +172,15 @@ class SerialDevice:
         if self._line.clears_rts:
             port.clear_rts()
 
-    def _read(self, port: SerialPort | NetworkPort) -> None:
+    def _read(self, port: Port) -> None:
         while not (self._is_closing.is_set() or self._wants_reopen):
             if not port.wait(POLL_S):
                 continue
             data = port.read()
             if len(data) >= port.full_bytes:
                 self._drop_backlog(port, len(data))
+                continue
+            if not data:
                 continue
             self._store(Arrived(data, time.monotonic_ns()))
             self._respond(data)
@@ -183,7 +195,7 @@ class SerialDevice:
         if answer:
             self.write(answer)
 
-    def _drop_backlog(self, port: SerialPort | NetworkPort, dropped: int) -> None:
+    def _drop_backlog(self, port: Port, dropped: int) -> None:
         """Forget what waits in a full port: nobody has read it for long, or it is a flood.
 
         How old it is cannot be told; a scan that waited for seconds must not pass for a new one.

@@ -157,7 +157,11 @@ class SerialLink(Generic[D]):
         """Return a dialogue's counts with those of the line."""
         dropped = self._device.take_dropped()
         refused, self._refused_writes = self._refused_writes, 0
-        lines = {f"{self._name}/dropped_bytes": dropped, f"{self._name}/not_sent": refused}
+        lines = {
+            f"{self._name}/dropped_bytes": dropped,
+            f"{self._name}/not_sent": refused,
+            f"{self._name}/strangers": self._device.take_strangers(),
+        }
         return dict(known) | {name: count for name, count in lines.items() if count}
 
     def close(self) -> None:

@@ -44,6 +44,8 @@ class Device:
 
     is_usb = False
     """Whether it has USB of its own: any speed that the host sets will do."""
+    calls_host = False
+    """Whether over a network it sends to a port of its host, and not the host to its port."""
     buffer_bytes = BUFFER_BYTES
     """What its own transmit buffer holds."""
 

@@ -72,12 +72,14 @@ class Linorobot2Options:
 
 
 class Linorobot2(Board):
-    """The board; see the module.
+    """The board; see the module. On Wi-Fi it sends to its agent's port.
 
     Args:
         options: how the firmware was built.
         rng: the inertial unit's errors, and the sessions' keys.
     """
+
+    calls_host = True
 
     def __init__(self, options: Linorobot2Options, rng: np.random.Generator) -> None:
         super().__init__(FAST_BAUD if options.is_fast else BAUD, 0.5 * TRACK_M)

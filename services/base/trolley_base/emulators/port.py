@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from trolley_base.emulators.arduino_bridge import ArduinoBridge
+from trolley_base.emulators.calling_port import CallingPort
 from trolley_base.emulators.create2 import Create2
 from trolley_base.emulators.device import Board, Device
 from trolley_base.emulators.faults import Damage, Fault, trouble_of
@@ -42,7 +43,7 @@ class DevicePort:
         self,
         name: str,
         device: Device,
-        terminal: PseudoTerminal | SocketPort,
+        terminal: PseudoTerminal | SocketPort | CallingPort,
         rng: np.random.Generator,
         tell: Callable[[str], None],
     ) -> None:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
 from trolley.network_ports import MOST_PORT
+from trolley_base.emulators.calling_port import CallingPort
 from trolley_base.emulators.catalogue import make_devices
 from trolley_base.emulators.device import Board, DeviceError, ReceivedCommand
 from trolley_base.emulators.faults import FaultPlan, parse_fault
@@ -84,7 +85,7 @@ class EmulatedRobot:
         folder: where the ports' links are made; None: a temporary folder.
         tell: called with each line for a person, on the emulator's thread.
         network: the devices that are reached over the network, such as {"hokuyo_urg": "tcp:10940"};
-            port 0 is any that is free.
+            port 0 is any that is free. A board that calls its host sends to that port, over UDP.
 
     Raises:
         DeviceError: there is no such device or option.
@@ -110,6 +111,9 @@ class EmulatedRobot:
         self._network = {name: _parse_network(text) for name, text in network.items()}
         if unknown := set(network) - set(self.devices):
             raise DeviceError(f"there is no {' or '.join(sorted(unknown))} to be in the network")
+        for name, (kind, number) in self._network.items():
+            if self.devices[name].calls_host and (kind == "tcp" or number == 0):
+                raise DeviceError(f"{name} sends to a port of its host: write {name}=udp:8888")
         start = self._simulation.truth().pose
         if not body.world.grid.contains(start.as_array()[None, :2])[0]:
             raise WorldError(
@@ -139,11 +143,7 @@ class EmulatedRobot:
             seeds = np.random.SeedSequence(self.body.seed).spawn(len(self.devices))
             for (name, device), seed in zip(self.devices.items(), seeds, strict=True):
                 rng = np.random.default_rng(seed)
-                terminal = (
-                    SocketPort(*self._network[name], device.baud)
-                    if name in self._network
-                    else PseudoTerminal(folder / name, device.baud)
-                )
+                terminal = self._terminal(name, folder)
                 port = DevicePort(name, device, terminal, rng, self._remark)
                 undo.callback(port.terminal.unplug)
                 self._ports[name] = port
@@ -164,6 +164,15 @@ class EmulatedRobot:
         self._thread.join()
         self._undo.close()
 
+    def _terminal(self, name: str, folder: Path) -> PseudoTerminal | SocketPort | CallingPort:
+        device = self.devices[name]
+        if name not in self._network:
+            return PseudoTerminal(folder / name, device.baud)
+        kind, number = self._network[name]
+        if device.calls_host:
+            return CallingPort(number, device.baud)
+        return SocketPort(kind, number, device.baud)
+
     @property
     def ports(self) -> Mapping[str, Path]:
         """The names under which the host finds the devices on serial ports, by device."""
@@ -175,11 +184,11 @@ class EmulatedRobot:
 
     @property
     def addresses(self) -> Mapping[str, str]:
-        """Where the host finds those in the network, such as `tcp://127.0.0.1:10940`."""
+        """What the host writes for those in the network, such as `tcp://127.0.0.1:10940`."""
         return {
             name: port.terminal.address
             for name, port in self._ports.items()
-            if isinstance(port.terminal, SocketPort)
+            if not isinstance(port.terminal, PseudoTerminal)
         }
 
     @property

@@ -1,4 +1,4 @@
-"""A board with linorobot2's firmware: micro-ROS over a serial line, unchanged.
+"""A board with linorobot2's firmware, unchanged: micro-ROS over a serial line, or UDP.
 
 The firmware pings until an agent answers. It then opens a session, creates its topics
 (`odom/unfiltered`, `imu/data`, `battery`, `ultrasound`, `cmd_vel`), asks for the time, and reports
@@ -22,6 +22,7 @@ import msgspec
 from trolley.config.hardware import ChassisConfig
 from trolley.drivers import API
 from trolley.geometry import Twist2D
+from trolley.network_ports import is_network
 from trolley_base.drivers.boards import linorobot2_messages as messages
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.command_pace import CommandPace
@@ -38,7 +39,7 @@ from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Repo
 from trolley_base.drivers.boards.sonar import sonar_scan
 from trolley_base.drivers.boards.velocities import NO_SPEED, StampedVelocities
 from trolley_base.drivers.boards.xrce_agent import Delivery, XrceAgent, matches
-from trolley_base.drivers.boards.xrce_frames import FrameDecoder, encode
+from trolley_base.drivers.boards.xrce_frames import FrameDecoder, MessageDatagrams, encode
 from trolley_base.drivers.boards.xrce_messages import GET_INFO, KEYLESS, parse_header, submessages
 from trolley_base.drivers.boards.xrce_pings import PingResponder
 from trolley_base.drivers.dialogue import Line, Status
@@ -59,6 +60,14 @@ FAST_BAUD = 921600
 """Of a fork."""
 LEAST_VOLTAGE = 1.0
 """Firmware without a battery's pin reports less [V]."""
+SILENT = (
+    "The motor board is silent. Is it powered, and does it run linorobot2's firmware? "
+    "If its LED blinks twice at a time it has given up: restart it."
+)
+ON_WIFI = (
+    " Is it in your Wi-Fi, are AGENT_IP and AGENT_PORT in its configuration this computer's, and "
+    "does no firewall close that port?"
+)
 STRANGER = (
     "The motor board talks in a session of another agent. It comes over within a second; if it "
     "does not, its firmware was built with USE_STAY_CONNECTED: restart it."
@@ -81,6 +90,7 @@ class Linorobot2Dialogue:
         self._config = config
         self._baud = baud
         self._can_drive_sideways = can_drive_sideways
+        self._is_on_wifi = is_network(config.port)
         self._report = Report()
         self._decoder = FrameDecoder(self._report.count)
         self._agent = XrceAgent(self._report.count)
@@ -94,7 +104,13 @@ class Linorobot2Dialogue:
     @property
     def line(self) -> Line:
         """The board waits for answers; who leaves it waits until it stands."""
-        return Line(self._baud, is_prompt=True, leaves_standing=True, responder=self._pings.respond)
+        return Line(
+            self._baud,
+            is_prompt=True,
+            leaves_standing=True,
+            responder=self._pings.respond,
+            datagrams=MessageDatagrams(),
+        )
 
     def begin(self, now_ns: int) -> None:
         """The port has been opened: wait for the board, command nothing."""
@@ -270,12 +286,7 @@ class Linorobot2Dialogue:
     def status(self, now_ns: int) -> Status:
         """Say how it goes."""
         if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
-            return Status(
-                "down",
-                "The motor board is silent. Is it powered, and does it run linorobot2's firmware? "
-                "If its LED blinks twice at a time it has given up: restart it.",
-                reopen=True,
-            )
+            return Status("down", SILENT + (ON_WIFI if self._is_on_wifi else ""), reopen=True)
         if fault := self._fault(now_ns):
             return Status("down", fault)
         if self._agent.is_estranged:

@@ -1,24 +1,28 @@
-"""The frames in which a micro-ROS board sends its messages over a serial line.
+"""The frames in which a micro-ROS board sends its messages over a serial line; datagrams over UDP.
 
     7E | source u8 | destination u8 | length u16 | message | crc u16
 
 All behind the first byte is escaped: 7E and 7D become 7D and the byte XOR 20. The sum, CRC-16/ARC,
 is of the message alone, before it is escaped. Integers are little-endian. Counts: `bad_checksum`,
-`skipped_bytes` (what belonged to no frame).
+`skipped_bytes` (what belonged to no frame). Over UDP a datagram is a message and nothing else.
 
 Source:
-    eProsima Micro-XRCE-DDS-Client, stream_framing_protocol.c.
+    eProsima Micro-XRCE-DDS-Client, stream_framing_protocol.c, udp_transport.c.
 """
 
 import struct
 from collections.abc import Callable
 from typing import NamedTuple
 
+from trolley_base.drivers.boards.xrce_messages import parse_header, submessages
+
 BEGIN, ESCAPE, FLIP = 0x7E, 0x7D, 0x20
 AGENT = 0
 """The agent's address."""
 HEAD, OVERHEAD = 4, 6
 """Bytes of a frame before and besides its message, without the first."""
+LAST_KIND = 15
+"""No submessage is of a higher one."""
 MOST_MESSAGE = 4096
 """micro-ROS sends 512 as it is delivered; a longer one is rubbish."""
 
@@ -141,3 +145,23 @@ def _unescape(escaped: bytes) -> tuple[bytes, int | None]:
         if len(plain) == length + OVERHEAD:
             return bytes(plain), at
     return b"", None
+
+
+class MessageDatagrams:
+    """Messages as datagrams (`trolley_base.drivers.dialogue.Datagrams`)."""
+
+    def join(self, datagram: bytes) -> bytes:
+        """Return a message in a frame; b"" for what is no message at all."""
+        parsed = parse_header(datagram)
+        if parsed is None or len(datagram) > MOST_MESSAGE:
+            return b""
+        is_message = any(part.kind <= LAST_KIND for part in submessages(datagram, parsed[1]))
+        return encode(datagram, AGENT) if is_message else b""
+
+    def cut(self, data: bytes) -> list[bytes]:
+        """Return the messages of whole frames."""
+        return [frame.message for frame in FrameDecoder(_count_nothing).feed(data)]
+
+
+def _count_nothing(_name: str, _number: int) -> None:
+    """Frames of our own are sound."""
