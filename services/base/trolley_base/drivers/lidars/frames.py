@@ -83,6 +83,36 @@ class FrameFinder:
     def feed(self, data: bytes) -> Frames:
         """Return the frames that these bytes complete."""
         buffer = np.concatenate([self._rest, np.frombuffer(data, np.uint8)])
+        return self._feed_seamless(buffer) or self._search(buffer)
+
+    def _feed_seamless(self, buffer: Bytes) -> Frames | None:
+        """Return frames of the longest length that follow each other from the first byte on.
+
+        It is what nearly all of a good line is, and takes a third of the search.
+
+        Returns:
+            None where anything else lies between or behind them.
+        """
+        form, size = self._form, self._form.most_bytes
+        number = len(buffer) // size
+        rest = buffer[number * size :]
+        if number == 0 or 0 < len(rest) < form.head_bytes:
+            return None
+        whole = buffer[: number * size].reshape(number, size)
+        heads = whole[:, : form.head_bytes]
+        if len(rest):
+            heads = np.concatenate([heads, rest[None, : form.head_bytes]])
+        if not (form.lengths(heads) == size).all() or not form.check(whole).all():
+            return None
+        joins = np.ones(number, np.bool_)
+        joins[0] = not self._has_gap
+        self._has_gap = False
+        self._rest = rest.copy()
+        behind = len(buffer) - size * np.arange(1, number + 1)
+        return Frames(whole, np.full(number, size), behind, joins)
+
+    def _search(self, buffer: Bytes) -> Frames:
+        """Return the frames of a buffer that holds anything."""
         starts, ends = self._candidates(buffer)
         is_whole = ends <= len(buffer)
         whole, whole_ends = starts[is_whole], ends[is_whole]

@@ -154,7 +154,7 @@ class Revolutions:
         columns = [samples.angle_deg, samples.shift_deg, sensor_s, samples.range_m]
         if len(samples.intensity):
             columns.append(samples.intensity)
-        rows = np.stack(columns)
+        rows = np.array(columns, np.float64)
         done = 0
         for edge in np.flatnonzero(samples.begins).tolist():
             self._keep(rows[:, done:edge])

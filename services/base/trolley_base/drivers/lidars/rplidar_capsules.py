@@ -125,15 +125,12 @@ def _read_ultra(capsules: Bytes, following: Bytes) -> tuple[Floats, Floats, Floa
     # Where the first of three found nothing, the second differs from the next word's first.
     base_mm = np.where(own_mm == 0, next_mm, own_mm)
     power1 = np.where(own_mm == 0, power[:, 1:], power[:, :-1])
-    found_mm = np.stack(
-        [
-            own_mm,
-            _predicted(packed >> 12 & 0x3FF, base_mm, power1),
-            _predicted(packed >> 22, next_mm, power[:, 1:]),
-        ],
-        axis=2,
-    ).reshape(len(capsules), -1)
-    return found_mm / 1000.0, _ultra_lag_deg(found_mm), np.empty(0)
+    found_mm = np.empty((*packed.shape, 3), np.int64)
+    found_mm[:, :, 0] = own_mm
+    found_mm[:, :, 1] = _predicted(packed >> 12 & 0x3FF, base_mm, power1)
+    found_mm[:, :, 2] = _predicted(packed >> 22, next_mm, power[:, 1:])
+    found_mm = found_mm.reshape(len(capsules), -1)
+    return found_mm / 1000.0, ULTRA_LAG_DEG[found_mm], np.empty(0)
 
 
 def _predicted(difference: Indices, base_mm: Indices, power: Indices) -> Indices:
@@ -153,6 +150,10 @@ def _ultra_lag_deg(found_mm: Indices) -> Floats:
     return np.where(found_mm > 0, lag, FAR_DEG)
 
 
+ULTRA_LAG_DEG = _ultra_lag_deg(np.arange(int(ULTRA_MM[-1]) + (512 << int(ULTRA_POWER[-1]))))
+"""By the distance [mm], up to the farthest that two numbers can make."""
+
+
 def _read_dense(capsules: Bytes, following: Bytes) -> tuple[Floats, Floats, Floats]:
     del following
     range_m = words(capsules[:, 4:]) / 1000.0
@@ -162,8 +163,11 @@ def _read_dense(capsules: Bytes, following: Bytes) -> tuple[Floats, Floats, Floa
 def _read_ultra_dense(capsules: Bytes, following: Bytes) -> tuple[Floats, Floats, Floats]:
     del following
     cabins = capsules[:, 10:].reshape(len(capsules), 32, 5)
-    high = np.stack([cabins[:, :, 4] & 0xF, cabins[:, :, 4] >> 4], axis=2).astype(np.int64)
-    numbers = (words(cabins[:, :, :4]) | high << 16).reshape(len(capsules), -1)
+    numbers = words(cabins[:, :, :4]).astype(np.int64)
+    high = cabins[:, :, 4].astype(np.int64)
+    numbers[:, :, 0] |= (high & 0xF) << 16
+    numbers[:, :, 1] |= high >> 4 << 16
+    numbers = numbers.reshape(len(capsules), -1)
     scale = numbers & 3
     step = numbers >> 2 & (1 << 10 + scale) - 1
     # A reading of 0 on the finest scale is none.
@@ -201,6 +205,7 @@ class CapsuleDecoder:
         self._finder = FrameFinder(kind.form, counts)
         self._rotation = Rotation(USUAL_HZ)
         self._sample_s = sample_s
+        self._shares = np.arange(kind.samples) / kind.samples
         self._last: Bytes = np.empty((0, kind.form.most_bytes), np.uint8)
 
     def decode(self, data: bytes) -> Decoded | None:
@@ -223,7 +228,7 @@ class CapsuleDecoder:
         count = self._kind.samples
         start_deg = (heads & ~BEGINS_SCAN) / 64.0
         width_deg = (start_deg[pairs + 1] - start_deg[pairs]) % 360.0
-        angle = start_deg[pairs, None] + width_deg[:, None] * (np.arange(count) / count)
+        angle = start_deg[pairs, None] + width_deg[:, None] * self._shares
         angle = angle.ravel() % 360.0
         range_m, lag_deg, intensity = (
             values.ravel() for values in self._kind.read(capsules[pairs], capsules[pairs + 1])
