@@ -4,7 +4,13 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
-from trolley.config.hardware import ChassisConfig, LidarConfig, OdometryConfig, SenseName
+from trolley.config.hardware import (
+    ChassisConfig,
+    ImuConfig,
+    LidarConfig,
+    OdometryConfig,
+    SenseName,
+)
 from trolley.config.robot import PoseConfig
 
 Speed = Annotated[float, Meta(gt=0.0, le=5.0)]
@@ -92,6 +98,7 @@ class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     recording: RecordingConfig | None = None
     chassis: ChassisConfig = ChassisConfig()
     lidar: LidarConfig = LidarConfig()
+    imu: ImuConfig | None = None
     odometry: OdometryConfig = OdometryConfig()
     limits: LimitsConfig = LimitsConfig()
     sources: dict[str, Annotated[int, Meta(ge=0, le=1000)]] = field(

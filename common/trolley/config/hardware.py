@@ -149,6 +149,26 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             )
 
 
+class ImuConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.imu]`: an inertial unit on an I2C bus of this computer, in place of the board's."""
+
+    chip: Literal["mpu6050", "icm20948", "bno055", "bno085"]
+    """Which chip; `mpu6050` covers the MPU-6500, 9250 and 9255 too, `bno085` the BNO080 and 086."""
+    bus: Annotated[int, Meta(ge=0, le=255)] = 1
+    """The number of the bus: 1 is /dev/i2c-1, on the pins 3 and 5 of a Raspberry Pi."""
+    address: Annotated[int, Meta(ge=0x08, le=0x77)] | None = None
+    """Its address on the bus; the chip's usual one if not given."""
+    axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+    """The axes of the chip that point forward, left and up; `-y` is opposite to y."""
+
+    def __post_init__(self) -> None:
+        """Refuse axes that do not make a right-handed frame."""
+        if not _is_right_handed(self.axes):
+            raise ValueError(
+                'axes must name x, y and z once each and be right-handed, such as ["y", "-x", "z"]'
+            )
+
+
 def _is_right_handed(axes: tuple[Axis, Axis, Axis]) -> bool:
     letters = [axis[-1] for axis in axes]
     if sorted(letters) != ["x", "y", "z"]:

@@ -1,6 +1,7 @@
 """`[base] driver = "hardware"`: the motor board and the lidar that are plugged in."""
 
 from collections.abc import Callable
+from importlib.util import find_spec
 
 from trolley.config import ConfigError, RobotConfig
 from trolley.config.hardware import ChassisConfig
@@ -10,6 +11,8 @@ from trolley_base.drivers import CallSoon, DriverError
 from trolley_base.drivers.boards import find_board, make_board
 from trolley_base.drivers.device import Opened
 from trolley_base.drivers.dialogue import BoardDialogue
+from trolley_base.drivers.imus.bus import LinuxBus
+from trolley_base.drivers.imus.i2c_imu import I2cImu
 from trolley_base.drivers.lidars import make_lidar
 from trolley_base.drivers.real_hardware import RealHardware
 from trolley_base.persistence import SavedWorld
@@ -45,6 +48,10 @@ class RealDevice:
         self.base_T_laser = lidar.pose.as_pose()
         self.cannot_drive = NO_BOARD if chassis.board is None else ""
         self.delay_s = LONGEST_DELAY_S if chassis.delay_s is None else chassis.delay_s
+        if config.base.imu is not None and find_spec("smbus2") is None:
+            raise ConfigError(
+                '[base.imu] needs smbus2, which is not installed: pip install "trolley-robot[i2c]"'
+            )
         for port in filter(is_network, (chassis.port, lidar.port)):
             try:
                 parse_address(port)
@@ -73,7 +80,9 @@ class RealDevice:
             dialogue = make_board(chassis, self._config.robot.drive)
             board = dialogue, _port(self._config, chassis.port)
         seeing = make_lidar(lidar), _port(self._config, lidar.port)
-        return Opened(RealHardware(board, seeing, start_ns, robot_ns, call_soon, _explain))
+        imu = self._config.base.imu
+        chip = None if imu is None else I2cImu(imu, LinuxBus)
+        return Opened(RealHardware(board, seeing, start_ns, robot_ns, call_soon, _explain, chip))
 
 
 def _watchdog_s(chassis: ChassisConfig) -> float:

@@ -11,6 +11,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Link
 from trolley.messages.motion import CHASSIS
 from trolley_base.drivers.dialogue import BoardDialogue, Dialogue, LidarDialogue
+from trolley_base.drivers.imus.i2c_imu import I2cImu
 from trolley_base.drivers.interface import (
     CallSoon,
     Chassis,
@@ -113,6 +114,36 @@ class NoChassis:
         self._now_ns = now_ns
 
 
+class ChassisWithImu:
+    """A chassis whose inertial readings come from a chip of this computer's own.
+
+    Args:
+        chassis: the rest of it.
+        imu: the chip.
+        robot_ns: turns local monotonic time into robot time [ns].
+    """
+
+    def __init__(self, chassis: Chassis, imu: I2cImu, robot_ns: Callable[[int], int]) -> None:
+        self._chassis = chassis
+        self._imu = imu
+        self._robot_ns = robot_ns
+
+    def drive(self, twist: Twist2D) -> None:
+        """Send a velocity."""
+        self._chassis.drive(twist)
+
+    def restart(self) -> bool:
+        """Restart the board."""
+        return self._chassis.restart()
+
+    def read(self) -> ChassisReading:
+        """Hand over what board and chip reported since the last call."""
+        reading = self._chassis.read()
+        imu, notes, counts = self._imu.take(self._robot_ns)
+        notes, counts = (*reading.notes, *notes), {**reading.counts, **counts}
+        return replace(reading, imu=imu, notes=notes, counts=counts)
+
+
 class SerialLidar:
     """A scanner; made by `RealHardware`."""
 
@@ -143,6 +174,7 @@ class RealHardware:
         robot_ns: turns local monotonic time into robot time [ns].
         call_soon: calls a function on the service's thread.
         explain: turns an error of a port into a sentence.
+        imu: an inertial unit of this computer's own; started here.
     """
 
     def __init__(
@@ -153,6 +185,7 @@ class RealHardware:
         robot_ns: Callable[[int], int],
         call_soon: CallSoon,
         explain: Explain,
+        imu: I2cImu | None = None,
     ) -> None:
         self._conversations: list[SerialLink[BoardDialogue] | SerialLink[LidarDialogue]] = []
 
@@ -170,13 +203,18 @@ class RealHardware:
         seeing = SerialLink("lidar", lidar[0], open_port(*lidar), robot_ns, is_stream=True)
         self._conversations.append(seeing)
         self._lidar = SerialLidar(seeing, start_ns)
+        self._imu = imu
+        self._whole_chassis: Chassis = self._chassis
+        if imu is not None:
+            imu.start()
+            self._whole_chassis = ChassisWithImu(self._chassis, imu, robot_ns)
 
     has_ended = False
 
     @property
     def chassis(self) -> Chassis:
         """The wheels."""
-        return self._chassis
+        return self._whole_chassis
 
     @property
     def lidar(self) -> SerialLidar:
@@ -200,3 +238,5 @@ class RealHardware:
         for conversation in self._conversations:
             conversation.close()
         self._conversations.clear()
+        if self._imu is not None:
+            self._imu.close()

@@ -29,8 +29,8 @@ JUMP = Note(
 SENTENCES = {
     GyroState.STUCK: "The gyro keeps repeating one value; its turn rate is not used.",
     GyroState.DISAGREES: (
-        "The gyro does not turn as the wheels do: see [base.chassis] imu_axes, or the wheels "
-        "slip, or the robot is carried. Its turn rate is not used."
+        "The gyro does not turn as the wheels do: see [base.chassis] imu_axes ([base.imu] axes), "
+        "or the wheels slip, or the robot is carried. Its turn rate is not used."
     ),
 }
 """Worth a line in the log; the others come and go with the link."""

@@ -37,13 +37,14 @@ class GyroTrouble(enum.Enum):
     """How gyro and wheels differ; the value is a sentence."""
 
     REVERSED = (
-        "The gyro turns the opposite way to the wheels: reverse two of [base.chassis] imu_axes, "
-        "such as x and z, unless left and right are swapped. Its turn rate is not used."
+        "The gyro turns the opposite way to the wheels: reverse two of [base.chassis] imu_axes "
+        "([base.imu] axes), such as x and z, unless left and right are swapped. Its turn "
+        "rate is not used."
     )
     STILL = (
         "According to the gyro the robot does not turn, although its wheels do: it has been "
-        "lifted, its wheels slip, or [base.chassis] imu_axes names another axis. Its turn rate "
-        "is not used."
+        "lifted, its wheels slip, or [base.chassis] imu_axes ([base.imu] axes) names another axis. "
+        "Its turn rate is not used."
     )
     DEGREES = (
         "The gyro reports degrees per second, not radians: its firmware needs another scale. Its "

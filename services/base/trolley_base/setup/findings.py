@@ -16,7 +16,7 @@ from trolley_base.setup.sight import Sector
 
 Settings = dict[tuple[str, ...], Any]
 LIDAR, ODOMETRY = ("base", "lidar"), ("base", "odometry")
-CHASSIS, LIMITS = ("base", "chassis"), ("base", "limits")
+CHASSIS, LIMITS, IMU = ("base", "chassis"), ("base", "limits"), ("base", "imu")
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,9 +111,12 @@ def settings_of(findings: Findings, config: RobotConfig) -> Settings:
     if counted_track_of(config) is not None:
         settings[*ODOMETRY, "wheel_ratio"] = round(geometry.wheel_ratio.value, 4)
     if isinstance(findings.gyro, Gyro):
-        axes: tuple[Axis, Axis, Axis] = findings.gyro.axes(base.chassis.imu_axes)
-        if axes != base.chassis.imu_axes:
-            settings[*CHASSIS, "imu_axes"] = list(axes)
+        own = base.imu
+        before = base.chassis.imu_axes if own is None else own.axes
+        axes: tuple[Axis, Axis, Axis] = findings.gyro.axes(before)
+        if axes != before:
+            key = (*CHASSIS, "imu_axes") if own is None else (*IMU, "axes")
+            settings[key] = list(axes)
     braking = round(PARAMS.braking_share * response.braking.value, 2)
     if braking < base.limits.deceleration_mps2:
         settings[*LIMITS, "deceleration_mps2"] = braking
