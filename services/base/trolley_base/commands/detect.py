@@ -50,8 +50,9 @@ def detect_command(
 
     Tries the given serial ports, else all that no program has open; that takes up to 11 s. It
     sends a few short questions to each: name the ports if something is plugged in that must not
-    get them. Devices are left as they were found, except that a lidar left running is told to
-    stop.
+    get them. A PORT may be an address in the network, such as tcp://192.168.0.10:10940, or
+    udp://:8888 for a board that calls this computer; what is not named is not tried. Devices are
+    left as they were found, except that a lidar left running is told to stop.
     """
     for value, suffix in ((write, ".toml"), (udev, ".rules")):
         # A port behind such an option would be taken for the file, and written over.
@@ -78,10 +79,11 @@ def detect_command(
 
 
 def look_at_ports(ports: Sequence[str]) -> list[PortResult]:
-    """Look at these serial ports, else at all that no program has open, and show how far it is."""
+    """Look at these ports, else at all that no program has open, and show how far it is."""
     candidates = find_ports(ports)
     progress = Progress()
-    progress.show(f"Looking at {len(candidates)} serial ports ...")
+    ports_in_words = "1 port" if len(candidates) == 1 else f"{len(candidates)} ports"
+    progress.show(f"Looking at {ports_in_words} ...")
     try:
         return detect_devices(
             candidates, lambda one, left: progress.show(_progress(one, left), one.port.name)

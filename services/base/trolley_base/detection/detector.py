@@ -5,7 +5,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import replace
 
+from trolley.network_ports import explain_network, is_network
 from trolley.serial_diagnosis import explain, holders, modem_manager_warning
+from trolley_base.detection.network import NetworkProbePort
 from trolley_base.detection.ports import Port
 from trolley_base.detection.probe import Interrupted, Probe, ProbePort
 from trolley_base.detection.results import FoundDevice, PortResult
@@ -55,6 +57,8 @@ def detect_device(port: Port, interrupt: threading.Event) -> PortResult:
         port: where to look.
         interrupt: set when the probe is to end early.
     """
+    if is_network(port.name):
+        return _detect_in_network(port, interrupt)
     warning = modem_manager_warning(port.name)
     problems = () if warning is None else (warning,)
     if port.twin_serial:
@@ -83,6 +87,38 @@ def detect_device(port: Port, interrupt: threading.Event) -> PortResult:
     if found is None:
         return PortResult(port, None, (*problems, _why_nothing(probe.received)))
     return PortResult(port, replace(found, problems=()), (*problems, *found.problems))
+
+
+def _detect_in_network(port: Port, interrupt: threading.Event) -> PortResult:
+    """Find out who is at an address, or calls."""
+    try:
+        opened = NetworkProbePort(port.name)
+    except OSError as error:
+        return PortResult(port, None, (explain_network(port.name, error),))
+    except ValueError as error:
+        return PortResult(port, None, (f"{error}.",))
+    probe = Probe(opened, interrupt)
+    try:
+        found = probe.identify_in_network(only_listens=opened.only_listens)
+    except OSError as error:
+        return PortResult(port, None, (explain_network(port.name, error),))
+    except Interrupted:
+        return PortResult(port, None)
+    finally:
+        opened.close()
+    if found is None:
+        return PortResult(port, None, (_why_nobody(sum(probe.received.values())),))
+    return PortResult(port, replace(found, problems=()), found.problems)
+
+
+def _why_nobody(received: int) -> str:
+    """Say what may be wrong if nobody known is in the network where it should be."""
+    if received:
+        return f"{received} bytes came, but not those of a device that Trolley knows there."
+    return (
+        "Nobody answers or calls: has the device power, is it in this computer's network, and has "
+        "it been given this computer's address, where it calls?"
+    )
 
 
 def _why_nothing(received: dict[int, int]) -> str:

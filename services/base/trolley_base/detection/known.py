@@ -55,7 +55,8 @@ class KnownBoard(NamedTuple):
 _QUESTIONS = [
     KnownBoard(model, question) for model, driver in BOARDS.items() for question in driver.questions
 ]
-_LISTENED = [one for one in _QUESTIONS if not one.question.ask]
+LISTENED = [one for one in _QUESTIONS if not one.question.ask]
+"""Boards that talk unasked."""
 
 
 def _by_speed(questions: list[KnownBoard]) -> dict[int, list[KnownBoard]]:
@@ -63,8 +64,8 @@ def _by_speed(questions: list[KnownBoard]) -> dict[int, list[KnownBoard]]:
     return {baud: [one for one in questions if one.question.baud == baud] for baud in speeds}
 
 
-TALKING = _by_speed(_LISTENED)
-"""Boards that talk unasked, by their speeds."""
+TALKING = _by_speed(LISTENED)
+"""The same, by their speeds."""
 BOOTING = _by_speed([one for one in _QUESTIONS if one.question.boots])
 """Boards that may have been restarted by opening the port, by their speeds."""
 ASKED = _by_speed([one for one in _QUESTIONS if not one.question.boots])

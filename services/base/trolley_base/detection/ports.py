@@ -12,6 +12,7 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
+from trolley.network_ports import is_network
 from trolley.serial_diagnosis import UDEV_DATA, udev_properties
 
 DEVICES = Path("/dev")
@@ -24,7 +25,7 @@ SHORTEST_SERIAL = 6
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A serial port.
+    """A serial port, or a device of the network by its address.
 
     Attributes:
         device: the device file itself, no link.
@@ -53,10 +54,14 @@ def find_ports(
     """List ports, each once, however many names it has.
 
     Args:
-        given: names of ports; those that could hold a device if there are none.
+        given: names of ports and addresses; the ports that could hold a device if there are none.
         devices: folder of the device files.
         udev_data: where udev stores what it knows about devices.
     """
+    addresses = [Port(name, name) for name in dict.fromkeys(filter(is_network, given))]
+    given = [name for name in given if not is_network(name)]
+    if addresses and not given:
+        return addresses
     links = _links(devices)
     every = {os.path.realpath(path) for path in _candidates(devices)}
     wanted = list(dict.fromkeys(map(os.path.realpath, given))) if given else sorted(every)
@@ -85,7 +90,7 @@ def find_ports(
                 properties=tuple(sorted(properties.items())),
             )
         )
-    return ports
+    return [*ports, *addresses]
 
 
 def has_own_serial(properties: dict[str, str]) -> bool:

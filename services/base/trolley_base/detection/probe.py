@@ -19,6 +19,10 @@ meant for:
 - 230400: what starts the lidars that wait (`b` an LDS-01), all at once, and what stops them again.
   A lidar that heard this at another speed would have answered before.
 
+A device of the network has no speed that would keep questions apart. It is listened to; where an
+address was called, and not a port listened at, it is then asked what harms no board: the Hokuyo's
+lines, and who an RPLIDAR or YDLIDAR is.
+
 DTR stays as Linux sets it on opening: boards with USB of their own want it, an A1 stands and an X4
 turns meanwhile. Closing the port brings back what was. The port is opened once, and its speed
 changed, so that a board reboots once.
@@ -45,6 +49,7 @@ from trolley_base.detection.known import (
     guard,
     recognise_talking,
 )
+from trolley_base.detection.network import NetworkProbePort
 from trolley_base.detection.results import FoundDevice
 from trolley_base.drivers.boards.models import Answer
 from trolley_base.drivers.dialogue import Line
@@ -54,6 +59,9 @@ from trolley_base.drivers.serial_port import SerialPort
 
 T = TypeVar("T")
 
+CALLED_S, CALLING_S = 1.5, 4.0
+"""How long what is called, and who calls, is listened to. A board on Wi-Fi that looks for an agent
+pings each 0.6 s, once it has booted, which takes 3 s."""
 LISTEN_S = 0.35
 """Each lidar that streams sends 5 frames in a third of that."""
 BOARDS_UNTIL_S = 3.2
@@ -112,13 +120,13 @@ class Probe:
     """One look at one port.
 
     Args:
-        port: as it was just opened, at `OPENING`.
+        port: as it was just opened, a serial one at `OPENING`.
         interrupt: set when the look is to end early.
     """
 
     OPENING = Line(baud=STREAM_BAUDS[0])
 
-    def __init__(self, port: ProbePort, interrupt: threading.Event) -> None:
+    def __init__(self, port: ProbePort | NetworkProbePort, interrupt: threading.Event) -> None:
         self._port = port
         self._interrupt = interrupt
         self._opened_s = time.monotonic()
@@ -139,6 +147,30 @@ class Probe:
             if found is not None or self._late_s < BUSY_S:
                 return found
         return None
+
+    def identify_in_network(self, *, only_listens: bool) -> FoundDevice | None:
+        """Find out who is at an address, or calls; None if nobody known.
+
+        Raises:
+            OSError: the connection was lost.
+            Interrupted: the look was to end.
+        """
+
+        def recognise(data: bytes) -> FoundDevice | str | None:
+            found = (_recognise_unasked(data, baud) for baud in STREAM_BAUDS)
+            return next(filter(None, found), None)
+
+        data = bytearray()
+        found = self._read(CALLING_S if only_listens else CALLED_S, recognise, data)
+        self.received[0] = len(data)
+        if isinstance(found, FoundDevice):
+            return found
+        told = None
+        if found is not None:
+            told = streams.describe_stream(found) if only_listens else self._tell_apart(found)
+        if told is None:
+            return None if only_listens else self._greet_lidars() or self._ask_lidars()
+        return streams.with_faster_ones(told)
 
     def _look(self) -> FoundDevice | None:
         return (

@@ -9,6 +9,7 @@ from msgspec import Struct
 
 from trolley.config.describe import Key, keys_of, table_of, to_toml
 from trolley.config.hardware import ChassisConfig
+from trolley.network_ports import is_network
 from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port
 from trolley_base.detection.results import FoundDevice, PortResult
@@ -104,7 +105,7 @@ def _propose_board(
     missing = _missing({**needs, "settings": BOARDS[name].settings}, chassis)
     _propose(proposal, (*CHASSIS, "board"), name, missing, "the robot cannot drive")
     proposal.values[*CHASSIS, "port"] = port.name
-    _propose_baud(proposal, CHASSIS, found, chassis)
+    _propose_baud(proposal, CHASSIS, port, found, chassis)
 
 
 def _propose_lidar(
@@ -114,7 +115,7 @@ def _propose_lidar(
     missing = _missing({"settings": MODELS[name].settings}, lidar)
     _propose(proposal, (*LIDAR, "model"), name, missing, "base does not start")
     proposal.values[*LIDAR, "port"] = port.name
-    _propose_baud(proposal, LIDAR, found, lidar)
+    _propose_baud(proposal, LIDAR, port, found, lidar)
 
 
 def _propose(
@@ -139,9 +140,15 @@ def _propose(
 
 
 def _propose_baud(
-    proposal: Proposal, table: tuple[str, ...], found: FoundDevice, present: dict[str, Any]
+    proposal: Proposal,
+    table: tuple[str, ...],
+    port: Port,
+    found: FoundDevice,
+    present: dict[str, Any],
 ) -> None:
     """Set the speed at which the device answered, where neither file nor model say it."""
+    if is_network(port.name):
+        return  # there is none
     if present.get("baud", USUAL_BAUDS.get(found.model, found.baud)) != found.baud:
         proposal.values[*table, "baud"] = found.baud
 

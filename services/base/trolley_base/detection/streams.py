@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 from trolley_base.detection.known import guard
 from trolley_base.detection.results import FoundDevice
@@ -54,3 +55,18 @@ def twins_of(model: str) -> list[str]:
         for name, driver in MODELS.items()
         if name != model and driver.frames is own.frames and driver.facts.baud == own.facts.baud
     ]
+
+
+def with_faster_ones(found: FoundDevice) -> FoundDevice:
+    """Add the models that send the same frames at another speed, which a network hides."""
+    if found.model is None:
+        return found
+    own = MODELS[found.model]
+    alike = tuple(
+        f'or an {driver.facts.title}: model = "{name}"'
+        for name, driver in MODELS.items()
+        if own.frames is not None
+        and driver.frames is own.frames
+        and driver.facts.baud != own.facts.baud
+    )
+    return replace(found, details=(*found.details, *alike))

@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from trolley.network_ports import is_network
 from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port, has_own_serial
 from trolley_base.detection.results import PortResult
@@ -38,7 +39,7 @@ def render(seen: Sequence[PortResult], source: str = "99-trolley.rules") -> str:
     """
     lines: list[str] = []
     for kind, name in NAMES.items():
-        found = devices_of(seen, kind)
+        found = [one for one in devices_of(seen, kind) if not is_network(one[0].device)]
         for port, device in found:
             # Two devices of a kind cannot both have its name.
             own_name = name if len(found) == 1 else f"{name}-{found.index((port, device)) + 1}"

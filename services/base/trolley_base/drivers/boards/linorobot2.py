@@ -345,7 +345,8 @@ DRIVERS = {
         ),
         # It looks for an agent at one of two speeds; it is listened to for long enough.
         tuple(
-            BoardQuestion(baud, (), recognise, wait_s=PING_S) for baud in (FACTS.baud, FAST_BAUD)
+            BoardQuestion(baud, (), recognise, wait_s=PING_S, datagrams=MessageDatagrams())
+            for baud in (FACTS.baud, FAST_BAUD)
         ),
         api=API,
         page="linorobot2.md",

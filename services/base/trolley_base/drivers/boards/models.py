@@ -8,7 +8,7 @@ from trolley import drivers
 from trolley.config.hardware import ChassisConfig
 from trolley.drivers import Driver
 from trolley.messages.motion import Drive
-from trolley_base.drivers.dialogue import BoardDialogue
+from trolley_base.drivers.dialogue import BoardDialogue, Datagrams
 
 SETTINGS = "base.chassis.settings"
 """The table of a board's own settings."""
@@ -84,6 +84,7 @@ class BoardQuestion:
         rest_s: how long a device has rest between two parts of the question.
         boots: opening the port restarts such a board, so it is asked until it must have booted.
         follow_up: what it is asked when it has answered.
+        datagrams: how a board that calls its host over UDP is heard.
     """
 
     baud: int
@@ -94,6 +95,7 @@ class BoardQuestion:
     rest_s: float = 0.05
     boots: bool = False
     follow_up: FollowUp | None = None
+    datagrams: Datagrams | None = None
 
 
 def _track_of_wheels(config: ChassisConfig) -> float | None:
