@@ -199,7 +199,7 @@ class FakeArduino:
         assert all(len(argument) <= 15 for argument in arguments), line
         if command == "b":
             return b" 57600\r\n"
-        if command in ("d", "a"):
+        if command in ("d", "a", "p"):
             return b"%d\r\n" % self.pins.get(line, 1)
         if not self.has_base:
             return b"Invalid Command\r\n"

@@ -1,5 +1,6 @@
 """Whole sessions with a strict ROSArduinoBridge, in simulated time."""
 
+import math
 import random
 from itertools import pairwise
 from typing import Any
@@ -9,6 +10,7 @@ from support.fake_boards import MS, FakeArduino, Talk
 
 from trolley.config.hardware import ChassisConfig, InputsConfig, PidConfig, WheelsConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
+from trolley.messages.types import floats_from_bytes
 from trolley_base.drivers import DriverError
 from trolley_base.drivers.boards import BOARDS, make_board
 from trolley_base.drivers.dialogue import BoardDialogue
@@ -269,6 +271,25 @@ def test_bumpers_and_cliffs_alarm_while_they_are_active(board: FakeArduino) -> N
     assert talk.run(0.3).alarms == ("bumper", "cliff")
     board.pins |= {"d 5": 1, "d 7": 0}
     assert talk.run(0.3).alarms == ()
+
+
+def test_its_sonars_are_ranges_by_name(board: FakeArduino) -> None:
+    """Whole centimetres; 318 is a sonar without an echo, 0 a pin without a sonar."""
+    inputs = InputsConfig(sonar_pins={"ahead": 5, "left": 6, "loose": 9}, bumper_pins=[4])
+    board.pins = {"p 5": 42, "p 6": 318, "p 9": 0, "d 4": 0}
+    talk = Talk(make(inputs=inputs), board)
+    talk.run(2.0)
+    scans = [scan for reading in talk.readings for scan in reading.ranges]
+    newest = {scan.frame: floats_from_bytes(scan.ranges) for scan in scans}
+    assert newest["ahead"] == pytest.approx(0.42)
+    assert (newest["left"] == math.inf).all()
+    assert not newest["loose"].any()
+    assert all(len([one for one in scans if one.frame == name]) >= 4 for name in newest)
+    assert len(lines_of(board, "e")) > 30
+    assert talk.total("stray_lines") == talk.total("timeouts") == 0
+    [bumper] = talk.readings[-1].contacts
+    assert bumper.name == "bumper"
+    assert len(bumper.sectors) == 1
 
 
 def test_many_pins_take_nothing_from_the_motors(board: FakeArduino) -> None:

@@ -1,5 +1,7 @@
 """What a linorobot2's firmware is told and believed; most is in `test_emulated_boards.py`."""
 
+import math
+import random
 import struct
 from collections.abc import Callable
 from typing import Any
@@ -16,6 +18,7 @@ from trolley_base.drivers.boards import make_board
 from trolley_base.drivers.boards.device_clock import WINDOW, DeviceClock
 from trolley_base.drivers.boards.linorobot2_messages import NoMessageError
 from trolley_base.drivers.boards.velocities import StampedVelocities
+from trolley_base.drivers.boards.xrce_frames import MessageDatagrams
 from trolley_base.emulators.linorobot2 import Linorobot2, Linorobot2Options
 from trolley_base.emulators.micro_ros import Cdr
 from trolley_base.world import Simulation
@@ -269,3 +272,87 @@ def test_only_mecanum_wheels_go_sideways(simulate: MakeSimulation) -> None:
         talk.wanted = Twist2D(0.2, 0.1, 0.0)
         talk.run(0.3)
         assert struct.unpack("<6d", bodies[-1])[:2] == (0.2, vy)
+
+
+def test_its_sonar_is_a_range_in_robot_time(simulate: MakeSimulation) -> None:
+    talk = talk_of(simulate, has_sonar=True)
+    talk.come_up()
+    talk.run(1.0)
+    scans = [scan for reading in talk.readings for scan in reading.ranges]
+    assert len(scans) >= 5
+    assert {scan.frame for scan in scans} == {"ultrasound"}
+    assert all(0 <= talk.now_ns - scan.stamp_ns < 1500 * MS for scan in scans)
+    assert scans[-1].range_max == pytest.approx(0.8075)
+    assert scans[-1].angle_min == pytest.approx(math.radians(-7.5), abs=1e-4)
+
+
+def test_a_board_without_a_sonar_has_no_range(simulate: MakeSimulation) -> None:
+    talk = talk_of(simulate)
+    talk.come_up()
+    talk.run(1.0)
+    assert not any(reading.ranges for reading in talk.readings)
+    assert talk.total("bad_messages") == 0
+
+
+@pytest.mark.parametrize(
+    "values",
+    [(0.26, 0.02, math.nan, 1.0), (0.0, 0.02, 4.0, 1.0), (0.26, 5.0, 4.0, 1.0), (4.0, 0, 1e9, 1)],
+)
+def test_a_sonar_that_cannot_be_is_no_message(values: tuple[float, ...]) -> None:
+    with pytest.raises(NoMessageError):
+        messages.parse_range(header("sonar_link").put("B", 0).put("4f", *values).data)
+    with pytest.raises(NoMessageError):
+        messages.parse_range(header("sonar_link").data)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_datagrams_that_come_twice_or_out_of_order_cost_nothing(
+    simulate: MakeSimulation, seed: int
+) -> None:
+    """As they may over Wi-Fi, where each message is one."""
+    rng, framing = random.Random(seed), MessageDatagrams()
+
+    def shuffled(data: bytes) -> bytes:
+        messages = [one for one in framing.cut(data) for _ in range(1 + (rng.random() < 0.1))]
+        for at in range(1, len(messages)):
+            if rng.random() < 0.1:
+                messages[at - 1], messages[at] = messages[at], messages[at - 1]
+        return b"".join(map(framing.join, messages))
+
+    talk = talk_of(simulate)
+    talk.spoil = shuffled
+    talk.come_up()
+    talk.wanted = Twist2D(0.15, 0.0, 0.2)
+    talk.run(5.0)
+    talk.wanted = Twist2D.zero()
+    talk.run(1.0)
+    assert talk.readings[-1].link.state == "up"
+    assert talk.total("sessions") == 0
+    truth = talk.simulation.truth().pose
+    assert (talk.pose.x, talk.pose.y) == pytest.approx((truth.x, truth.y), abs=0.03)
+
+
+def test_what_gets_lost_is_asked_for_again(simulate: MakeSimulation) -> None:
+    """All but pings, whose loss costs the session by the board's own rule."""
+    rng, framing = random.Random(6), MessageDatagrams()
+
+    def thinned(data: bytes) -> bytes:
+        kept = [one for one in framing.cut(data) if rng.random() > 0.05 or _is_ping(one)]
+        return b"".join(map(framing.join, kept))
+
+    talk = talk_of(simulate)
+    talk.come_up()
+    talk.spoil = thinned
+    talk.wanted = Twist2D(0.15, 0.0, 0.0)
+    talk.run(5.0)
+    talk.spoil = lambda data: data
+    talk.wanted = Twist2D.zero()
+    talk.run(1.0)
+    assert talk.readings[-1].link.state == "up"
+    assert talk.total("sessions") == 0
+    assert talk.total("lost_messages") == 0
+    assert talk.pose.x == pytest.approx(talk.simulation.truth().pose.x, abs=0.04)
+
+
+def _is_ping(message: bytes) -> bool:
+    return message[0] == 0x80
