@@ -76,6 +76,7 @@ class BoardSenses:
         felt = np.zeros(len(BEARINGS), np.bool_)
         for begin, end in contact.sectors:
             felt |= (BEARINGS - begin) % math.tau <= (end - begin) % math.tau
+        felt &= self._outline_m > 0.0
         away = self._outline_m + contact.beyond_m
         return Scan(
             stamp_ns=now_ns,
