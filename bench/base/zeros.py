@@ -1,6 +1,7 @@
 """How soon a zero leaves on the serial line after what should stop the robot.
 
     python -m bench.base.zeros [--tries 5] [--board waveshare_ugv]
+    python -m bench.base.zeros --board linorobot2 --udp 8899      # it calls this port
 
 Base drives an emulated board, a linorobot if none is named, with an LD19 over pseudo-terminals.
 What is counted is the time from the cause to the first zero on the line after which nothing else
@@ -126,13 +127,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--tries", type=int, default=3)
     parser.add_argument("--board", default="linorobot")
+    parser.add_argument("--udp", type=int, help="the port that the board calls over UDP")
     arguments = parser.parse_args()
     tries = arguments.tries
     figures: list[Figure] = []
     with tempfile.TemporaryDirectory() as folder:
         router = RouterProcess(find_free_port(), Path(folder) / "router.log")
         router.start()
-        with Metal(Path(folder), router.endpoint, arguments.board, "ld19").running() as metal:
+        made = Metal(Path(folder), router.endpoint, arguments.board, "ld19", udp=arguments.udp)
+        with made.running() as metal:
             metal.wait_for("ok")
             for cause, (limit_s, measure) in CAUSES.items():
                 with Lateness() as lateness:
