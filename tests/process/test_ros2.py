@@ -44,7 +44,7 @@ from trolley.runtime.service import Service, answers, every, on
 from trolley.security.access import security_of
 from trolley.security.keyring import Keyring
 from trolley_ros2 import cdr
-from trolley_ros2.outputs import MOST_FRAMES
+from trolley_ros2.published import MOST_FRAMES
 
 pytestmark = pytest.mark.programs
 

@@ -56,6 +56,7 @@ SECTIONS = {
         "backup": ("trolley.cli.backup", "Save everything the robot knows in one file."),
         "restore": ("trolley.cli.backup", "Restore what `trolley backup` saved."),
         "import": ("trolley.cli.importing", "Import settings or drives from another system."),
+        "export": ("trolley.cli.importing", "Export drives to another system."),
     },
     "For hosts and programs": {
         "keys": ("trolley.cli.keys", "Make certificates for the hosts that may connect."),

@@ -21,7 +21,7 @@ TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 MAX_INPUT_BYTES = 4096
 """More than any message that is taken; most of them have less than 400 bytes."""
 
-_STORE: Any = get_typestore(Stores.ROS2_JAZZY)
+STORE: Any = get_typestore(Stores.ROS2_JAZZY)
 """What these messages consist of is the same from Humble to Lyrical; so is how they are written."""
 
 
@@ -35,7 +35,7 @@ class NotRead(Exception):
 
 def make(type_name: str, *fields: Any) -> Any:
     """A message of its fields, in their order."""
-    return _STORE.types[type_name](*fields)
+    return STORE.types[type_name](*fields)
 
 
 def write(message: Any) -> bytes:
@@ -45,7 +45,7 @@ def write(message: Any) -> bytes:
         NotWritten: A number is too large for its field.
     """
     try:
-        return bytes(_STORE.serialize_cdr(message, message.__msgtype__))
+        return bytes(STORE.serialize_cdr(message, message.__msgtype__))
     except (SerdeError, struct.error, OverflowError, UnicodeEncodeError) as problem:
         raise NotWritten(str(problem)) from problem
 
@@ -59,11 +59,11 @@ def read(type_name: str, data: bytes) -> Any:
     if len(data) > MAX_INPUT_BYTES:
         raise NotRead(f"{len(data)} bytes, {MAX_INPUT_BYTES} at most")
     try:
-        return _STORE.deserialize_cdr(data, type_name)
+        return STORE.deserialize_cdr(data, type_name)
     except SerdeError as problem:
         raise NotRead(str(problem)) from problem
 
 
 def type_hash(type_name: str, distro: str) -> str:
     """The hash of a type's definition (REP-2016), as that release of ROS 2 writes it."""
-    return NO_HASH if distro == "humble" else _STORE.hash_rihs01(type_name)
+    return NO_HASH if distro == "humble" else STORE.hash_rihs01(type_name)

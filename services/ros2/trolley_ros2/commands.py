@@ -1,5 +1,6 @@
-"""`trolley ros2`, the bridge, in the foreground until it is ended, and `trolley import bag`."""
+"""`trolley ros2`, the bridge, in the foreground until it is ended; bags in and out."""
 
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -138,5 +139,62 @@ def import_bag(
         say(f"taken      {topic}  {what}")
     for topic, why in found.left.items():
         say(f"not taken  {topic}  {why}")
+    for note in found.notes:
+        say(note)
+
+
+def _namespace(_context: click.Context, _option: click.Parameter, text: str) -> str:
+    if re.fullmatch(r"/|(/[A-Za-z_][A-Za-z0-9_]*)+", text) is None:
+        raise click.BadParameter(
+            f"{text!r} is no namespace of ROS 2: letters, digits and _ after a /, such as /kiwi"
+        )
+    return text
+
+
+@click.command(name="bag")
+@click.argument("recording", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("folder", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--namespace",
+    default="/",
+    show_default=True,
+    callback=_namespace,
+    help="Where the topics are, such as /kiwi.",
+)
+@json_option
+@reports_errors
+def export_bag(recording: Path, folder: Path | None, namespace: str, as_json: bool) -> None:
+    """Make a rosbag2 of a recording, for `ros2 bag play`, rviz2 and other tools of ROS 2.
+
+    The bag is a folder with an mcap file and metadata.yaml; without FOLDER it is called after the
+    recording, in the current folder. It holds what `trolley ros2` publishes: scan, odom, tf,
+    tf_static, map, amcl_pose, plan and local_costmap/costmap, with the robot's own stamps. What is
+    there already is never overwritten.
+    """
+    if folder is not None and folder.suffix in {".mcap", ".db3", ".bag"}:
+        raise click.BadParameter(
+            f"a rosbag2 is a folder: {folder.with_suffix('')} will hold {folder.stem}.mcap",
+            param_hint="FOLDER",
+        )
+    from trolley.recording.reader import BadRecording, RecordingFile
+    from trolley_ros2.export_bag import export
+
+    out = folder or Path(f"{recording.name.partition('.')[0]}-bag")
+    if out.exists() or out.is_symlink():
+        raise ConfigError(f"{out} already exists; name another folder")
+    try:
+        found = export(RecordingFile(recording), out, namespace)
+    except BadRecording as error:
+        raise ConfigError(str(error)) from error
+    except OSError as error:
+        raise ConfigError(f"{out} cannot be written: {error.strerror or error}") from error
+    if as_json:
+        print_json({"folder": str(out), **asdict(found)})
+        return
+    say(f"{out}: {found.seconds:.1f} s.")
+    for topic, number in found.written.items():
+        say(f"written      {topic}  {number}")
+    if found.left:
+        say(f"not written  {', '.join(found.left)}: `trolley ros2` does not publish them")
     for note in found.notes:
         say(note)
