@@ -2,14 +2,21 @@
 
     python -m bench.mcp.flood [--calls 1000]
 
-Client, robot and router share this process: the figure is an upper bound.
+The flood comes twice: as lines that are written at once, which shows what the session takes, and
+from the SDK's own client, whose sending of all the calls before the stop counts, too.
 """
 
 import argparse
+import json
+import multiprocessing
 import os
+import subprocess
 import sys
+import threading
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import IO, Any
 
 import anyio
 from mcp import Client, StdioServerParameters
@@ -22,6 +29,9 @@ from trolley.runtime.service import Service, answers, every
 from trolley.runtime.zenoh_bus import open_router
 
 IDLE_S = 4.0
+SETTLE_S = 1.5
+"""Until a session has loaded everything."""
+ROBOT = "bench"
 
 
 class Robot(Service):
@@ -56,7 +66,7 @@ class Robot(Service):
 
     @answers(requests.BASE_STOP)
     def halt(self, _params: Nothing) -> BaseState:
-        """Note when the stop came."""
+        """Note when the stop came, by the clock that all processes share."""
         self.stopped_s = self.stopped_s or time.monotonic()
         return BaseState(stamp_ns=0, mode="stopped")
 
@@ -67,16 +77,77 @@ def _cpu_s(pid: int) -> float:
 
 
 def _child() -> int:
-    (pid,) = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+    """The session's process: the only child that is no robot."""
+    children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+    others = {str(one.pid) for one in multiprocessing.active_children()}
+    (pid,) = (
+        one
+        for one in children
+        if one not in others and b"mcp" in Path(f"/proc/{one}/cmdline").read_bytes()
+    )
     return int(pid)
 
 
-async def _measure(endpoint: str, robot: Robot, calls: int) -> None:
-    server = StdioServerParameters(
-        command=str(Path(sys.executable).with_name("trolley")),
-        args=["mcp", "--connect", endpoint, "--robot", "bench"],
-        env=dict(os.environ),
-    )
+def _play_robot(endpoint: str, line: Connection) -> None:
+    """Run robot and router, and tell when a stop came each time it is asked."""
+    robot = Robot()
+    with open_router([endpoint]), guest(robot, ROBOT, [endpoint]):
+        line.send(None)
+        while line.recv():
+            line.send(robot.stopped_s)
+            robot.stopped_s = None
+
+
+def _ask(line: Connection) -> float:
+    line.send(True)
+    return line.recv()
+
+
+def _call(tool: str, number: object) -> bytes:
+    return _line("tools/call", {"name": tool, "arguments": {}}, number)
+
+
+def _line(method: str, params: dict[str, Any], number: object = None) -> bytes:
+    message = {"jsonrpc": "2.0", "method": method, "params": params}
+    return json.dumps(message if number is None else {**message, "id": number}).encode() + b"\n"
+
+
+def _measure_lines(command: list[str], robot: Connection, calls: int) -> None:
+    """Write all calls and then the stop at once."""
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as session:
+        assert session.stdin is not None
+        assert session.stdout is not None
+        about = {"protocolVersion": "2025-06-18", "capabilities": {}}
+        begin = {**about, "clientInfo": {"name": "bench", "version": "1"}}
+        session.stdin.write(_line("initialize", begin, "begin"))
+        session.stdin.flush()
+        session.stdout.readline()
+        session.stdin.write(_line("notifications/initialized", {}))
+        session.stdin.flush()
+        time.sleep(SETTLE_S)
+        flood = b"".join(_call("status", number) for number in range(calls)) + _call("stop", "stop")
+        asked_s = time.monotonic()
+        # Answers are read meanwhile, or both sides would wait for each other.
+        writing = threading.Thread(target=_write, args=(session.stdin, flood))
+        writing.start()
+        for line in session.stdout:
+            if json.loads(line).get("id") == "stop":
+                break
+        answered_s = time.monotonic()
+        _report(f"{calls} lines at once", _ask(robot) - asked_s, answered_s - asked_s)
+        for _ in range(calls - 1):
+            session.stdout.readline()
+        writing.join()
+        session.terminate()
+
+
+def _write(stream: IO[bytes], data: bytes) -> None:
+    stream.write(data)
+    stream.flush()
+
+
+async def _measure_client(command: list[str], robot: Connection, calls: int) -> None:
+    server = StdioServerParameters(command=command[0], args=command[1:], env=dict(os.environ))
     async with Client(server, mode="legacy") as client:
         await client.list_tools()
         pid = _child()
@@ -90,11 +161,14 @@ async def _measure(endpoint: str, robot: Robot, calls: int) -> None:
             asked_s = time.monotonic()
             await client.call_tool("stop", {})
             answered_s = time.monotonic()
-            assert robot.stopped_s is not None
-            print(
-                f"stop behind {calls} calls: at the robot after {robot.stopped_s - asked_s:.2f} s, "
-                f"answered after {answered_s - asked_s:.2f} s"
-            )
+            _report(f"{calls} calls by the SDK", _ask(robot) - asked_s, answered_s - asked_s)
+
+
+def _report(flood: str, at_robot_s: float, answered_s: float) -> None:
+    print(
+        f"stop behind {flood}: at the robot after {at_robot_s:.3f} s, "
+        f"answered after {answered_s:.3f} s"
+    )
 
 
 def main() -> None:
@@ -103,9 +177,19 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=1000)
     options = parser.parse_args()
     port = next(one for one in range(17_447, 18_000) if ports.is_free(one))
-    endpoint, robot = f"tcp/127.0.0.1:{port}", Robot()
-    with open_router([endpoint]), guest(robot, "bench", [endpoint]):
-        anyio.run(_measure, endpoint, robot, options.calls)
+    endpoint = f"tcp/127.0.0.1:{port}"
+    trolley = str(Path(sys.executable).with_name("trolley"))
+    command = [trolley, "mcp", "--connect", endpoint, "--robot", ROBOT]
+    near, far = multiprocessing.Pipe()
+    playing = multiprocessing.get_context("spawn").Process(
+        target=_play_robot, args=(endpoint, far), daemon=True
+    )
+    playing.start()
+    near.recv()
+    anyio.run(_measure_client, command, near, options.calls)
+    _measure_lines(command, near, options.calls)
+    near.send(False)
+    playing.join()
 
 
 if __name__ == "__main__":

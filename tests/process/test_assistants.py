@@ -1,6 +1,8 @@
 """`trolley mcp` as an assistant starts it: a process, stdin and stdout, real Zenoh."""
 
+import json
 import os
+import subprocess
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -12,6 +14,8 @@ from support.waiting import PATIENCE_S, wait_until
 
 if TYPE_CHECKING:
     from .conftest import ScriptedRobot
+
+CLIENT = {"name": "test", "version": "1"}
 
 
 def talk(endpoint: str, script: Callable[[Client], Awaitable[None]], *options: str) -> None:
@@ -81,3 +85,36 @@ def test_without_a_robot_it_says_so(trolley: Callable, endpoint: str) -> None:
     assert done.returncode == 3
     assert done.stdout == ""
     assert "no robot is on the network" in done.stderr
+
+
+def test_a_client_that_reads_no_more_ends_the_session_and_aborts_nothing(
+    add_robot: Callable[..., "ScriptedRobot"], endpoint: str
+) -> None:
+    add_robot()
+    trolley = str(Path(sys.executable).with_name("trolley"))
+    about = {"protocolVersion": "2025-06-18", "capabilities": {}}
+    begin = {"id": 1, "method": "initialize", "params": {**about, "clientInfo": CLIENT}}
+    ask = {"id": 2, "method": "tools/list"}
+    with subprocess.Popen(
+        [trolley, "mcp", "--connect", endpoint],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as session:
+        assert session.stdin is not None
+        assert session.stdout is not None
+        assert session.stderr is not None
+        session.stdin.write(_line(begin))
+        session.stdin.flush()
+        assert b"result" in session.stdout.readline()
+        session.stdout.close()
+        session.stdin.write(_line(ask))
+        session.stdin.flush()
+        assert session.wait(PATIENCE_S) == 0  # while stdin is still open
+        said = session.stderr.read().decode()
+        assert "The assistant reads no more" in said
+        assert "Traceback" not in said
+
+
+def _line(message: dict[str, object]) -> bytes:
+    return json.dumps({"jsonrpc": "2.0", **message}).encode() + b"\n"

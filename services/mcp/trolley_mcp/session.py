@@ -1,6 +1,10 @@
 """A session over stdin and stdout, from the first word to the last."""
 
+import os
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from io import FileIO, RawIOBase
 from typing import Any
 
 import anyio
@@ -9,8 +13,8 @@ from mcp.server.stdio import stdio_server
 from trolley.config.mcp import McpConfig
 from trolley.connection import Target
 from trolley.runtime.guest import guest
-from trolley.runtime.log import set_up_logging
-from trolley_mcp.lines import Lines
+from trolley.runtime.log import Log, set_up_logging
+from trolley_mcp.lines import Lines, Written
 from trolley_mcp.server import make_server
 from trolley_mcp.service import AssistantService
 
@@ -27,9 +31,26 @@ def talk(robot: str, target: Target, settings: McpConfig) -> None:
         server = make_server(service.robot_link, settings)
 
         async def serve() -> None:
-            # Of a file it wants nothing but its lines.
-            lines: Any = Lines(sys.stdin.buffer, service.robot_link.stop_now)
-            async with stdio_server(stdin=lines) as (reading, writing):
+            answers: Any = Written(stdout)
+            # Of a file it wants nothing but its lines, and of the other two methods.
+            lines: Any = Lines(FileIO(0, closefd=False), service.robot_link.stop_now)
+            async with stdio_server(stdin=lines, stdout=answers) as (reading, writing):
                 await server.run(reading, writing, server.create_initialization_options())
 
-        anyio.run(serve)
+        with _stdout() as stdout:
+            try:
+                anyio.run(serve)
+            except* BrokenPipeError:
+                Log(service.name).info("The assistant reads no more: the session ends")
+
+
+@contextmanager
+def _stdout() -> Generator[RawIOBase]:
+    """The protocol's stdout; what anything else prints meanwhile goes to stderr."""
+    sys.stdout.flush()
+    with FileIO(os.dup(1), "w") as stdout:
+        os.dup2(2, 1)
+        try:
+            yield stdout
+        finally:
+            os.dup2(stdout.fileno(), 1)
