@@ -41,6 +41,10 @@ MANIFEST, STATE, CONFIG, CONFIG_FILE = "trolley-backup.toml", "state", "config",
 MAX_FILES = 20_000
 MAX_BYTES = 4 << 30
 """Greatest size of all files together, unpacked [bytes]."""
+_LATEST_S = 2.0**32
+"""No file was changed later [s since 1970]."""
+_PHOTO = ".jpg"
+"""Of stops that were reached: a backup that is full leaves out the oldest of them."""
 _STATE_FOLDER = re.compile(r"maps|[a-z0-9_-]{1,32}")
 # SQLite's own side files belong to the database at that moment, not to its copy.
 _SIDE_FILES = ("-wal", "-shm", "-journal")
@@ -83,15 +87,73 @@ def save(target: Path, state: Path, config: Path | None, manifest: Manifest) -> 
             tarfile.open(fileobj=file, mode="w:gz", compresslevel=6) as archive,
         ):
             _add(archive, MANIFEST, tomli_w.dumps(msgspec.to_builtins(manifest)).encode())
-            for path in _files_of(state, left_out):
-                name = f"{STATE}/{path.relative_to(state).as_posix()}"
-                num_files += _add_file(archive, name, path, left_out)
-            if config is not None:
-                for name, path in _config_files(config, left_out):
-                    num_files += _add_file(archive, f"{CONFIG}/{name}", path, left_out)
+            room = _Room()
+            for name, path in _entries(state, config, left_out):
+                if room.takes(path):
+                    num_files += _add_file(archive, name, path, left_out)
     except (OSError, tarfile.TarError) as error:
         raise BackupError(f"{target} cannot be written: {error}") from error
+    if room.num_left_out:
+        photos = "photo was" if room.num_left_out == 1 else "photos were"
+        left_out.append(
+            f"{room.num_left_out} {photos} left out, the oldest: a backup holds {MAX_FILES} files "
+            f"and {MAX_BYTES / 1e9:.1f} GB"
+        )
     return Saved(num_files, left_out)
+
+
+class _Room:
+    """What a backup may hold so that it can be restored: photos count last."""
+
+    def __init__(self) -> None:
+        self.num_left_out = 0
+        self._num_files = 0
+        self._num_bytes = 0
+
+    def takes(self, path: Path) -> bool:
+        """Whether a file goes in; a photo may not.
+
+        Raises:
+            BackupError: It does not fit, and is no photo.
+        """
+        try:
+            num_bytes = path.stat().st_size
+        except FileNotFoundError:  # it has gone meanwhile
+            return False
+        if self._num_files < MAX_FILES and self._num_bytes + num_bytes <= MAX_BYTES:
+            self._num_files += 1
+            self._num_bytes += num_bytes
+            return True
+        if path.suffix != _PHOTO:
+            raise BackupError(
+                f"{path} does not fit: a backup holds {MAX_FILES} files and "
+                f"{MAX_BYTES / 1e9:.1f} GB. Move away what Trolley did not make"
+            )
+        self.num_left_out += 1
+        return False
+
+
+def _entries(state: Path, config: Path | None, left_out: list[str]) -> Iterator[tuple[str, Path]]:
+    """All files by their names in the backup, photos last and the newest of them first."""
+    photos: list[tuple[float, str, Path]] = []
+    for path in _files_of(state, left_out):
+        name = f"{STATE}/{path.relative_to(state).as_posix()}"
+        if path.suffix == _PHOTO:
+            photos.append((-_changed_s(path), name, path))
+        else:
+            yield name, path
+    if config is not None:
+        for name, path in _config_files(config, left_out):
+            yield f"{CONFIG}/{name}", path
+    for _, name, path in sorted(photos):
+        yield name, path
+
+
+def _changed_s(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
 
 
 def _files_of(state: Path, left_out: list[str]) -> Iterator[Path]:
@@ -156,13 +218,13 @@ def _beside_map(file: Path, left_out: list[str]) -> Iterator[Path]:
 def _add_file(archive: tarfile.TarFile, name: str, path: Path, left_out: list[str]) -> bool:
     """Put a file into the archive; False where it has gone meanwhile."""
     try:
-        mode = stat.S_IMODE(path.stat().st_mode)
+        about = path.stat()
         content = (
             _database(path, left_out) if path.suffix == ".sqlite" else read_file(path, MAX_BYTES)
         )
     except FileNotFoundError:
         return False
-    _add(archive, name, content, _kept_mode(mode))
+    _add(archive, name, content, _kept_mode(stat.S_IMODE(about.st_mode)), about.st_mtime)
     return True
 
 
@@ -184,9 +246,16 @@ def _database(path: Path, left_out: list[str]) -> bytes:
         return path.read_bytes()
 
 
-def _add(archive: tarfile.TarFile, name: str, content: bytes, mode: int = READABLE_BY_ALL) -> None:
+def _add(
+    archive: tarfile.TarFile,
+    name: str,
+    content: bytes,
+    mode: int = READABLE_BY_ALL,
+    changed_s: float = 0.0,
+) -> None:
     entry = tarfile.TarInfo(name)
-    entry.size, entry.mode = len(content), mode
+    # With the time, since the oldest photos make room for new ones after a restore, too.
+    entry.size, entry.mode, entry.mtime = len(content), mode, max(0.0, changed_s)
     archive.addfile(entry, BytesIO(content))
 
 
@@ -320,7 +389,7 @@ def _unpack(source: Path, folder: Path) -> Manifest:
                 if number > MAX_FILES or num_bytes > MAX_BYTES:
                     raise BackupError(f"{source}: larger than any backup")
                 if entry.isfile():
-                    _write(archive.extractfile(entry), target, entry.mode)
+                    _write(archive.extractfile(entry), target, entry)
             while stream.read(1 << 20):  # the checksum stands behind all of it
                 pass
     except (tarfile.TarError, EOFError, zlib.error, ValueError) as error:
@@ -365,12 +434,14 @@ def _checked_name(source: Path, entry: tarfile.TarInfo) -> PurePosixPath:
     return name
 
 
-def _write(content: IO[bytes] | None, target: Path, mode: int) -> None:
+def _write(content: IO[bytes] | None, target: Path, entry: tarfile.TarInfo) -> None:
     if content is None:
         return
     target.parent.mkdir(parents=True, exist_ok=True)
     with target.open("xb") as file:  # x: nothing is in an archive twice
-        os.fchmod(file.fileno(), _kept_mode(mode))
+        os.fchmod(file.fileno(), _kept_mode(entry.mode))
         shutil.copyfileobj(content, file)
         file.flush()
+        if 0.0 < entry.mtime < _LATEST_S:  # older backups say no time
+            os.utime(file.fileno(), (entry.mtime, entry.mtime))
         os.fsync(file.fileno())

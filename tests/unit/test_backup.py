@@ -1,6 +1,7 @@
 """Backups: whole, consistent, and nothing foreign put in place."""
 
 import io
+import os
 import sqlite3
 import tarfile
 from contextlib import closing
@@ -11,7 +12,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from trolley import backup
 from trolley.backup import MANIFEST, BackupError, Manifest, Unpacked, save
+from trolley_tour.trips import photo_files
 
 NOW = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
 MADE = Manifest(format=1, made_at="2026-03-01T12:00:00+00:00", version="0.1.0")
@@ -36,6 +39,8 @@ def fill(state: Path) -> None:
         database.execute("CREATE TABLE trips (name TEXT)")
         database.execute("INSERT INTO trips VALUES ('evening')")
         database.commit()
+    for path in state.rglob("*"):
+        os.utime(path, (1_600_000_000, 1_600_000_000))
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -101,6 +106,63 @@ def test_a_database_that_is_being_written_is_saved_as_before_or_after(tmp_path: 
     unpacked.put_state(tmp_path / "other", NOW)
     with closing(sqlite3.connect(tmp_path / "other" / "anna" / "history.sqlite")) as database:
         assert database.execute("SELECT name FROM trips").fetchall() == [("evening",)]
+
+
+def _photos(state: Path) -> list[Path]:
+    """Three photos of a trip; the first is the newest."""
+    folder = state / "anna" / "photos"
+    folder.mkdir(parents=True)
+    found = [folder / f"trip-{number}.jpg" for number in range(3)]
+    for age, path in enumerate(found):
+        path.write_bytes(b"\xff\xd8\xff" + path.name.encode())
+        os.utime(path, (1_700_000_000.25 - age, 1_700_000_000.25 - age))
+    return found
+
+
+def test_photos_of_stops_come_back_with_their_age(tmp_path: Path) -> None:
+    state, other = tmp_path / "state", tmp_path / "other"
+    fill(state)
+    photos = _photos(state)
+    save(tmp_path / "b.tar.gz", state, None, MADE)
+    unpacked = Unpacked(tmp_path / "b.tar.gz", other)
+    unpacked.put_state(other, NOW)
+    for path in photos:
+        restored = other / path.relative_to(state)
+        assert restored.read_bytes() == path.read_bytes()
+        assert restored.stat().st_mtime == path.stat().st_mtime
+    # So the oldest still make room for new ones.
+    photo_files.keep(other / "anna", "new-0", b"\xff\xd8\xff", 2 * len(photos[0].read_bytes()))
+    assert photo_files.names(other / "anna") == {"new-0", "trip-0"}
+
+
+def test_what_a_backup_cannot_hold_is_the_oldest_photos_and_it_can_be_restored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = tmp_path / "state"
+    fill(state)
+    _photos(state)
+    whole = save(tmp_path / "whole.tar.gz", state, None, MADE)
+    monkeypatch.setattr(backup, "MAX_FILES", whole.num_files - 2)
+    saved = save(tmp_path / "b.tar.gz", state, None, MADE)
+    assert saved.num_files == whole.num_files - 2
+    (sentence,) = saved.left_out
+    assert sentence.startswith("2 photos were left out, the oldest: a backup holds")
+    Unpacked(tmp_path / "b.tar.gz", tmp_path / "other").put_state(tmp_path / "other", NOW)
+    assert photo_files.names(tmp_path / "other" / "anna") == {"trip-0"}
+    monkeypatch.setattr(backup, "MAX_FILES", 2)
+    with pytest.raises(BackupError, match="does not fit: a backup holds 2 files"):
+        save(tmp_path / "c.tar.gz", state, None, MADE)
+    assert not (tmp_path / "c.tar.gz").exists()
+
+
+@pytest.mark.parametrize("when", ["inf", "nan", "1e300", "-5", "9e18"])
+def test_a_time_that_cannot_be_harms_nothing(tmp_path: Path, when: str) -> None:
+    entry = tarfile.TarInfo("state/anna/photos/a.jpg")
+    entry.pax_headers = {"mtime": when}
+    path = archive(tmp_path / "b.tar.gz", {MANIFEST: HEAD.encode(), entry.name: entry})
+    unpacked = Unpacked(path, tmp_path / "state")
+    unpacked.put_state(tmp_path / "state", NOW)
+    assert (tmp_path / "state" / "anna" / "photos" / "a.jpg").is_file()
 
 
 def test_what_was_there_is_kept(tmp_path: Path) -> None:

@@ -35,9 +35,9 @@ state_option = click.option(
 def backup_command(file: Path | None, state: Path | None, as_json: bool) -> None:
     """Save what the robot knows, and robot.toml, in FILE (a .tar.gz).
 
-    That is saved places, tours, trips, zones, maps, the last pose and the viewer's links. The robot
-    may keep running. FILE may be a folder; without it the backup goes into the current one. On an
-    installed robot use sudo. Network certificates are not included.
+    That is saved places, tours, trips and their photos, zones, maps, the last pose and the viewer's
+    links. The robot may keep running. FILE may be a folder; without it the backup goes into the
+    current one. On an installed robot use sudo. Network certificates are not included.
     """
     config = find_config(given("config"))
     root = state or state_root(config)
