@@ -41,8 +41,11 @@ def backup_command(file: Path | None, state: Path | None, as_json: bool) -> None
     """
     config = find_config(given("config"))
     root = state or state_root(config)
-    if config is None and not root.is_dir():
-        raise click.ClickException(f"there is nothing to save: no robot.toml, and no {root}")
+    if not root.is_dir() and (config is None or not config.is_file()):
+        raise click.ClickException(
+            f"there is nothing to save: no {config or 'robot.toml'}, and no {root}; name them with "
+            "--config and --state"
+        )
     now = datetime.now().astimezone()
     target = _target(file, now)
     manifest = Manifest(

@@ -30,6 +30,7 @@ from trolley.cli.demo_run import (
     wait_for_localized,
     wait_for_services,
 )
+from trolley.cli.options import robot_name_option
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import (
@@ -80,7 +81,13 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     "--speed", type=click.FloatRange(0.1, 20.0), default=1.0, help="Simulated seconds per second."
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Fixes the world.")
-@click.option("--name", default=NAME, show_default=True, help="The robot's name.")
+@click.option(
+    "--name",
+    default=NAME,
+    show_default=True,
+    callback=robot_name_option,
+    help="The robot's name.",
+)
 @click.option(
     "--port",
     type=click.IntRange(1, 65535),
@@ -173,6 +180,10 @@ def _scene(
         folder = Path(name)
         named = state or (Path(os.environ["TROLLEY_STATE"]) if _names_state() else None)
         kept = (named or folder / "state").resolve()
+        try:
+            kept.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"--state: {kept} is no folder and cannot be made one") from error
         config = write_settings(with_recorded(choices, folder), folder)
         load_config(config)
         environment = {

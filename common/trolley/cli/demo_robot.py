@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-import tomllib
+import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,11 @@ import tomli_w
 
 from trolley import worlds
 from trolley.config import ConfigError
+from trolley.config.load import read_toml
 from trolley.drivers import BOARDS, LIDARS, Driver, Drivers, DriverUnusable
-from trolley.files import open_file, read_text
+from trolley.files import open_file
 from trolley.geometry import Pose2D, pose_from_quaternion
-from trolley.gridmap import MapError
-from trolley.gridmap.description import read_description
+from trolley.gridmap import MapError, load_map
 from trolley.messages import Stop, Tour
 from trolley.ports import ROUTER_PORT
 
@@ -41,6 +42,16 @@ PLACES = {
 }
 """The goals of the article's robot, in the apartment's frame `map`."""
 TOUR = Tour(name=TOUR_NAME, stops=[Stop(name=name) for name in PLACES])
+
+NPZ_FIELDS = (
+    ("stamps",),
+    ("odom", "odom_signed"),
+    ("ranges_mm",),
+    ("angle_min",),
+    ("angle_increment",),
+    ("range_max",),
+)
+"""What an npz drive must hold; of several names one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +98,7 @@ def settings(choices: Choices) -> dict[str, Any]:
         base, map_file, start = _simulated(choices)
     if choices.map_file is not None:
         try:
-            read_description(map_file)
+            load_map(map_file)  # else the localizer alone would say so, in its log
         except MapError as error:
             raise ConfigError(f"--map: {error}") from error
     if choices.devices is not None:
@@ -123,9 +134,14 @@ def write_settings(choices: Choices, folder: Path) -> Path:
 def _simulated(choices: Choices) -> tuple[dict[str, Any], Path, Pose2D | None]:
     try:
         world = worlds.find(choices.world or WORLD)
-        plain = tomllib.loads(read_text(world))
-        map_file = choices.map_file or worlds.find(str(plain["map"]), beside=world.parent)
-    except (OSError, KeyError, ValueError) as error:
+        plain = read_toml(world)
+        if choices.map_file is None and not isinstance(plain.get("map"), str):
+            raise ConfigError(
+                f"--world: {world}: is no world: it names no map (worlds/README.md says what a "
+                "world file holds)"
+            )
+        map_file = choices.map_file or worlds.find(plain["map"], beside=world.parent)
+    except OSError as error:
         raise ConfigError(f"--world: {error}") from error
     simulated: dict[str, Any] = {"world": str(world), "seed": choices.seed, "rate": choices.speed}
     start = choices.start
@@ -178,8 +194,8 @@ def _recorded(choices: Choices, recording: Path) -> tuple[dict[str, Any], Path, 
         if not path.is_file():
             raise ConfigError(f"{path}: there is no such file")
     start = choices.start
-    if start is None and file.suffix == ".npz":
-        start = first_reference(file)
+    if file.suffix == ".npz":
+        start = start or first_reference(file)
     play = {"file": str(file), "rate": choices.speed}
     return {"driver": "recording", "recording": play}, map_file, start
 
@@ -188,10 +204,26 @@ def first_reference(recording: Path) -> Pose2D | None:
     """The first reference pose of a drive in an npz file, None if it has none."""
     try:
         with open_file(recording) as file, np.load(file, allow_pickle=False) as archive:
+            missing = [
+                " or ".join(names)
+                for names in NPZ_FIELDS
+                if not any(name in archive.files for name in names)
+            ]
             rows = archive["reference"] if "reference" in archive.files else None
-            return None if rows is None or not len(rows) else Pose2D.from_array(rows[0])
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{recording}: is not a recorded drive: {error}") from error
+    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
+        raise ConfigError(
+            f"{recording}: is not a recorded drive: not an npz file of plain arrays "
+            "(docs/recording.md says what it holds)"
+        ) from error
+    if missing:
+        raise ConfigError(
+            f"{recording}: is not a recorded drive: it lacks {', '.join(missing)} "
+            "(docs/recording.md says what it holds)"
+        )
+    try:
+        return None if rows is None or not len(rows) else Pose2D.from_array(rows[0])
+    except (ValueError, TypeError) as error:
+        raise ConfigError(f"{recording}: its reference is no list of x, y, yaw") from error
 
 
 def _plain(pose: Pose2D) -> dict[str, float]:

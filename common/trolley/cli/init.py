@@ -1,16 +1,16 @@
 """`trolley init`: a commented robot.toml."""
 
-import re
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
+from trolley.cli.options import robot_name_option
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
-from trolley.config import load_config
 from trolley.config.describe import Key, Section, driver_sections, sections, to_toml
+from trolley.config.robot_toml import check_text
 from trolley.drivers import Driver, Drivers
 
 WIDTH = 96
@@ -18,7 +18,13 @@ WIDTH = 96
 
 @click.command(name="init")
 @click.argument("path", default="robot.toml", type=click.Path(path_type=Path))
-@click.option("--name", default="trolley", show_default=True, help="The robot's name.")
+@click.option(
+    "--name",
+    default="trolley",
+    show_default=True,
+    callback=robot_name_option,
+    help="The robot's name.",
+)
 @click.option("--length", default=0.30, show_default=True, help="Its length in metres.")
 @click.option("--width", default=0.24, show_default=True, help="Its width in metres.")
 @click.option("--map", "map_file", help="The map to start with, a map_server YAML file.")
@@ -28,28 +34,36 @@ def init_command(path: Path, name: str, length: float, width: float, map_file: s
 
     An existing file is never overwritten.
     """
-    if not re.fullmatch(r"[a-z0-9_-]{1,32}", name):
-        raise click.BadParameter("a robot's name is 1 to 32 characters of a-z, 0-9, _ and -")
     chosen = {
         "robot.name": to_toml(name),
         "robot.footprint": to_toml({"length_m": length, "width_m": width}),
     }
     if map_file is not None:
-        if not (path.parent / map_file).is_file():
-            raise click.UsageError(
-                f"--map: {path.parent / map_file} is not there; leave it out, and make a map with "
-                "`trolley map new`"
-            )
+        _check_map(path.parent / map_file)
         chosen["map.file"] = to_toml(map_file)
     try:
+        text = render(chosen)
+        check_text(path, text)
         with path.open("x", encoding="utf-8") as file:
-            file.write(render(chosen))
+            file.write(text)
     except FileExistsError as error:
         raise click.UsageError(f"{path} already exists; not overwritten") from error
     except OSError as error:
         raise click.UsageError(f"{path} cannot be written: {error.strerror}") from error
-    load_config(path)
     say(f"Wrote {path}. Next: `trolley up --config {path}`.")
+
+
+def _check_map(file: Path) -> None:
+    if not file.is_file():
+        raise click.UsageError(
+            f"--map: {file} is not there; leave it out, and make a map with `trolley map new`"
+        )
+    from trolley.gridmap import MapError, load_map
+
+    try:
+        load_map(file)
+    except MapError as error:
+        raise click.UsageError(f"--map: {error}") from error
 
 
 def render(chosen: Mapping[str, str]) -> str:

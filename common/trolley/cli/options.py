@@ -54,6 +54,17 @@ def _check(name: str, value: Any) -> None:
             raise click.BadParameter(why_not)
 
 
+def robot_name_option(_context: click.Context, _parameter: click.Parameter, name: str) -> str:
+    """Refuse what is no robot's name."""
+    from trolley.topics import names_robot
+
+    if not names_robot(name):
+        raise click.BadParameter(
+            f"{name!r} is no robot's name: use 1 to 32 characters of a-z, 0-9, _ and -"
+        )
+    return name
+
+
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 

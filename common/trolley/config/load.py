@@ -21,6 +21,7 @@ from trolley.config.tour import TourConfig
 from trolley.config.viz import VizConfig
 from trolley.config.webhook import WebhookConfig
 from trolley.files import read_text
+from trolley.invalid import plain_words
 
 DEFAULT_PATH = Path("/etc/trolley/robot.toml")
 
@@ -170,9 +171,9 @@ def in_words_of_the_file(problem: str) -> str:
     """Turn msgspec's words into the file's: `$.planner.speed` is key `planner.speed`."""
     text, _, where = problem.partition(" - at `$")
     key = where.rstrip("`").lstrip(".")
-    text = text.replace("Object contains unknown field", "unknown key").replace(
-        "Object missing required field", "missing key"
+    text = plain_words(
+        text.replace("Object contains unknown field", "unknown key").replace(
+            "Object missing required field", "missing key"
+        )
     )
-    if key == "robot.name" and "regex" in text:
-        text = "a robot's name has 1 to 32 characters of a-z, 0-9, _ and -"
     return f"[{key}] {text}" if key else text

@@ -137,7 +137,7 @@ def _load_yaml(file: Path) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         where = getattr(error, "problem_mark", None)
         line = f" at line {where.line + 1}" if where is not None else ""
-        reason = getattr(error, "problem", None) or type(error).__name__
+        reason = getattr(error, "problem", None) or "not text"
         raise MapError(file, f"it is not valid YAML{line} ({reason})", remedy) from error
     if not isinstance(document, dict):
         raise MapError(file, "it holds no 'key: value' lines", remedy)

@@ -10,6 +10,8 @@ from trolley.messages.mapping import MapName
 from trolley.messages.touring import Tour
 from trolley.messages.types import Covariance, Point, Positive
 
+PhotoName = Annotated[str, Meta(pattern=r"\A[a-z0-9]{1,12}-[0-9]{1,9}\Z")]
+
 
 class Nothing(Struct, frozen=True, kw_only=True):
     """A request without parameters."""
@@ -96,7 +98,7 @@ class AskHistory(Struct, frozen=True, kw_only=True):
 class WhichPhoto(Struct, frozen=True, kw_only=True):
     """A photo of a past trip, by its name in the trip's `photos`."""
 
-    name: Annotated[str, Meta(pattern=r"\A[a-z0-9]{1,12}-[0-9]{1,9}\Z")]
+    name: PhotoName
 
 
 class AskOffer(Struct, frozen=True, kw_only=True):

@@ -14,6 +14,8 @@ TripState = Literal["idle", "driving", "dwelling", "waiting", "paused", "done", 
 HOME = "home"
 """The place that a robot returns to: when its battery is low, or when it is told to go home."""
 
+TimeOfDay = Annotated[str, Meta(pattern=r"\A([01][0-9]|2[0-3]):[0-5][0-9]\Z")]
+
 
 class SavedPose(Struct, frozen=True, kw_only=True):
     """A named place: map_T_base on the map called `map`. `saved_at` is UTC, ISO 8601, or null.
@@ -83,7 +85,7 @@ class ScheduleEntry(Struct, frozen=True, kw_only=True):
     """Start at a local time of day, such as "08:30", on these days (empty: every day)."""
 
     days: list[Day] = []
-    at: Annotated[str, Meta(pattern=r"\A([01][0-9]|2[0-3]):[0-5][0-9]\Z")]
+    at: TimeOfDay
 
 
 class Tour(Struct, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ from typing import Any, Generic, TypeVar, cast
 
 from trolley import codes
 from trolley.codes import Refused
+from trolley.invalid import in_plain_words
 from trolley.messages import ErrorReply
 from trolley.requests import Request
 from trolley.runtime import codec
@@ -311,4 +312,5 @@ def _parameters(query: Query, request: Request[Any, Any], parameters: dict[str, 
             return codec.decode_parameters(request.params, parameters)
         return codec.decode_strict(request.params, payload, query.encoding)
     except codec.BadPayload as problem:
-        raise Refused(codes.BAD_REQUEST, f"{request.name}: {problem}.") from problem
+        words = in_plain_words(str(problem))
+        raise Refused(codes.BAD_REQUEST, f"{request.name}: {words}.") from problem

@@ -26,6 +26,7 @@ from trolley.messages import ChangedSetting, ConfigChanges, Setting, Settings
 from trolley.messages.request_params import SetConfig, WhichConfig
 from trolley.messages.types import name_problem
 from trolley.runtime.service import Later, Service, answers
+from trolley.suggestions import did_you_mean
 from trolley_base.settings_file import NO_FILE, NOT_ASKED, Saved, SettingsFiles
 
 START_POSE = Name("start", "pose")
@@ -295,11 +296,12 @@ def _unknown(section: str | None, key: str | None) -> str:
     """Say what there is in place of a setting that there is not."""
     known = [name for name in all_keys() if name.section == section]
     if known and key is not None:
-        return f"[{section}] has no setting {key!r}: {', '.join(name.key for name in known)}."
+        hint = did_you_mean(key, [name.key for name in known])
+        return f"[{section}] has no setting {key!r}. {hint}"
     if section is None:
         return f"There is no setting {key!r}."
     names = dict.fromkeys(name.section for name in all_keys())
-    return f"There is no section {section!r}: {', '.join(names)}."
+    return f"There is no section {section!r}. {did_you_mean(section, list(names))}"
 
 
 def _message(settings: list[Setting], where: str) -> str:

@@ -1,6 +1,5 @@
 """`trolley ros2`, the bridge, in the foreground until it is ended; bags in and out."""
 
-import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from trolley.cli.printing import say
 from trolley.cli.robots import connected, reports_errors
 from trolley.cli.show import print_json
 from trolley.config import ConfigError, Ros2Config, find_config, load_host_config
+from trolley.config.ros2 import why_no_namespace
 from trolley.connection import find_target, pick_robot
 from trolley.geometry import Pose2D
 from trolley.topics import names_robot
@@ -21,7 +21,10 @@ from trolley.topics import names_robot
 
 @click.command(name="ros2")
 @click.option(
-    "--domain", type=int, envvar="ROS_DOMAIN_ID", help="The nodes' domain; else ROS_DOMAIN_ID."
+    "--domain",
+    type=click.IntRange(0, 232),
+    envvar="ROS_DOMAIN_ID",
+    help="The nodes' domain; else ROS_DOMAIN_ID.",
 )
 @click.option(
     "--distro", type=click.Choice(["jazzy", "humble"]), help="humble, or jazzy for all newer ones."
@@ -144,10 +147,8 @@ def import_bag(
 
 
 def _namespace(_context: click.Context, _option: click.Parameter, text: str) -> str:
-    if re.fullmatch(r"/|(/[A-Za-z_][A-Za-z0-9_]*)+", text) is None:
-        raise click.BadParameter(
-            f"{text!r} is no namespace of ROS 2: letters, digits and _ after a /, such as /kiwi"
-        )
+    if why_not := why_no_namespace(text):
+        raise click.BadParameter(why_not)
     return text
 
 

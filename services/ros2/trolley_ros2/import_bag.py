@@ -10,6 +10,7 @@ import msgspec
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Clock, Odometry, Robot, Scan, Transform
+from trolley.recording.layout import split_key
 from trolley.recording.recorder import Recorder
 from trolley.recording.writer import RecordingWriter
 from trolley.runtime import codec
@@ -83,8 +84,16 @@ def convert(bag: Bag, robot: str, path: Path, wishes: Wishes) -> Outcome:
         OSError: The file cannot be written.
     """
     found = survey(bag)
-    scan = _chosen(found, wishes.scan, cdr.LASER_SCAN, "--scan")
-    odom = _chosen_odometry(found, wishes.odom)
+    if any(split_key(one.topic) is not None for one in found.counts):
+        raise BadBag(
+            "is a recording of Trolley already: `trolley replay` and `trolley demo --recording` "
+            "play it, `trolley export bag` makes a bag of it"
+        )
+    try:
+        scan = _chosen(found, wishes.scan, cdr.LASER_SCAN, "--scan")
+        odom = _chosen_odometry(found, wishes.odom)
+    except BadBag as error:
+        raise BadBag(" ".join([f"{error}.", *bag.damage]) if bag.damage else str(error)) from error
     laser_frame = found.heads[scan][0]
     odom_frame, base = found.heads[odom]
     try:

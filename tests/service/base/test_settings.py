@@ -183,7 +183,12 @@ def test_what_the_robot_is_and_who_may_reach_it_stays_in_the_file(
             "max_speed_mps cannot be",
         ),
         ("planner", {"controller": "zap"}, codes.BAD_REQUEST, "controller cannot be"),
-        ("planner", {"max_sped_mps": 0.3}, codes.UNKNOWN_NAME, "no setting 'max_sped_mps': frame"),
+        (
+            "planner",
+            {"max_sped_mps": 0.3},
+            codes.UNKNOWN_NAME,
+            "no setting 'max_sped_mps'. Did you mean max_speed_mps",
+        ),
         ("planer", {"max_speed_mps": 0.3}, codes.UNKNOWN_NAME, "no section 'planer'.*planner"),
         ("planner", {}, codes.BAD_REQUEST, "which setting"),
         (

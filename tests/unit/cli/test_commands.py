@@ -29,6 +29,10 @@ def walk(command: click.Command, path: tuple[str, ...] = ()) -> Iterator[tuple[s
             yield from walk(below, (*path, name))
 
 
+MAP = "image: home.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
+MAP += "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+
+
 @pytest.fixture
 def runner() -> CliRunner:
     return CliRunner()
@@ -109,7 +113,8 @@ def test_init_writes_a_file_that_loads_and_never_overwrites(
 ) -> None:
     path = tmp_path / "robot.toml"
     arguments = ["init", str(path), "--name", "r2", "--length", "0.5", "--width", "0.4"]
-    (tmp_path / "home.yaml").touch()
+    (tmp_path / "home.yaml").write_text(MAP)
+    (tmp_path / "home.pgm").write_bytes(b"P5 1 1 255\n\0")
     assert runner.invoke(cli, [*arguments, "--map", "home.yaml"]).exit_code == 0
     config = load_config(path)
     assert (config.robot.name, config.robot.footprint.length_m) == ("r2", 0.5)
@@ -119,6 +124,26 @@ def test_init_writes_a_file_that_loads_and_never_overwrites(
     assert again.exit_code == 2
     assert "already exists" in again.output
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--map", "none.yaml"], "none.yaml is not there; leave it out"),
+        (["--map", "song.yaml"], "not valid YAML (not text)"),
+        (["--map", "torn.yaml"], "there is no such image"),
+        (["--length", "-1"], "it must be >= 0.02"),
+    ],
+)
+def test_init_writes_nothing_that_no_robot_could_use(
+    runner: CliRunner, tmp_path: Path, words: list[str], why: str
+) -> None:
+    (tmp_path / "torn.yaml").write_text(MAP)
+    (tmp_path / "song.yaml").write_bytes(b"\x89\xff\0")
+    result = runner.invoke(cli, ["init", str(tmp_path / "robot.toml"), *words])
+    assert result.exit_code == 2
+    assert why in " ".join(result.output.split())
+    assert not (tmp_path / "robot.toml").exists()
 
 
 @pytest.mark.parametrize("name", ["", "R2", "a b", "a/b", "x" * 33])

@@ -73,8 +73,15 @@ def test_another_world_brings_its_own_map_and_start(tmp_path: Path) -> None:
 @pytest.fixture
 def drive(tmp_path: Path) -> Path:
     path = tmp_path / "drive.npz"
-    stamps = np.array([10.0, 10.1, 10.4])
-    np.savez(path, stamps=stamps, reference=np.array([[1.0, 2.0, 0.5]] * 3))
+    rest = {"angle_min": 0.0, "angle_increment": 0.1, "range_max": 8.0}
+    np.savez(
+        path,
+        stamps=np.array([10.0, 10.1, 10.4]),
+        odom=np.zeros((3, 3)),
+        ranges_mm=np.zeros((3, 4), np.uint16),
+        reference=np.array([[1.0, 2.0, 0.5]] * 3),
+        **rest,
+    )
     return path
 
 
@@ -104,11 +111,35 @@ def test_a_recording_needs_a_map(drive: Path) -> None:
         settings(Choices(recording=drive))
 
 
-def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "floor.yaml").write_text("")
-    (tmp_path / "drive.npz").write_bytes(b"no npz at all")
-    with pytest.raises(ConfigError, match=r"drive\.npz"):
-        settings(Choices(recording=tmp_path / "drive.npz", map_file=tmp_path / "floor.yaml"))
+def test_a_file_that_is_no_recording_is_refused_with_what_it_lacks(tmp_path: Path) -> None:
+    path, plan = tmp_path / "drive.npz", worlds.find("apartment.yaml")
+    np.savez(tmp_path / "half.npz", stamps=np.arange(3.0), odom=np.zeros((3, 3)))
+    half = (tmp_path / "half.npz").read_bytes()
+    for data, why in (
+        (b"no npz at all", "not an npz file of plain arrays"),
+        (b"", "not an npz file of plain arrays"),
+        (half[:-30], "not an npz file of plain arrays"),
+        (half, "it lacks ranges_mm, angle_min, angle_increment, range_max"),
+    ):
+        path.write_bytes(data)
+        with pytest.raises(ConfigError, match=why):
+            settings(Choices(recording=path, map_file=plan))
+
+
+def test_a_world_or_map_that_is_none_is_refused_by_its_name(tmp_path: Path) -> None:
+    world, plan = tmp_path / "world.toml", tmp_path / "plan.yaml"
+    for data, why in (
+        (b"a = [1", "world.toml: is not valid TOML"),
+        (b"\xff\xfe", "world.toml: is not UTF-8 text"),
+        (b"[robot]\n", "world.toml: is no world: it names no map"),
+    ):
+        world.write_bytes(data)
+        with pytest.raises(ConfigError, match=why):
+            settings(Choices(world=str(world)))
+    text = worlds.find("apartment.yaml").read_text(encoding="utf-8")
+    plan.write_text(text.replace("apartment.pgm", "nowhere.pgm"))
+    with pytest.raises(ConfigError, match="there is no such image"):
+        settings(Choices(map_file=plan))
 
 
 @pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "a,b,c", "1,2,nan"])

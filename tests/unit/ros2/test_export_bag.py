@@ -288,7 +288,7 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(tmp_path: Path) -
     for words, why in (
         ([str(recording), str(there)], "already exists; name another folder"),
         ([str(recording), f"{new}.mcap"], "a rosbag2 is a folder"),
-        ([str(recording), new, "--namespace", "kiwi"], "such as /kiwi"),
+        ([str(recording), new, "--namespace", "kiwi"], "write /kiwi or /home/kiwi, or / for none"),
         ([str(text), new], "is not an MCAP file"),
         ([str(empty), new], "holds nothing that a bag can hold, only poses"),
         ([str(tmp_path / "none.mcap"), new], "does not exist"),

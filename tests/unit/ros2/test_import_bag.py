@@ -251,7 +251,13 @@ def test_what_cannot_be_used_is_said(tmp_path: Path) -> None:
     text = tmp_path / "drive.bag"
     text.write_text("no bag at all")
     bag = _drive(tmp_path, "mcap")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((bag / f"{bag.name}.mcap").read_bytes()[:2000])
+    own = tmp_path / "own.mcap"
+    assert CliRunner().invoke(cli, ["import", "bag", str(bag), str(own)]).exit_code == 0
     for arguments, problem in (
+        ([str(own)], "is a recording of Trolley already: `trolley replay`"),
+        ([str(cut)], "was cut or is damaged: its last"),
         ([str(text)], "is neither a ROS 1 bag nor a rosbag2"),
         ([str(bag), str(tmp_path / "x.mcap"), "--scan", "/front"], "the bag has /scan"),
         ([str(bag), str(text)], "already exists"),

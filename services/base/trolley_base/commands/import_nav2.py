@@ -29,8 +29,11 @@ def import_nav2(file: Path, output: Path, force: bool, name: str, map_file: Path
     """
     findings = read_nav2(file)
     if not findings.taken:
-        notes = " ".join(findings.notes)
-        raise click.BadParameter(f"{file} says nothing that Nav2 would read. {notes}".strip())
+        raise click.BadParameter(
+            f"{file} says nothing that Nav2 would read: give a file of its parameters, such as "
+            "nav2_params.yaml",
+            param_hint="FILE",
+        )
     if map_file is not None:
         take_map(findings, Value(map_file, map_file, 1))
     write_settings(findings, output, name, force=force)

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from trolley.cli.init import render
+from trolley.cli.options import robot_name_option
 from trolley.cli.printing import say
 from trolley.cli.show import print_table
 from trolley.config import ConfigError
@@ -41,19 +42,13 @@ def output_options(command: F) -> F:
             "--name",
             default="trolley",
             show_default=True,
-            callback=_named,
+            callback=robot_name_option,
             help="The robot's name.",
         ),
     ]
     for option in reversed(options):
         command = option(command)
     return command
-
-
-def _named(_context: click.Context, _parameter: click.Parameter, name: str) -> str:
-    if not re.fullmatch(r"[a-z0-9_-]{1,32}", name):
-        raise click.BadParameter("a robot's name is 1 to 32 of a-z, 0-9, _ and -")
-    return name
 
 
 def write_settings(findings: Findings, output: Path, name: str, *, force: bool) -> None:

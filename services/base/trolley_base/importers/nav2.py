@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from trolley.config import ConfigError
 from trolley.config.base import LimitsConfig
 from trolley_base.importers.findings import Findings, Value
 from trolley_base.importers.parameters import read_parameters
@@ -162,9 +163,15 @@ def read_nav2(path: Path) -> Findings:
 
     Args:
         path: such as `nav2_params.yaml`.
+
+    Raises:
+        ConfigError: It cannot be read.
     """
     findings = Findings(path.parent)
-    found = read_parameters(path, path.parent, findings.notes)
+    problems: list[str] = []
+    found = read_parameters(path, path.parent, problems)
+    if problems:
+        raise ConfigError(problems[0])
     parameters = {_plain(name): value for name, value in found.items()}
     used: set[str] = set()
     for take in (_take_shape, _take_numbers, _take_limits, _take_costs, _take_map, _take_start):

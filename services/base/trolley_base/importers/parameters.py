@@ -7,6 +7,8 @@ import yaml
 from trolley.files import read_text
 from trolley_base.importers.findings import Value, shown
 
+_REASONS = {RecursionError: "nested too deep", UnicodeDecodeError: "not UTF-8 text"}
+
 
 def read_parameters(path: Path, folder: Path, problems: list[str]) -> dict[str, Value]:
     """Return the parameters of a YAML file by their path, such as `FollowPath.max_vel_x`.
@@ -27,7 +29,7 @@ def read_parameters(path: Path, folder: Path, problems: list[str]) -> dict[str, 
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark is not None else ""
-        reason = getattr(error, "problem", None) or type(error).__name__
+        reason = getattr(error, "problem", None) or _REASONS.get(type(error), "not text")
         problems.append(
             f"{shown(path, folder)}{line} is not valid YAML ({reason}): "
             f"nothing is taken from this file."

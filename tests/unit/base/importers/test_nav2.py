@@ -151,13 +151,25 @@ def test_a_namespace_and_omni_wheels_are_understood(tmp_path: Path) -> None:
     assert findings.chosen["planner.max_speed_mps"] == "0.3"
 
 
-@pytest.mark.parametrize("text", ["", "[", "a: b", "- 1", "amcl: {ros__parameters: {alpha1: 1}}"])
-def test_a_file_that_says_nothing_writes_nothing(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (b"", "says nothing that Nav2 would read: give a file of its parameters"),
+        (b"a: b", "says nothing that Nav2 would read"),
+        (b"- 1", "says nothing that Nav2 would read"),
+        (b"amcl: {ros__parameters: {alpha1: 1}}", "says nothing that Nav2 would read"),
+        (b"[", "p.yaml:1 is not valid YAML"),
+        (b"\xff\xfe\0", "p.yaml is not valid YAML (not UTF-8 text)"),
+    ],
+)
+def test_a_file_that_says_nothing_writes_nothing(tmp_path: Path, text: bytes, why: str) -> None:
     path = tmp_path / "p.yaml"
-    path.write_text(text)
+    path.write_bytes(text)
     done = run(path, "-o", tmp_path / "robot.toml")
     assert done.exit_code == 2
-    assert "says nothing that Nav2 would read" in done.output
+    said = " ".join(done.output.split())
+    assert why in said
+    assert "footprint" not in said  # nothing was written that it could be about
     assert not (tmp_path / "robot.toml").exists()
 
 

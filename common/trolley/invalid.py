@@ -1,0 +1,63 @@
+"""What is wrong with a value, in words for people: msgspec's own are for programmers."""
+
+import re
+from typing import Any
+
+from trolley.messages.driving import GoalId
+from trolley.messages.editing import EditId
+from trolley.messages.mapping import MapName
+from trolley.messages.motion import RobotName
+from trolley.messages.request_params import PhotoName
+from trolley.messages.touring import TimeOfDay
+
+_KINDS: dict[Any, str] = {
+    MapName: "a map's name has 1 to 64 of A-Z, a-z, 0-9, _, - and ., and no dot first",
+    RobotName: "a robot's name has 1 to 32 of a-z, 0-9, _ and -",
+    GoalId: "an id has 1 to 36 of a-z, 0-9 and -",
+    EditId: "an id has 1 to 36 of a-z, 0-9 and -",
+    PhotoName: "a photo is called as `trolley tour history --stops` says, such as k3v9x0a7c2mq-0",
+    TimeOfDay: "a time of day is written as 07:30",
+}
+_PATTERNS = {kind.__metadata__[0].pattern: words for kind, words in _KINDS.items()}
+_TYPES = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "an object",
+    "null": "nothing",
+}
+_PATTERN = re.compile(r"Expected `str` matching regex '(.*)'\Z", re.DOTALL)
+_KIND = re.compile(r"Expected `([^`]+)`, got `([^`]+)`\Z")
+_BOUND = re.compile(r"Expected `[^`]+` ([<>]=?) (\S+)\Z")
+_MISSING = re.compile(r"Object missing required field (`.+`)\Z", re.DOTALL)
+
+
+def in_plain_words(problem: str) -> str:
+    """What msgspec says is wrong, and with which field: `` `name`: text is needed, not a list ``.
+
+    What has no plain words stays as it is.
+    """
+    text, _, where = problem.partition(" - at `$")
+    name = where.rstrip("`").lstrip(".")
+    words = plain_words(text)
+    return f"`{name}`: {words}" if name else words
+
+
+def plain_words(text: str) -> str:
+    """What is wrong, without the field."""
+    if found := _PATTERN.match(text):
+        pattern = found[1].replace(r"\\", "\\")
+        return _PATTERNS.get(pattern, f"it must match {pattern}")
+    if found := _KIND.match(text):
+        needed, got = (
+            " or ".join(_TYPES.get(one.strip(), one.strip()) for one in group.split("|"))
+            for group in found.groups()
+        )
+        return f"{needed} is needed, not {got}"
+    if found := _BOUND.match(text):
+        return f"it must be {found[1]} {found[2]}"
+    if found := _MISSING.match(text):
+        return f"{found[1]} is missing"
+    return text
