@@ -6,9 +6,10 @@ from pathlib import Path
 
 import click
 
-from trolley.cli.options import robot_name_option
+from trolley.cli.options import json_option, robot_name_option
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
+from trolley.cli.show import print_json
 from trolley.config.describe import Key, Section, driver_sections, sections, to_toml
 from trolley.config.robot_toml import check_text
 from trolley.drivers import Driver, Drivers
@@ -28,8 +29,11 @@ WIDTH = 96
 @click.option("--length", default=0.30, show_default=True, help="Its length in metres.")
 @click.option("--width", default=0.24, show_default=True, help="Its width in metres.")
 @click.option("--map", "map_file", help="The map to start with, a map_server YAML file.")
+@json_option
 @reports_errors
-def init_command(path: Path, name: str, length: float, width: float, map_file: str | None) -> None:
+def init_command(
+    path: Path, name: str, length: float, width: float, map_file: str | None, as_json: bool
+) -> None:
     """Write a robot.toml with every setting explained to PATH (robot.toml if not given).
 
     An existing file is never overwritten.
@@ -50,6 +54,9 @@ def init_command(path: Path, name: str, length: float, width: float, map_file: s
         raise click.UsageError(f"{path} already exists; not overwritten") from error
     except OSError as error:
         raise click.UsageError(f"{path} cannot be written: {error.strerror}") from error
+    if as_json:
+        print_json({"file": str(path)})
+        return
     say(f"Wrote {path}. Next: `trolley up --config {path}`.")
 
 

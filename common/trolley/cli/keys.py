@@ -72,11 +72,15 @@ _days = click.option(
 
 
 @keys_command.command(name="init")
+@json_option
 @click.pass_obj
 @_reports
-def init(keyring: Keyring) -> None:
+def init(keyring: Keyring, as_json: bool) -> None:
     """Make the authority that signs all certificates (once)."""
     keyring.create(_now())
+    if as_json:
+        print_json(_made(keyring.folder, keyring.authority()))
+        return
     say_block(
         f"Made {keyring.folder}. Keep it safe and keep a copy: without it no certificate can be "
         "made or renewed.\nNext: `trolley keys router`, for the host that all others connect to."
@@ -88,9 +92,12 @@ def init(keyring: Keyring) -> None:
 @click.option("--name", default=ROUTER_NAME, show_default=True, help="The router's name.")
 @_days
 @_replace
+@json_option
 @click.pass_obj
 @_reports
-def router(keyring: Keyring, hosts: tuple[str, ...], name: str, days: int, replace: bool) -> None:
+def router(
+    keyring: Keyring, hosts: tuple[str, ...], name: str, days: int, replace: bool, as_json: bool
+) -> None:
     """Make keys for a router that other hosts connect to.
 
     HOST is each name and address at which others reach it [default: this host's name].
@@ -98,6 +105,9 @@ def router(keyring: Keyring, hosts: tuple[str, ...], name: str, days: int, repla
     own = socket.gethostname()
     reached = hosts or (own, f"{own}.local")
     keys = keyring.issue("router", name, _until(days), reached, replace=replace)
+    if as_json:
+        print_json(_made(keys.folder, _certificate(keys)))
+        return
     _say_made(keys)
     say_block(
         f"Others reach it at {', '.join(reached)}, port {ROUTER_TLS_PORT}. Copy the files to that "
@@ -105,8 +115,13 @@ def router(keyring: Keyring, hosts: tuple[str, ...], name: str, days: int, repla
     )
 
 
-def _issue_client(keyring: Keyring, role: Role, name: str, days: int, replace: bool) -> None:
+def _issue_client(
+    keyring: Keyring, role: Role, name: str, days: int, replace: bool, as_json: bool
+) -> None:
     keys = keyring.issue(role, name, _until(days), replace=replace)
+    if as_json:
+        print_json(_made(keys.folder, _certificate(keys)))
+        return
     routers = [one for one in keyring.certificates() if one.role == "router"]
     host = routers[0].hosts[0] if routers and routers[0].hosts else "HOST"
     _say_made(keys)
@@ -121,45 +136,53 @@ def _issue_client(keyring: Keyring, role: Role, name: str, days: int, replace: b
 @click.argument("name")
 @_days
 @_replace
+@json_option
 @click.pass_obj
 @_reports
-def robot(keyring: Keyring, name: str, days: int, replace: bool) -> None:
+def robot(keyring: Keyring, name: str, days: int, replace: bool, as_json: bool) -> None:
     """Make keys for the robot NAME, which is `[robot] name` in its robot.toml."""
-    _issue_client(keyring, "robot", name, days, replace)
+    _issue_client(keyring, "robot", name, days, replace, as_json)
 
 
 @keys_command.command(name="operator")
 @click.argument("name")
 @_days
 @_replace
+@json_option
 @click.pass_obj
 @_reports
-def operator(keyring: Keyring, name: str, days: int, replace: bool) -> None:
+def operator(keyring: Keyring, name: str, days: int, replace: bool, as_json: bool) -> None:
     """Make keys for a host that may watch and command all robots."""
-    _issue_client(keyring, "operator", name, days, replace)
+    _issue_client(keyring, "operator", name, days, replace, as_json)
 
 
 @keys_command.command(name="viewer")
 @click.argument("name")
 @_days
 @_replace
+@json_option
 @click.pass_obj
 @_reports
-def viewer(keyring: Keyring, name: str, days: int, replace: bool) -> None:
+def viewer(keyring: Keyring, name: str, days: int, replace: bool, as_json: bool) -> None:
     """Make keys for a host that may watch all robots, and stop them."""
-    _issue_client(keyring, "viewer", name, days, replace)
+    _issue_client(keyring, "viewer", name, days, replace, as_json)
 
 
 @keys_command.command(name="remove")
 @click.argument("role", metavar="ROLE", type=click.Choice(ROLES))
 @click.argument("name")
+@json_option
 @click.pass_obj
 @_reports
-def remove(keyring: Keyring, role: str, name: str) -> None:
+def remove(keyring: Keyring, role: str, name: str, as_json: bool) -> None:
     """Revoke a host, such as one that was lost."""
     keyring.remove(as_role(role), name)
+    routers = [one for one in keyring.certificates() if one.role == "router"]
+    if as_json:
+        print_json({"role": role, "name": name, "routers": [one.name for one in routers]})
+        return
     say(f"Removed {role} {name}.")
-    _say_routers([one for one in keyring.certificates() if one.role == "router"])
+    _say_routers(routers)
 
 
 @keys_command.command(name="list")
@@ -198,9 +221,16 @@ def _line(one: Certificate, now: datetime) -> str:
     return f"{one.role:<9} {one.name:<20} until {one.not_after:%Y-%m-%d}  {state}".rstrip()
 
 
+def _made(folder: Path, certificate: Certificate) -> dict[str, object]:
+    return {"folder": str(folder), **_plain(certificate)}
+
+
+def _certificate(keys: HostKeys) -> Certificate:
+    return next(one for one in read_certificates(keys.folder) if one.path == keys.certificate)
+
+
 def _say_made(keys: HostKeys) -> None:
-    until = next(one for one in read_certificates(keys.folder) if one.path == keys.certificate)
-    say(f"Made {keys.folder}, valid until {until.not_after:%Y-%m-%d}.")
+    say(f"Made {keys.folder}, valid until {_certificate(keys).not_after:%Y-%m-%d}.")
 
 
 def _copying(keys: HostKeys) -> str:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import click
 
 from trolley.cli import exits
-from trolley.cli.options import where_options
+from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
-from trolley.cli.show import Progress, counted, seconds_text
+from trolley.cli.show import Progress, counted, print_json, seconds_text
 from trolley.client import Robot
 from trolley.config import ConfigError
 from trolley.recording.layout import bad_pattern
@@ -72,8 +72,11 @@ def until_signalled() -> Generator[Callable[[], bool]]:
 )
 @click.option("--seconds", type=click.FloatRange(min=0.0, min_open=True), help="How long [s].")
 @where_options
+@json_option
 @reports_errors
-def record_command(file: Path | None, patterns: list[str], seconds: float | None) -> None:
+def record_command(
+    file: Path | None, patterns: list[str], seconds: float | None, as_json: bool
+) -> None:
     """Record what a robot publishes into FILE, until Ctrl-C.
 
     The file is MCAP: `trolley replay` plays it, and Foxglove opens it. Without FILE it is
@@ -82,11 +85,13 @@ def record_command(file: Path | None, patterns: list[str], seconds: float | None
     """
     with one_robot() as robot:
         path = file or Path(f"{robot.name}-{datetime.now().astimezone():%Y-%m-%d-%H%M%S}.mcap")
-        code = _record(robot, path, patterns, seconds)
+        code = _record(robot, path, patterns, seconds, as_json=as_json)
     raise SystemExit(code)
 
 
-def _record(robot: Robot, path: Path, patterns: Sequence[str], seconds: float | None) -> int:
+def _record(
+    robot: Robot, path: Path, patterns: Sequence[str], seconds: float | None, *, as_json: bool
+) -> int:
     try:
         from trolley.recording.recorder import Recorder
     except ImportError as error:
@@ -108,10 +113,15 @@ def _record(robot: Robot, path: Path, patterns: Sequence[str], seconds: float | 
         path.unlink()
         say(f"Nothing was received from {robot.name}.", err=True, fg="red")
         return exits.FAILED
+    left = {**recorder.counts, "lost, the disk is too slow": listener.lost}
+    left = {reason: number for reason, number in left.items() if number}
+    if as_json:
+        about = {"file": str(path), "messages": writer.num_messages, "bytes": writer.size}
+        print_json({**about, "left": left})
+        return exits.OK
     say(f"{path}: {counted(writer.num_messages, 'message')}, {writer.size / 1e6:.1f} MB.")
-    for reason, number in {**recorder.counts, "lost, the disk is too slow": listener.lost}.items():
-        if number:
-            say(f"{counted(number, 'message')}: {reason}", err=True, fg="yellow")
+    for reason, number in left.items():
+        say(f"{counted(number, 'message')}: {reason}", err=True, fg="yellow")
     return exits.OK
 
 

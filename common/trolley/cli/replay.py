@@ -11,11 +11,11 @@ import click
 import msgspec
 
 from trolley.cli import exits
-from trolley.cli.options import given, where_options
+from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.record import patterns_option, until_signalled
 from trolley.cli.robots import connected, reports_errors
-from trolley.cli.show import Progress, counted, seconds_text
+from trolley.cli.show import Progress, counted, print_json, seconds_text
 from trolley.config import ConfigError
 from trolley.connection import Connection
 from trolley.messages.motion import RobotName
@@ -61,9 +61,16 @@ LONGEST_NAME = 32
     help="Only these, such as scan,odom,tf/*.",
 )
 @where_options
+@json_option
 @reports_errors
 def replay_command(
-    file: Path, speed: float, name: str | None, loop: bool, start: float, patterns: list[str]
+    file: Path,
+    speed: float,
+    name: str | None,
+    loop: bool,
+    start: float,
+    patterns: list[str],
+    as_json: bool,
 ) -> None:
     """Play FILE, which `trolley record` wrote, as if it were a robot.
 
@@ -83,7 +90,7 @@ def replay_command(
         raise ConfigError(str(error)) from error
     with connected() as connection, until_signalled() as should_end:
         play = _Play(recording, speed, start, patterns, should_end)
-        code = play.on(connection, _name(name, recording.robot), loop=loop)
+        code = play.on(connection, _name(name, recording.robot), loop=loop, as_json=as_json)
     raise SystemExit(code)
 
 
@@ -117,7 +124,7 @@ class _Play:
         self._turns = 0
         self._line = Progress()
 
-    def on(self, connection: Connection, name: str, *, loop: bool) -> int:
+    def on(self, connection: Connection, name: str, *, loop: bool, as_json: bool) -> int:
         """Play it under a name; the exit code."""
         from trolley.recording.stage import Stage
         from trolley.runtime.clash import is_one_per_host
@@ -127,13 +134,15 @@ class _Play:
             raise ConfigError(
                 f"there is a robot called {name} already; give another name with --as"
             )
-        say(f"Playing {self._recording.path} as robot {name}. Ctrl-C ends it.")
+        if not as_json:
+            say(f"Playing {self._recording.path} as robot {name}. Ctrl-C ends it.")
         with closing(Stage(connection, name)) as stage:
             has_begun = self._turn(stage)
             while loop and has_begun and not self._is_over(stage):
                 self._turn(stage)
             usurper = stage.usurper
-        for sentence in self._recording.damage.sentences():
+        damage = self._recording.damage.sentences()
+        for sentence in () if as_json else damage:
             say(sentence, err=True, fg="yellow")
         if usurper is not None:
             text = f"A robot called {name} has come up, so the replay has ended."
@@ -142,6 +151,9 @@ class _Play:
         if not has_begun:
             say("Nothing was played: --start is past the end.", err=True, fg="red")
             return exits.FAILED
+        if as_json:
+            print_json({"robot": name, "messages": self._num_messages, "damage": damage})
+            return exits.OK
         say(f"Played {counted(self._num_messages, 'message')}.")
         return exits.OK
 

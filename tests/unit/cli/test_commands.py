@@ -232,3 +232,24 @@ def test_a_mistyped_command_brings_the_nearest(words: list[str], meant: str) -> 
     done = CliRunner().invoke(cli, words)
     assert done.exit_code == 2
     assert f"Did you mean '{meant}'" in done.stderr
+
+
+def test_what_was_made_is_told_to_programs_too(runner: CliRunner, tmp_path: Path) -> None:
+    def told(*words: str) -> dict[str, object]:
+        done = runner.invoke(cli, [*words, "--json"])
+        assert done.exit_code == 0, done.output
+        return msgspec.json.decode(done.stdout)
+
+    path, folder = tmp_path / "robot.toml", tmp_path / "keys"
+    assert told("init", str(path)) == {"file": str(path)}
+    keys = ("keys", "--folder", str(folder))
+    assert told(*keys, "init")["role"] == "ca"
+    made = told(*keys, "router", "home.local")
+    assert (made["role"], made["hosts"]) == ("router", ["home.local"])
+    assert Path(str(made["folder"])).is_dir()
+    assert told(*keys, "robot", "kiwi")["name"] == "kiwi"
+    assert told(*keys, "remove", "robot", "kiwi")["routers"] == ["home"]
+    params = tmp_path / "nav2.yaml"
+    params.write_text("controller_server:\n  ros__parameters:\n    FollowPath:\n      vx_max: 0.3\n")
+    taken = told("import", "nav2", str(params), "-o", str(tmp_path / "other.toml"))
+    assert taken["taken"] == [{"what": "speed 0.3 m/s", "from": "nav2.yaml:4"}]

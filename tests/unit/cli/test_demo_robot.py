@@ -73,14 +73,15 @@ def test_another_world_brings_its_own_map_and_start(tmp_path: Path) -> None:
 @pytest.fixture
 def drive(tmp_path: Path) -> Path:
     path = tmp_path / "drive.npz"
-    rest = {"angle_min": 0.0, "angle_increment": 0.1, "range_max": 8.0}
     np.savez(
         path,
         stamps=np.array([10.0, 10.1, 10.4]),
         odom=np.zeros((3, 3)),
         ranges_mm=np.zeros((3, 4), np.uint16),
         reference=np.array([[1.0, 2.0, 0.5]] * 3),
-        **rest,
+        angle_min=0.0,
+        angle_increment=0.1,
+        range_max=8.0,
     )
     return path
 

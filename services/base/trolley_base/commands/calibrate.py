@@ -9,9 +9,10 @@ from typing import Any, TypeVar
 import click
 
 from trolley.cli import exits
-from trolley.cli.options import given, where_options
+from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.show import print_json
 from trolley.client import Robot
 from trolley.config import ConfigError, find_config, load_config
 from trolley.geometry import Pose2D
@@ -45,6 +46,7 @@ from trolley_base.commands.odometry_file import as_toml, settings_of, write_sett
 from trolley_base.odometry.wheel_scales import WheelScales, scales_of
 
 F = TypeVar("F", bound=Callable[..., Any])
+NO_TRACK = "The wheel ratio is left out: give --track, the track that the board assumes."
 BY_HAND_M, BY_HAND_RAD = 0.01, math.radians(2.0)
 """Errors of a person with a tape measure, from the mark to where the robot stands."""
 WAYS: dict[Direction, str] = {"ccw": "counter-clockwise", "cw": "clockwise"}
@@ -122,9 +124,10 @@ def square_command(
 @click.option("--seconds", default=120.0, show_default=True, type=click.FloatRange(5.0, 3600.0))
 @_result_options
 @where_options
+@json_option
 @reports_errors
-def compare_command(seconds: float, **result: Any) -> None:
-    """Compare odometry and localizer for a while; somebody else drives the robot.
+def compare_command(seconds: float, as_json: bool, **result: Any) -> None:
+    """Compare odometry and localizer while somebody else drives.
 
     Drive it by hand or let it drive a tour: straight stretches and turns in both directions.
     Ctrl-C ends it early and evaluates what was heard so far.
@@ -143,9 +146,10 @@ def compare_command(seconds: float, **result: Any) -> None:
         raise SystemExit(exits.FAILED)
     found = estimate(comparison.legs)
     correction = usable(found)
-    say_block("\n".join(describe_estimate(found)))
-    say_block(describe_fit(comparison.legs, correction))
-    _propose(correction, in_force, path, result)
+    if not as_json:
+        say_block("\n".join(describe_estimate(found)))
+        say_block(describe_fit(comparison.legs, correction))
+    _propose(correction, in_force, path, result, as_json=as_json)
 
 
 Square = tuple[Direction, Leg]
@@ -243,19 +247,29 @@ def _in_force(name: str, result: dict[str, Any]) -> tuple[WheelScales, Path | No
 
 
 def _propose(
-    correction: Correction, in_force: WheelScales, path: Path | None, result: dict[str, Any]
+    correction: Correction,
+    in_force: WheelScales,
+    path: Path | None,
+    result: dict[str, Any],
+    *,
+    as_json: bool = False,
 ) -> None:
     if correction.bend != 0.0 and in_force.track_m is None:
-        say("The wheel ratio is left out: give --track, the track that the board assumes.")
+        say(NO_TRACK, err=as_json)
         correction = replace(correction, bend=0.0)
     if correction == Correction():
         say("Nothing is certain enough to propose; drive more of what was missing.", err=True)
         raise SystemExit(exits.FAILED)
     scales = combined(correction, in_force)
+    settings = settings_of(scales, with_track=result["track"] is not None)
+    if as_json:
+        if result["write"] is not None and path is not None:
+            write_settings(path, settings)
+        print_json({"settings": settings, "file": None if result["write"] is None else str(path)})
+        return
     words = describe_track(scales)
     if words is not None:
         say_block(words)
-    settings = settings_of(scales, with_track=result["track"] is not None)
     if result["write"] is None:
         say_block(f"\nFor robot.toml:\n\n{as_toml(settings)}")
         return

@@ -29,7 +29,7 @@ from trolley_base.importers.linorobot.reading import read_linorobot
 )
 @reports_errors
 def import_linorobot(
-    folder: Path, output: Path, force: bool, name: str, base: str, lidar: str
+    folder: Path, output: Path, force: bool, name: str, base: str, lidar: str, as_json: bool
 ) -> None:
     """Write a robot.toml from the files of a linorobot (ROS 1).
 
@@ -43,4 +43,4 @@ def import_linorobot(
             f"package, with launch, param and maps, such as ~/linorobot_ws/src/linorobot",
             param_hint="FOLDER",
         )
-    write_settings(findings, output, name, force=force)
+    write_settings(findings, output, name, force=force, as_json=as_json)

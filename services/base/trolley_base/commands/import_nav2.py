@@ -21,7 +21,9 @@ from trolley_base.importers.settings import take_map
     help="The map's YAML file, where FILE names none.",
 )
 @reports_errors
-def import_nav2(file: Path, output: Path, force: bool, name: str, map_file: Path | None) -> None:
+def import_nav2(
+    file: Path, output: Path, force: bool, name: str, map_file: Path | None, as_json: bool
+) -> None:
     """Write a robot.toml from a parameter file of Nav2 (ROS 2), such as nav2_params.yaml.
 
     It lists what it took, and what it did not and why. Boards and lidars are not Nav2's business:
@@ -36,4 +38,4 @@ def import_nav2(file: Path, output: Path, force: bool, name: str, map_file: Path
         )
     if map_file is not None:
         take_map(findings, Value(map_file, map_file, 1))
-    write_settings(findings, output, name, force=force)
+    write_settings(findings, output, name, force=force, as_json=as_json)

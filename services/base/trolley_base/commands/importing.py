@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 import click
 
 from trolley.cli.init import render
-from trolley.cli.options import robot_name_option
+from trolley.cli.options import json_option, robot_name_option
 from trolley.cli.printing import say
-from trolley.cli.show import print_table
+from trolley.cli.show import print_json, print_table
 from trolley.config import ConfigError
 from trolley.config.describe import to_toml
 from trolley.config.robot_toml import check_text, replace_text
@@ -27,7 +27,7 @@ Files = dict[Path, bytes]
 
 
 def output_options(command: F) -> F:
-    """Add `--output`, `--force` and `--name`."""
+    """Add `--output`, `--force`, `--name` and `--json`."""
     options = [
         click.option(
             "-o",
@@ -48,10 +48,12 @@ def output_options(command: F) -> F:
     ]
     for option in reversed(options):
         command = option(command)
-    return command
+    return json_option(command)
 
 
-def write_settings(findings: Findings, output: Path, name: str, *, force: bool) -> None:
+def write_settings(
+    findings: Findings, output: Path, name: str, *, force: bool, as_json: bool
+) -> None:
     """Write a robot.toml and its map, and say what was taken and what was not.
 
     Raises:
@@ -71,7 +73,17 @@ def write_settings(findings: Findings, output: Path, name: str, *, force: bool) 
     except OSError as error:
         raise ConfigError(f"{error.filename}: cannot be written: {error.strerror}") from error
     replace_text(output, text)
-    _report(findings, output)
+    if as_json:
+        print_json(
+            {
+                "file": str(output),
+                "taken": [{"what": what, "from": place} for what, place in findings.taken],
+                "left": [{"what": what, "why": why} for what, why in findings.left],
+                "notes": findings.notes,
+            }
+        )
+    else:
+        _report(findings, output)
 
 
 def _text(findings: Findings, name: str) -> str:
