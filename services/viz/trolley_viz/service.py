@@ -30,6 +30,7 @@ from trolley_viz.server.access import AccessControl, AccessTokens, is_loopback_h
 from trolley_viz.server.lines import Line, Lines
 from trolley_viz.server.links import links_of
 from trolley_viz.server.messages import Said
+from trolley_viz.server.photos import Photos
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.server.web_server import PortTaken, WebServer, close_scene, open_scene
 from trolley_viz.session.hub import Hub
@@ -92,7 +93,7 @@ class VizService(Service):
         lines = Lines(self.call_soon, self.open_line, self.hear, self.close_line)
         try:
             access = self._access_control(tokens)
-            self._web = WebServer(self._config, access, lines, self._scene)
+            self._web = WebServer(self._config, access, lines, self._scene, Photos(self).fetch)
         except PortTaken as taken:
             # Nothing to trace: the sentence says it all, so it is no exception in the log.
             self.log.error("The viewer cannot start", why=str(taken))  # noqa: TRY400

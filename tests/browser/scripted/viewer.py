@@ -28,9 +28,16 @@ READY = PageState(robot="r", title="r", sentence=StatusLine("Ready.", "good"), l
 
 @dataclass
 class Viewer:
-    """A viewer that tells a page what a test wants."""
+    """A viewer that tells a page what a test wants.
+
+    Attributes:
+        photos: those of robot `r`, by name.
+        asked: names of photos that a page has asked for.
+    """
 
     url: str
+    photos: dict[str, bytes] = field(default_factory=dict[str, bytes])
+    asked: list[str] = field(default_factory=list[str])
     lines: list[Line] = field(default_factory=list)
     said: list[tuple[Line, Said]] = field(default_factory=list)
 
@@ -53,6 +60,11 @@ class Viewer:
     def tell_state(self, **fields: Any) -> None:
         """Tell another state."""
         self.lines[-1].send(Told(state=structs.replace(READY, **fields)))
+
+    async def photo(self, robot: str, name: str) -> bytes | None:
+        """A photo, as the robot would give it."""
+        self.asked.append(name)
+        return self.photos.get(name) if robot == READY.robot else None
 
     def is_heard(self) -> bool:
         """Whether the page has answered on the newest line."""
@@ -83,7 +95,7 @@ def scripted_viewer() -> Iterator[Viewer]:
         lambda line, said: viewer.said.append((line, said)),
         lambda _: None,
     )
-    web = WebServer(VizConfig(port=port), access, lines, scene)
+    web = WebServer(VizConfig(port=port), access, lines, scene, viewer.photo)
     is_over = threading.Event()
     beats = threading.Thread(target=viewer.beat, args=(is_over,))
     beats.start()

@@ -250,6 +250,6 @@ def test_what_was_made_is_told_to_programs_too(runner: CliRunner, tmp_path: Path
     assert told(*keys, "robot", "kiwi")["name"] == "kiwi"
     assert told(*keys, "remove", "robot", "kiwi")["routers"] == ["home"]
     params = tmp_path / "nav2.yaml"
-    params.write_text("controller_server:\n  ros__parameters:\n    FollowPath:\n      vx_max: 0.3\n")
+    params.write_text("controller_server:\n ros__parameters:\n  FollowPath:\n   vx_max: 0.3\n")
     taken = told("import", "nav2", str(params), "-o", str(tmp_path / "other.toml"))
     assert taken["taken"] == [{"what": "speed 0.3 m/s", "from": "nav2.yaml:4"}]

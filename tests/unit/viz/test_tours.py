@@ -1,5 +1,8 @@
 """Tours in the viewer: progress, list, pins, past trips; and the tab in a pretend browser."""
 
+import asyncio
+import re
+import threading
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -12,6 +15,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import (
     PastTrip,
+    Photo,
     ScheduleEntry,
     Stop,
     StopResult,
@@ -19,7 +23,7 @@ from trolley.messages import (
     Tours,
     TourStatus,
 )
-from trolley.messages.request_params import AskHistory, Named, Nothing, StartTour
+from trolley.messages.request_params import AskHistory, Named, Nothing, StartTour, WhichPhoto
 from trolley.runtime.service import Service, answers
 from trolley_viz.actions.tour_actions import copy_name
 from trolley_viz.controls.controls import BadValue, NotThere
@@ -39,6 +43,7 @@ from trolley_viz.panels.tour_points import MAX_POINT_ROWS, first_shown, point_te
 from trolley_viz.panels.trip import progress, visits_to_come
 from trolley_viz.robots.past_trips import PastTrips, trouble_spots
 from trolley_viz.scene.tours import COMING, CURRENT, FAILED, REACHED, path_of, pins_of, trip_colours
+from trolley_viz.server.photos import Photos
 from trolley_viz.server.visitors import Visitor
 
 if TYPE_CHECKING:
@@ -522,6 +527,42 @@ def test_a_place_on_another_map_is_told_and_an_unknown_one_refused(
     edit_tour(stage, page)
     assert "The place “cellar” no longer exists." in page.text()
     assert "“attic” is on another map." in page.text()
+
+
+def test_only_stops_with_a_photo_show_one() -> None:
+    past = PastTrips(lambda *_: None)
+    trip = past_trip(result(0), failed_at(1.0), result(2), photos=["t-0", "", "t-2"])
+    past.trips = (trip, past_trip(result(0)))
+    shown = trips_html(past, past.trips, robot="kiwi")
+    assert re.findall(r'src="([^"]*)"', shown) == ["photo/kiwi/t-0", "photo/kiwi/t-2"]
+
+
+class PhotoDesk(Service):
+    """Gives one photo, as the tour service does."""
+
+    name = "tour"
+
+    @answers(requests.TOUR_PHOTO)
+    def give(self, params: WhichPhoto) -> Photo:
+        if params.name != "t1-0":
+            raise Refused(codes.UNKNOWN_NAME, "There is none.")
+        return Photo(name=params.name, jpeg=b"\xff\xd8\xff")
+
+
+def test_a_photo_is_fetched_from_the_robot(stage: "Stage") -> None:
+    stage.runtime.add(PhotoDesk())
+    found: list[bytes | None] = []
+    own = "trolley"
+
+    async def fetch() -> None:
+        for robot, name in ((own, "t1-0"), (own, "t1-9"), (own, "../x"), ("A B", "t1-0")):
+            found.append(await Photos(stage.viz).fetch(robot, name))
+
+    web = threading.Thread(target=lambda: asyncio.run(fetch()), daemon=True)
+    web.start()
+    while web.is_alive():
+        settle(stage)
+    assert found == [b"\xff\xd8\xff", None, None, None]
 
 
 def test_past_trips_are_not_polled(stage: "Stage", tour: PretendTour, page: PageOf) -> None:

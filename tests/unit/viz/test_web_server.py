@@ -44,6 +44,13 @@ class Served:
     closed: list[Line]
 
 
+JPEG = b"\xff\xd8\xff" + bytes(50_000)
+
+
+async def photo_of(robot: str, name: str) -> bytes | None:
+    return JPEG if (robot, name) == ("kiwi", "t1-0") else None
+
+
 def serve(*, always_ask: bool = False) -> Iterator[Served]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -56,7 +63,7 @@ def serve(*, always_ask: bool = False) -> Iterator[Served]:
         lambda _, said: served.said.append(said),
         served.closed.append,
     )
-    web = WebServer(VizConfig(port=port), access, lines, served.scene)
+    web = WebServer(VizConfig(port=port), access, lines, served.scene, photo_of)
     yield served
     web.close()
     close_scene(served.scene)
@@ -105,7 +112,7 @@ def test_a_taken_port_is_refused_rather_than_left(served: Served) -> None:
     access = AccessControl(0, (), always_ask=False, tokens=served.tokens)
     lines = Lines(lambda call: None, lambda _: None, lambda *_: None, lambda _: None)
     with pytest.raises(PortTaken, match=f"port {served.port}"):
-        WebServer(VizConfig(port=served.port), access, lines, served.scene)
+        WebServer(VizConfig(port=served.port), access, lines, served.scene, photo_of)
 
 
 def test_it_listens_on_loopback_only(served: Served) -> None:
@@ -134,6 +141,19 @@ def fetch(port: int, path: str = "/", cookie: str = "") -> tuple[int, dict[str, 
         connection.request("GET", path, headers={"Cookie": cookie} if cookie else {})
         response = connection.getresponse()
         return response.status, dict(response.getheaders()), response.read()
+
+
+def test_a_photo_is_served_as_nothing_but_a_picture(served: Served) -> None:
+    status, headers, body = fetch(served.port, "/photo/kiwi/t1-0")
+    assert (status, headers["Content-Type"], body) == (200, "image/jpeg", JPEG)
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert headers["Cache-Control"].startswith("private")
+    for path in ("/photo/kiwi/t1-1", "/photo/lime/t1-0", "/photo/kiwi/..%2Ft1-0", "/photo/kiwi/"):
+        assert fetch(served.port, path)[0] == 404
+
+
+def test_a_photo_is_for_whoever_was_let_in(asking: Served) -> None:
+    assert fetch(asking.port, "/photo/kiwi/t1-0")[0] == 401
 
 
 def test_without_a_token_there_is_neither_page_nor_socket(asking: Served) -> None:

@@ -126,6 +126,15 @@ def code_image(address: str, what: str) -> str:
     return f'<img class="code" src="{html.escape(address)}" alt="{html.escape(what)}">'
 
 
+def photo(address: str) -> str:
+    """A photo, loaded when it comes into view; pressed, it fills a page of its own."""
+    where = html.escape(address)
+    return (
+        f'<a class="photo" href="{where}" target="_blank" rel="noopener" title="Photo of the stop">'
+        f'<img src="{where}" loading="lazy" decoding="async" alt=""></a>'
+    )
+
+
 def _cell(text: str, column: int, num_names: int) -> str:
     tag, scope = ("td", "") if column else ("th", ' scope="row"')
     name = ' translate="no"' if column < num_names else ""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 from trolley.messages import PastTrip, StopResult, TourStatus
 from trolley_viz.controls.controls import Controls
-from trolley_viz.panels.markup import details, lead, note, row
+from trolley_viz.panels.markup import details, lead, note, photo, row
 from trolley_viz.plain_words import said
 from trolley_viz.robots.past_trips import PastTrips, has_failed
 from trolley_viz.sentences import StatusLine, Tone, duration, result_line
@@ -47,7 +47,13 @@ class PastTripsPanel:
         self._more.on_press(self._show_more)
 
     def update(
-        self, past: PastTrips, trip: TourStatus | None, now_ns: int, *, is_shown: bool
+        self,
+        robot: str,
+        past: PastTrips,
+        trip: TourStatus | None,
+        now_ns: int,
+        *,
+        is_shown: bool,
     ) -> None:
         """Show the trips, if they are open; `now_ns` [ns] is local monotonic time."""
         is_open = is_shown and self._is_open
@@ -64,7 +70,7 @@ class PastTripsPanel:
         self._more.visible = len(chosen) > self._num_shown
         shown = chosen[: self._num_shown]
         self._trips = {one.trip: one for one in shown}
-        self._list.content = trips_html(past, shown, self._has_record)
+        self._list.content = trips_html(past, shown, self._has_record, robot)
 
     def _lead(self, press: str) -> None:
         """Show a trip, "t1", or what became of one of its stops, "t1 3"."""
@@ -84,9 +90,19 @@ class PastTripsPanel:
 
 
 def trips_html(
-    past: PastTrips, trips: Sequence[PastTrip], has_record: HasRecord = lambda _: False
+    past: PastTrips,
+    trips: Sequence[PastTrip],
+    has_record: HasRecord = lambda _: False,
+    robot: str = "",
 ) -> str:
-    """The trips, each of which opens to what came of its stops, and leads to what was recorded."""
+    """The trips, each of which opens to what came of its stops, and leads to what was recorded.
+
+    Args:
+        past: what is known of them.
+        trips: those to show.
+        has_record: whether a trip was recorded.
+        robot: whose they are: its photos are shown.
+    """
     problem = (
         row(StatusLine("Past trips are not available right now", "warn", past.problem))
         if past.problem
@@ -96,15 +112,17 @@ def trips_html(
         return problem or note("Loading …")
     if not past.trips:
         return problem + note("No trips yet.")
-    return problem + "".join(_trip(trip, is_recorded=has_record(trip)) for trip in trips)
+    return problem + "".join(_trip(robot, trip, is_recorded=has_record(trip)) for trip in trips)
 
 
-def _trip(trip: PastTrip, *, is_recorded: bool) -> str:
+def _trip(robot: str, trip: PastTrip, *, is_recorded: bool) -> str:
     shown = list(enumerate(trip.results))[-MAX_RESULTS:]
     left_out = trip.reached + trip.missed - len(shown)
+    photos = dict(enumerate(trip.photos))
     results = "".join(
         row(result_line(result))
         + (lead(f"{trip.trip} {i}", MOMENT) if is_recorded and has_failed(result) else "")
+        + (photo(f"photo/{robot}/{photos[i]}") if photos.get(i) else "")
         for i, result in shown
     )
     if left_out > 0:

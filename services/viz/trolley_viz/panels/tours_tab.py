@@ -56,7 +56,7 @@ class TourTab:
             with_last=editing is None,
             is_halted=view.is_halted,
         )
-        self._past.update(view.past, trip, view.now_ns, is_shown=editing is None)
+        self._past.update(view.robot_name, view.past, trip, view.now_ns, is_shown=editing is None)
         if self._list is not None and self._editor is not None:
             tours = None if stored is None else stored.tours
             self._list.update(tours, is_open=editing is None, can_start=view.can_tour)

@@ -69,6 +69,8 @@ ASKING = """<form><label>{paste} <input name="token" autocomplete="off"></label>
 <button>{open}</button></form>"""
 
 KEEP = {"Cache-Control": "max-age=86400"}
+KEEP_PRIVATE = {"Cache-Control": "private, max-age=86400"}
+"""A photo never changes, and is for whoever was let in."""
 MAX_LINE_BYTES = 20_000
 """Nobody types more into a field."""
 MAX_KEY = 64
@@ -88,6 +90,8 @@ MAX_SCENE_REPLY_BYTES = 1 << 20
 DECISION = web.RequestKey("decision", AccessDecision)
 """What was decided on a request."""
 
+
+FetchPhoto = Callable[[str, str], Awaitable[bytes | None]]
 
 AMBIENT_LIGHT = 2.0
 """How bright what viser's lamps leave dark is, as three.js counts."""
@@ -155,15 +159,22 @@ class WebServer:
         access: who is let in.
         lines: serves the sockets of the pages.
         scene: viser's server.
+        photo: fetches a robot's photo by its name, None where there is none.
 
     Raises:
         PortTaken: Something else listens there, or the address is not this host's.
     """
 
     def __init__(
-        self, config: VizConfig, access: AccessControl, lines: Lines, scene: viser.ViserServer
+        self,
+        config: VizConfig,
+        access: AccessControl,
+        lines: Lines,
+        scene: viser.ViserServer,
+        photo: FetchPhoto,
     ) -> None:
         self._access = access
+        self._fetch_photo = photo
         self._lines = lines
         self._scene = f"{scene.get_host()}:{scene.get_port()}"
         self._socket = _bind(config.host, config.port)
@@ -193,6 +204,7 @@ class WebServer:
         app.router.add_get("/page/icon/{name}.svg", _icon)
         app.router.add_get("/page/words/{language}.json", _words)
         app.router.add_static("/page/", PAGE)
+        app.router.add_get("/photo/{robot}/{name}", self._photo)
         app.router.add_get(SCENE + "{path:.*}", self._pass_to_scene)
         runner = web.AppRunner(app, handle_signals=False, access_log=None, shutdown_timeout=0.5)
         await runner.setup()
@@ -250,14 +262,19 @@ class WebServer:
         page = web.StreamResponse(headers={"Content-Encoding": encoding, "ETag": _etag(body)})
         if request.headers.get("If-None-Match") == page.headers["ETag"]:
             raise web.HTTPNotModified
-        page.content_type, page.content_length = "text/html", len(body)
-        await page.prepare(request)
-        # It is ten times as large as all else: what is small has to get past it.
-        for start in range(0, len(body), CHUNK_BYTES):
-            if request.transport is not None:
-                await wait_for_room(request.transport, CHUNK_BYTES)
-            await page.write(body[start : start + CHUNK_BYTES])
+        page.content_type = "text/html"
+        await _write_slowly(request, page, body)
         return page
+
+    async def _photo(self, request: web.Request) -> web.StreamResponse:
+        found = request.match_info
+        jpeg = await self._fetch_photo(found["robot"], found["name"])
+        if jpeg is None:
+            raise web.HTTPNotFound
+        answer = web.StreamResponse(headers=KEEP_PRIVATE)
+        answer.content_type = "image/jpeg"
+        await _write_slowly(request, answer, jpeg)
+        return answer
 
     async def _join_with_scene(self, request: web.Request) -> web.StreamResponse:
         """Connect a browser with viser, and pass on what each says."""
@@ -282,6 +299,16 @@ async def _index(_: web.Request) -> web.StreamResponse:
     text = (PAGE / "index.html").read_text(encoding="utf-8")
     text = text.replace("{build}", BUILD).replace("{languages}", " ".join(catalogues()))
     return web.Response(text=text, content_type="text/html")
+
+
+async def _write_slowly(request: web.Request, answer: web.StreamResponse, body: bytes) -> None:
+    """Write what is larger than all else, so that what is small gets past it."""
+    answer.content_length = len(body)
+    await answer.prepare(request)
+    for start in range(0, len(body), CHUNK_BYTES):
+        if request.transport is not None:
+            await wait_for_room(request.transport, CHUNK_BYTES)
+        await answer.write(body[start : start + CHUNK_BYTES])
 
 
 async def _words(request: web.Request) -> web.StreamResponse:
