@@ -7,7 +7,10 @@ import yaml
 from trolley.files import read_text
 from trolley_base.importers.findings import Value, shown
 
-_REASONS = {RecursionError: "nested too deep", UnicodeDecodeError: "not UTF-8 text"}
+_REASONS: dict[type[Exception], str] = {
+    RecursionError: "nested too deep",
+    UnicodeDecodeError: "not UTF-8 text",
+}
 
 
 def read_parameters(path: Path, folder: Path, problems: list[str]) -> dict[str, Value]:
