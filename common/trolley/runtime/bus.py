@@ -4,11 +4,12 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+import msgspec
+
 from trolley.topics import Qos
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(msgspec.Struct, frozen=True):
     """Something that arrived: a put, or a delete without payload."""
 
     key: str

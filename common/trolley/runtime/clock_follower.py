@@ -39,6 +39,7 @@ class ClockFollower:
         followed = self._context.clocks.followed(robot)
         if followed.follows(clock, arrived_ns):
             followed.update(clock, arrived_ns)  # of the epoch that is known
+            self._context.timers.look_again()
         elif robot in self._asking:
             return
         elif arrived_ns - self._wrong_ns.get(robot, arrived_ns - ASK_AGAIN_NS) < ASK_AGAIN_NS:
@@ -64,6 +65,7 @@ class ClockFollower:
     ) -> None:
         followed, now_ns = self._context.clocks.followed(robot), self._context.inbox.now_ns()
         settled = followed.settle(clock, arrived_ns, told(replies), now_ns, timed_out=timed_out)
+        self._context.timers.look_again()
         if settled.began:
             self._began(robot, followed.epoch)
         if settled.is_believed:

@@ -4,6 +4,7 @@ Broken input of any kind (truncated, wrong type, out of range, nested too deeply
 `BadPayload`.
 """
 
+import functools
 import json
 from typing import Any, Literal, TypeVar, cast
 from urllib.parse import unquote
@@ -30,8 +31,16 @@ def encode(message: Any, fmt: Format) -> bytes:
     return _JSON_ENCODER.encode(message) if fmt == "json" else _MSGPACK_ENCODER.encode(message)
 
 
+@functools.cache
+def _msgpack_decoder(kind: type[T]) -> msgspec.msgpack.Decoder[T]:
+    """Return the decoder of a kind of message, of which there are as many as streams."""
+    return msgspec.msgpack.Decoder(kind)
+
+
 def detect_format(payload: bytes, encoding: str) -> Format:
     """Tell the format by the encoding without schema suffix, else by the first non-blank byte."""
+    if encoding == MIME["msgpack"]:
+        return "msgpack"
     mime = encoding.partition(";")[0].strip()
     for fmt, name in MIME.items():
         if mime == name:
@@ -48,7 +57,7 @@ def decode(kind: type[T], payload: bytes, encoding: str = "") -> T:
     try:
         if detect_format(payload, encoding) == "json":
             return msgspec.json.decode(payload, type=kind)
-        return msgspec.msgpack.decode(payload, type=kind)
+        return _msgpack_decoder(kind).decode(payload)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise BadPayload(str(error) or type(error).__name__) from error
 

@@ -38,7 +38,8 @@ class Inbox:
         self._urgent: deque[_Entry] = deque()
         self._slots: dict[Hashable, _Entry] = {}
         self._bytes = 0
-        self._condition = threading.Condition()  # its lock may be taken twice by one thread
+        self._lock = threading.RLock()  # one thread may take it twice
+        self._condition = threading.Condition(self._lock)
         self._woken = False
         self.dropped = 0
         """Arrivals lost because too much was waiting."""
@@ -69,7 +70,7 @@ class Inbox:
             False where there was no room and it was dropped.
         """
         arrived_ns = self.now_ns()
-        with self._condition:
+        with self._lock:
             waiting = self._slots.get(slot) if slot is not None else None
             if waiting is not None:
                 waiting.task, waiting.arrived_ns = task, arrived_ns
@@ -94,7 +95,7 @@ class Inbox:
 
     def pop(self) -> tuple[Task, int] | None:
         """Take the oldest arrival, urgent ones first; None if nothing waits."""
-        with self._condition:
+        with self._lock:
             queue = self._urgent or self._queue
             if not queue:
                 return None

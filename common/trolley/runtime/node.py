@@ -49,6 +49,7 @@ class Node:
         self.inbox = Inbox(host.monotonic_ns)
         label = label or service.name
         clocks = RobotClocks(robot, service.own_time)
+        self._own_time = clocks.own
         self._context = Context(robot, bus, self.inbox, Log(label), clocks)
         self._bindings = bindings_of(service, *service.parts)
         owned = {binding.topic for binding, _ in self._bindings if binding.kind == "gets"}
@@ -121,7 +122,7 @@ class Node:
     def next_due_ns(self) -> int:
         """Local monotonic time [ns] at which to step again."""
         context = self._context
-        return context.timers.next_due_ns(self.inbox.now_ns(), context.clocks.own)
+        return context.timers.next_due_ns(self.inbox.now_ns(), self._own_time)
 
     def _open_binding(self, binding: Binding, method: Callable[..., Any]) -> None:
         match binding:
@@ -153,7 +154,7 @@ class Node:
     @property
     def _has_time(self) -> bool:
         """Whether robot time runs: then one `clock` more can wait for something else to do."""
-        return self._context.clocks.own.now(self.inbox.now_ns()) is not None
+        return self._own_time.now(self.inbox.now_ns()) is not None
 
     def _look_after_itself(self) -> None:
         self._clock.wakes = not self._has_time
@@ -161,4 +162,4 @@ class Node:
         self._health.measure()
 
     def _run_timers(self) -> bool:
-        return self._context.timers.run(self.inbox.now_ns, self._context.clocks.own)
+        return self._context.timers.run(self.inbox.now_ns, self._own_time)

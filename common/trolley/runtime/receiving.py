@@ -111,6 +111,16 @@ class Feed:
     is_wish: bool = False
     """Whether it takes wishes to store something: no latest value is read, and none is kept."""
     closer: Closer | None = None
+    _known: tuple[str, tuple[str, tuple[str, ...]]] | None = None
+
+    def matched(self, key: str) -> tuple[str, tuple[str, ...]] | None:
+        """The robot and the varying chunks of a key that may be put; mostly it is the last one."""
+        known = self._known
+        if known is not None and known[0] == key:
+            return known[1]
+        found = None if has_wildcard(key) else self.watch.topic.match(key)
+        self._known = None if found is None else (key, found)
+        return found
 
     def where(self, robot: str, parts: tuple[str, ...]) -> tuple[str, ...]:
         """The varying chunks as its handler gets them: the robot first where all are watched."""
@@ -150,7 +160,7 @@ class Receiver:
             slot = (id(feed), sample.key) if newest_only else None
             size = len(sample.payload)
             if size > topic.max_bytes:  # only its size is worth keeping
-                sample = dataclasses.replace(sample, payload=b"")
+                sample = msgspec.structs.replace(sample, payload=b"")
             context.inbox.push(
                 lambda arrived_ns: self._receive(feed, sample, size, arrived_ns),
                 slot,
@@ -251,7 +261,7 @@ class Receiver:
     ) -> None:
         """Take a message that arrived at `time_ns`, or that was read (asked for at `time_ns`)."""
         topic, watch = feed.watch.topic, feed.watch
-        matched = None if has_wildcard(sample.key) else topic.match(sample.key)
+        matched = feed.matched(sample.key)
         if matched is None:
             self._drop(topic, "key", sample.key, "a key with a wildcard cannot be put")
             return

@@ -159,6 +159,12 @@ class FollowedTime:
         self._last = now if self._last is None else max(self._last, now)
         return self._last
 
+    def even_until_ns(self, monotonic_ns: int) -> int:
+        """Local time [ns] until which it goes on at its rate if no message comes."""
+        if self._heard_ns is None or monotonic_ns - self._heard_ns > SILENCE_NS:
+            return monotonic_ns + SILENCE_NS
+        return self._heard_ns + SILENCE_NS
+
     def _is_behind(self, clock: Clock) -> bool:
         return self._last is not None and clock.stamp_ns < self._last - LATE_NS
 

@@ -4,7 +4,7 @@ import dataclasses
 import heapq
 from collections.abc import Callable
 
-from trolley.runtime.robot_time import TimeSource
+from trolley.runtime.robot_time import FollowedTime, TimeSource
 
 _LONGEST_NS = 1_000_000_000
 _SHORTEST_NS = 500_000
@@ -21,9 +21,12 @@ class _Period:
 class Deadline:
     """A call that is postponed repeatedly, or given up."""
 
-    def __init__(self, now_ns: Callable[[], int], call: Callable[[], None]) -> None:
+    def __init__(
+        self, now_ns: Callable[[], int], call: Callable[[], None], is_set: Callable[[int], None]
+    ) -> None:
         self._now_ns = now_ns
         self._call = call
+        self._is_set = is_set
         self.due_ns: int | None = None
         """Local time at which to call, None if not at all."""
         self._was_due_ns = 0
@@ -32,6 +35,7 @@ class Deadline:
     def set(self, seconds: float) -> None:
         """Call in `seconds` of local time, and not when it was to be called before."""
         self.due_ns = self._now_ns() + round(seconds * 1e9)
+        self._is_set(self.due_ns)
 
     def repeat(self, seconds: float) -> None:
         """Call as many `seconds` after it was due last, as a period does: missed ones are skipped.
@@ -41,6 +45,7 @@ class Deadline:
         period_ns, now_ns = round(seconds * 1e9), self._now_ns()
         missed = (now_ns - self._was_due_ns) // period_ns
         self.due_ns = self._was_due_ns + (missed + 1) * period_ns
+        self._is_set(self.due_ns)
 
     def clear(self) -> None:
         """Do not call."""
@@ -63,23 +68,37 @@ class Timers:
         self._deadlines: list[tuple[int, int, Callable[[], None]]] = []
         self._movable: list[Deadline] = []
         self._count = 0
+        self._quiet_until_ns = 0
+        """Local time before which nothing is due, unless something is added or a clock moves."""
 
     def every(self, seconds: float, call: Callable[[], None], *, is_local: bool) -> None:
         """Call at a period, first as soon as its clock runs."""
         self._periods.append(_Period(int(seconds * 1e9), is_local, call))
+        self.look_again()
 
     def at(self, monotonic_ns: int, call: Callable[[], None]) -> None:
         """Call once at a local time."""
         self._count += 1
         heapq.heappush(self._deadlines, (monotonic_ns, self._count, call))
+        self._is_set(monotonic_ns)
 
     def deadline(self, now_ns: Callable[[], int], call: Callable[[], None]) -> Deadline:
         """Return a deadline that is set and cleared, by this local clock."""
-        self._movable.append(Deadline(now_ns, call))
+        self._movable.append(Deadline(now_ns, call, self._is_set))
         return self._movable[-1]
+
+    def look_again(self) -> None:
+        """Note that robot time may have changed otherwise than by going on."""
+        self._quiet_until_ns = 0
+
+    def _is_set(self, due_ns: int) -> None:
+        self._quiet_until_ns = min(self._quiet_until_ns, due_ns)
 
     def run(self, monotonic_ns: Callable[[], int], time: TimeSource) -> bool:
         """Call what is due; True if anything was."""
+        if monotonic_ns() < self._quiet_until_ns:
+            return False
+        self._quiet_until_ns = 0
         did = False
         while self._deadlines and self._deadlines[0][0] <= monotonic_ns():
             heapq.heappop(self._deadlines)[2]()
@@ -119,4 +138,6 @@ class Timers:
                 # Rounded up, and no busy wait while a simulated clock stands between two steps.
                 wait_ns = -int(-left_ns // time.rate) if left_ns > 0 else _SHORTEST_NS
                 due = min(due, monotonic_ns + wait_ns)
+        if isinstance(time, FollowedTime):  # base's own moves at any moment
+            self._quiet_until_ns = min(due, time.even_until_ns(monotonic_ns))
         return due

@@ -1,5 +1,7 @@
 """Periods and deadlines, with clocks that the test sets."""
 
+from trolley.messages import Clock as ClockMessage
+from trolley.runtime.robot_time import FollowedTime
 from trolley.runtime.timers import Timers
 
 MS = 1_000_000
@@ -147,3 +149,51 @@ def test_periods_of_one_length_begin_together_and_wake_together():
     timers.every(0.1, busy, is_local=True)
     timers.every(0.1, busy, is_local=True)
     assert advance(timers, clock, 1000) <= 11 + 1
+
+
+def followed_time() -> FollowedTime:
+    """Robot time that goes with the local clock, heard of at 0."""
+    time = FollowedTime()
+    time.update(ClockMessage(stamp_ns=0, rate=1.0, epoch=0), 0)
+    return time
+
+
+def test_what_is_set_between_two_looks_is_not_missed() -> None:
+    timers, clock, done = Timers(), Clock(), list[str]()
+    time = followed_time()
+    deadline = timers.deadline(clock.monotonic_ns, lambda: done.append("deadline"))
+    timers.every(0.5, lambda: done.append("period"), is_local=False)
+    timers.run(clock.monotonic_ns, time)
+    assert timers.next_due_ns(0, time) == 500 * MS
+    deadline.set(0.010)
+    timers.at(20 * MS, lambda: done.append("once"))
+    for clock.local_ns in (9 * MS, 10 * MS, 19 * MS, 20 * MS):
+        timers.run(clock.monotonic_ns, time)
+    assert done == ["period", "deadline", "once"]
+
+
+def test_a_clock_that_moves_makes_a_period_due_at_once() -> None:
+    timers, clock, done = Timers(), Clock(), list[str]()
+    time = followed_time()
+    timers.every(0.5, lambda: done.append("period"), is_local=False)
+    timers.run(clock.monotonic_ns, time)
+    timers.next_due_ns(0, time)
+    clock.local_ns = 10 * MS
+    time.update(ClockMessage(stamp_ns=600 * MS, rate=1.0, epoch=0), clock.local_ns)
+    timers.look_again()
+    assert timers.run(clock.monotonic_ns, time)
+    assert done == ["period", "period"]
+
+
+def test_a_period_rests_where_the_clock_has_fallen_silent_between_two_looks() -> None:
+    timers, clock, done = Timers(), Clock(), list[int]()
+    time = followed_time()
+    timers.every(0.7, lambda: done.append(clock.local_ns // MS), is_local=False)
+    for clock.local_ns in (0, 900 * MS, 1300 * MS):
+        timers.run(clock.monotonic_ns, time)
+        timers.next_due_ns(clock.local_ns, time)
+    clock.local_ns = 1390 * MS
+    time.update(ClockMessage(stamp_ns=1390 * MS, rate=1.0, epoch=0), clock.local_ns)
+    timers.look_again()
+    timers.run(clock.monotonic_ns, time)
+    assert done == [0, 900, 1390]  # as soon as its clock runs again
