@@ -42,7 +42,7 @@ def deskew(
         unit_m: unit of length of the result [m], such as the cell edge of a map.
         is_still: the robot stood still during the scan, whatever its wheels did.
     """
-    ranges = np.require(scan.ranges, np.float32, ["C", "W"])
+    ranges = np.array(scan.ranges, np.float32, order="C")  # writable, as the kernel has it
     count = ranges.size
     ends = Points(np.empty(count), np.empty(count))
     starts = Points(np.empty(count), np.empty(count))
@@ -66,7 +66,12 @@ def deskew(
 def is_blind(reach_m: NDArray[np.float32] | NDArray[np.float64], params: FrontEndParams) -> bool:
     """Say whether echoes at such distances (n,) are too few, or too near, to tell anything."""
     telling = int(np.count_nonzero(reach_m > params.telling_range_m))
-    return telling < max(params.min_telling, params.min_telling_share * reach_m.size)
+    return is_too_little(telling, reach_m.size, params)
+
+
+def is_too_little(telling: int, echoes: int, params: FrontEndParams) -> bool:
+    """Say whether so many telling echoes of so many are too few to tell anything."""
+    return telling < max(params.min_telling, params.min_telling_share * echoes)
 
 
 @kernel

@@ -60,12 +60,14 @@ class Estimate:
     """What is the matter, in one sentence; empty when all is well."""
     off_m: float | None = None
     """Distance driven since the map ended [m]; None on the map."""
+    is_held: bool = False
+    """Whether the scan told nothing new: `map_T_odom` is that of the estimate before."""
 
     def held(self, scan: ScanInput) -> "Estimate":
         """Return the same at the stamp of a later scan, which told nothing new."""
         known = self.map_T_odom
         pose = None if known is None else (known @ scan.odom_T_base).wrapped()
-        return replace(self, stamp_ns=scan.stamp_ns, map_T_base=pose)
+        return replace(self, stamp_ns=scan.stamp_ns, map_T_base=pose, is_held=True)
 
 
 class EstimateReporter:

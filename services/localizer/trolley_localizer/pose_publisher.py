@@ -37,6 +37,7 @@ class PosePublisher:
         self._beams_ns = -BEAMS_PERIOD_NS
         self._particles_ns = -PARTICLES_PERIOD_NS
         self._suspects: list[SuspectLine] = []
+        self._is_correction_told = False
         self.latest: PoseEstimate = unknown_pose(0, None, "no map is loaded yet")
         """What is known of the pose."""
         self.map_T_odom: Pose2D | None = None
@@ -44,19 +45,20 @@ class PosePublisher:
 
     def begin_on_map(self, name: str) -> None:
         """Know nothing of the pose on a new map."""
-        self.forget_suspects()
+        self.forget_told()
         self.map_T_odom = None
         self.latest = unknown_pose(self._service.stamp_ns, name, "searching the whole map")
 
-    def forget_suspects(self) -> None:
-        """Publish the suspected mirrors again with the next scan, if there are any."""
+    def forget_told(self) -> None:
+        """Publish `tf/odom`, and the suspected mirrors if any, again with the next scan."""
         self._suspects = []
+        self._is_correction_told = False
 
     def publish(self, loaded: LoadedMap, estimate: Estimate) -> None:
         """Publish an estimate and what goes with it."""
         service, stamp_ns = self._service, estimate.stamp_ns
-        if estimate.map_T_odom is not None and estimate.state in ("localized", "unsure"):
-            service.publish(topics.TF, odom_transform(stamp_ns, estimate.map_T_odom), "odom")
+        if not (estimate.is_held and self._is_correction_told):
+            self._publish_correction(estimate)
         if estimate.state != self.latest.state:
             service.log.info("Pose", state=estimate.state, why=estimate.message or "the scan fits")
         self.latest = pose_message(estimate, loaded.name)
@@ -69,6 +71,13 @@ class PosePublisher:
             self._particles_ns = stamp_ns
             make = partial(particle_message, stamp_ns, loaded.localizer)
             service.publish_if_heard(topics.PARTICLES, make)
+
+    def _publish_correction(self, estimate: Estimate) -> None:
+        """Publish `tf/odom` if the pose is known."""
+        if estimate.map_T_odom is not None and estimate.state in ("localized", "unsure"):
+            transform = odom_transform(estimate.stamp_ns, estimate.map_T_odom)
+            self._service.publish(topics.TF, transform, "odom")
+            self._is_correction_told = True
 
     def publish_suspects(self, localizer: Localizer) -> None:
         """Publish which mirrors are suspected, if that has changed."""

@@ -204,7 +204,7 @@ class LocalizerService(Service):
 
     def lease_ended(self) -> None:
         """Go on from where the odometry says that the robot has gone."""
-        self._publisher.forget_suspects()
+        self._publisher.forget_told()
         self._changes.repeat()
         self._publish_map()
         self._maps.say_health()

@@ -13,6 +13,7 @@ from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.core import Localizer
 from trolley_localizer.kernels import changes as kernels
 from trolley_localizer.kernels.layout import Lines
+from trolley_localizer.kernels.resting import count_same
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 from trolley_localizer.matching.map_matcher import BeamSet, read_beams
 
@@ -29,6 +30,8 @@ def warm_up() -> None:
     mirror = np.array([[1.0, 1.0], [1.0, 1.2]])
     localizer = Localizer(grid, [mirror], LocalizerConfig(), 0)
     ranges = np.full(90, 1.2, np.float32)
+    ranges.flags.writeable = False  # as they come off the wire
+    count_same(ranges, ranges, 0.1, 0.1)
     scans = [
         ScanInput(
             stamp_ns=number + 1,

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from trolley.geometry.kernels import solve_spd
 from trolley.scanning import Points
 from trolley_localizer.kernels import matching as kernels
+from trolley_localizer.kernels.beams import mark_echoes, take_evenly
 from trolley_localizer.kernels.elementary import angle_of, exp_below_zero, sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines
 from trolley_localizer.kernels.matching import refine_pose, sample_field, score_particles
@@ -24,6 +25,7 @@ from trolley_localizer.kernels.particles import (
     weigh,
 )
 from trolley_localizer.kernels.random import normal
+from trolley_localizer.kernels.resting import count_same
 from trolley_localizer.kernels.search import Pyramid, bound_block, reduce_level
 
 
@@ -263,3 +265,50 @@ def test_a_block_bounds_every_pose_in_it() -> None:
                 for c in range(4 * col, min(4 * col + 4, cols[0]))
             ]
             assert bound >= max(inside)
+
+
+def some_ranges(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Ranges with whatever a lidar may send in place of an echo."""
+    ranges = rng.uniform(0.1, 6.0, count).astype(np.float32)
+    odd = np.array([np.nan, np.inf, -np.inf, 0.0, -1.0], np.float32)
+    return np.where(rng.random(count) < 0.3, rng.choice(odd, count), ranges)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_same_echoes_are_counted(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    first = some_ranges(rng, 50)
+    later = np.where(rng.random(50) < 0.7, first + np.float32(0.05), some_ranges(rng, 50))
+    had, has = (np.isfinite(one) & (one > 0.0) for one in (first, later))
+    with np.errstate(invalid="ignore"):
+        near = np.abs(later - first) <= 0.03 + 0.02 * first
+    most = max(np.count_nonzero(had), np.count_nonzero(has))
+    both = np.count_nonzero(had & has)
+    same = np.count_nonzero(near & had & has)
+    assert count_same(first, later, 0.03, 0.02) == (most, both, same)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_echoes_of_a_scan_are_marked(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ranges = some_ranges(rng, 50)
+    echoes = np.flatnonzero(ranges > 0.3)
+    classes = np.empty(50, np.uint8)
+    telling = mark_echoes(classes, ranges, echoes, 2.5)
+    assert telling == np.count_nonzero(ranges[echoes] > 2.5)
+    assert (np.flatnonzero(classes == kernels.NOT_ON_MAP) == echoes).all()
+    assert np.count_nonzero(classes == kernels.UNUSED) == 50 - echoes.size
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
+def test_some_points_are_taken_evenly(seed: int, phase: float) -> None:
+    rng = np.random.default_rng(seed)
+    points = Points(rng.random(200), rng.random(200))
+    used = np.flatnonzero(rng.random(200) < 0.8)
+    count = int(rng.integers(1, used.size))
+    chosen = ((np.arange(count) + phase) * (used.size / count)).astype(np.int64)
+    index = used[np.minimum(chosen, used.size - 1)]
+    taken = Points(np.empty(count), np.empty(count))
+    take_evenly(taken, points, used, phase)
+    assert (taken.x == points.x[index]).all()
+    assert (taken.y == points.y[index]).all()

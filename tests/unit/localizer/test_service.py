@@ -176,6 +176,35 @@ def test_each_scan_gives_a_pose_and_before_it_the_transform(
     assert robot.bus.counters("localizer") == {}
 
 
+def test_standing_it_repeats_an_unchanged_transform_once_a_second(
+    make_robot: MakeRobot, flat: GridMap
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(4.0)
+    assert robot.last.state == "localized"
+    poses, transforms = len(robot.poses), len(robot.transforms)
+    robot.drive(5.0)
+    assert len(robot.poses) - poses == 50
+    assert 4 <= len(robot.transforms) - transforms <= 6
+    assert robot.last.pose is not None
+    held = robot.transforms[-1].pose @ robot.odom
+    assert held.distance_to(robot.last.pose) < 1e-9
+
+
+@pytest.mark.parametrize("push", [(0.4, 0.0), (0.0, 0.8)])
+def test_a_push_that_the_wheels_feel_is_in_the_next_pose(
+    make_robot: MakeRobot, flat: GridMap, push: tuple[float, float]
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(5.0)
+    poses, transforms = len(robot.poses), len(robot.transforms)
+    robot.drive(0.1, *push)
+    assert len(robot.poses) == poses + 1
+    assert len(robot.transforms) == transforms + 1
+    assert robot.transforms[-1].stamp_ns == robot.last.stamp_ns
+    assert robot.error_m() < 0.02
+
+
 def test_without_a_start_it_searches_and_keeps_tf_back_until_it_knows(
     make_robot: MakeRobot,
 ) -> None:

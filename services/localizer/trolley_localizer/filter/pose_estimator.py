@@ -90,6 +90,7 @@ class AlignedPose:
         self._config = config
         self.pose = np.zeros(3)
         self.covariance = np.eye(3)
+        self._inverted = self._inverse = np.eye(3)
 
     def reset(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
         """Start anew at a pose."""
@@ -153,7 +154,10 @@ class AlignedPose:
         """Return how firmly the odometry holds the pose (3, 3)."""
         if is_free:
             return np.diag([1e-4, 1e-4, 1e-2])
-        return np.asarray(np.linalg.inv(self.covariance), np.float64)
+        if self._inverted is not self.covariance:
+            self._inverted = self.covariance
+            self._inverse = np.asarray(np.linalg.inv(self.covariance), np.float64)
+        return self._inverse
 
     def accept(
         self, pose: NDArray[np.float64], information: NDArray[np.float64], *, is_free: bool
@@ -363,8 +367,9 @@ class PoseEstimator:
         """Return how far off the odometry may have led the estimate [cells, rad]."""
         if self._given_root is not None:
             return 0.0, 0.0
-        across = math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
-        return 2.0 * across, 2.0 * math.sqrt(float(self.covariance[2, 2]))
+        xx, xy, yy = (float(self.covariance[at]) for at in ((0, 0), (1, 0), (1, 1)))
+        longest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)  # the larger eigenvalue
+        return 2.0 * math.sqrt(longest), 2.0 * math.sqrt(float(self.covariance[2, 2]))
 
     def _farness(self, pose: NDArray[np.float64], drift: tuple[float, float]) -> float:
         """Say how far a pose lies from the estimate: 0 is here, 1 too far for a small slip."""

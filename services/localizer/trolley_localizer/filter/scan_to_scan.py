@@ -93,7 +93,7 @@ class View:
         self.beams = beams
         self.ends = beams.points(beams.used)
         self._resolution = resolution
-        self._laser = np.array([beams.start.x.mean(), beams.start.y.mean()])
+        self._laser = np.array([np.add.reduce(part) / part.size for part in beams.start])
         self._near = np.empty(PARAMS.num_bins)
         self._far = np.empty(PARAMS.num_bins)
         draw_view(self._near, self._far, self.ends, self._laser, PARAMS.reach_bins)

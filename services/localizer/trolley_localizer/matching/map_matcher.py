@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
-from trolley.deskewing import deskew, is_blind
+from trolley.deskewing import deskew, is_too_little
 from trolley.scanning import FrontEndParams, Points, ScanInput
 from trolley_localizer.kernels import matching as kernels
+from trolley_localizer.kernels.beams import mark_echoes, take_evenly
 from trolley_localizer.kernels.layout import Lines
-from trolley_localizer.kernels.matching import NOT_ON_MAP, UNUSED, refine_pose, score_pose
+from trolley_localizer.kernels.matching import refine_pose, score_pose
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 
 FRONT_END = FrontEndParams(
@@ -53,11 +54,11 @@ class BeamSet:
             count: how many at most.
             phase: 0 ... 1, shifts the choice between neighbours.
         """
-        size = self.used.size
-        if size <= count:
+        if self.used.size <= count:
             return self.points(self.used)
-        chosen = ((np.arange(count) + phase) * (size / count)).astype(np.int64)
-        return self.points(self.used[np.minimum(chosen, size - 1)])
+        chosen = Points(np.empty(count), np.empty(count))
+        take_evenly(chosen, self.end, self.used, phase)
+        return chosen
 
     def only(self, classes: NDArray[np.uint8], used: NDArray[np.int64]) -> "BeamSet":
         """Return the same beams with other classes, fewer of them used."""
@@ -67,9 +68,9 @@ class BeamSet:
 def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSet:
     """Deskew a scan into `base_link`, in cells of `resolution` [m]."""
     seen = deskew(scan, FRONT_END, max_range_m, resolution)
-    classes = np.full(scan.ranges.size, UNUSED, np.uint8)
-    classes[seen.echoes] = NOT_ON_MAP
-    blind = is_blind(scan.ranges[seen.echoes], FRONT_END)
+    classes = np.empty(scan.ranges.size, np.uint8)
+    telling = mark_echoes(classes, scan.ranges, seen.echoes, FRONT_END.telling_range_m)
+    blind = is_too_little(telling, seen.echoes.size, FRONT_END)
     return BeamSet(seen.ends, seen.starts, classes, seen.echoes, blind)
 
 

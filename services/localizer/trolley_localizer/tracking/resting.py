@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import wrap_angle
 from trolley.scanning import ScanInput
+from trolley_localizer.kernels.resting import count_same
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,18 +74,9 @@ def _stands(first: ScanInput, scan: ScanInput) -> bool:
     )
 
 
-def _looks_same(first: NDArray[np.floating], ranges: NDArray[np.floating]) -> bool:
+def _looks_same(first: NDArray[np.float32], ranges: NDArray[np.float32]) -> bool:
     """Say whether nearly all echoes of two scans (n,) [m] are at the same distance."""
     if first.shape != ranges.shape:
         return False
-    had, has = _echoes(first), _echoes(ranges)
-    with np.errstate(invalid="ignore"):
-        near = np.abs(ranges - first) <= PARAMS.same_m + PARAMS.same_share * first
-    both = np.count_nonzero(had & has)
-    most = max(np.count_nonzero(had), np.count_nonzero(has))
-    num_same = np.count_nonzero(near & had & has)
-    return bool(both >= PARAMS.least_both * most and num_same >= PARAMS.least_same * both)
-
-
-def _echoes(ranges: NDArray[np.floating]) -> NDArray[np.bool_]:
-    return np.isfinite(ranges) & (ranges > 0.0)
+    most, both, num_same = count_same(first, ranges, PARAMS.same_m, PARAMS.same_share)
+    return both >= PARAMS.least_both * most and num_same >= PARAMS.least_same * both
