@@ -107,6 +107,19 @@ def is_to_blame(v: float, away: tuple[float, float], turned: tuple[float, float]
 
 
 @kernel
+def with_gap_cost(total: float, gap_m: float, v: float) -> float:
+    """Return a cost with that of a gap to a person added, for a robot at speed v."""
+    if gap_m < PROXIMITY.near_m:
+        near = min(1.0 - gap_m / PROXIMITY.near_m, PROXIMITY.most_cost)
+        total += near * near
+    if gap_m < PROXIMITY.touch_m:
+        # Not limited: the less of the robot is in the way, the better.
+        deep_m = PROXIMITY.touch_m - gap_m
+        total += PROXIMITY.touch * deep_m * deep_m * (1.0 + PROXIMITY.moving * abs(v))
+    return total
+
+
+@kernel
 def people_proximity_cost(
     walkers: NDArray[np.float64],
     body: tuple[NDArray[np.float64], float, float],
@@ -140,13 +153,7 @@ def people_proximity_cost(
         gap = disc_gap(outline, inscribed, away, turned, radius)
         if gap < PROXIMITY.meet_m and time_s <= PROXIMITY.sure_s and is_to_blame(v, away, turned):
             return math.inf
-        if gap < PROXIMITY.near_m:
-            near = min(1.0 - gap / PROXIMITY.near_m, PROXIMITY.most_cost)
-            total += near * near
-        if gap < PROXIMITY.touch_m:
-            # Not limited: the less of the robot is in the way, the better.
-            deep_m = PROXIMITY.touch_m - gap
-            total += PROXIMITY.touch * deep_m * deep_m * (1.0 + PROXIMITY.moving * abs(v))
+        total = with_gap_cost(total, gap, v)
     return total
 
 
@@ -330,32 +337,6 @@ def proximity_cost(
     if robots.shape[0] > 0:
         near += robots_proximity_cost(robots, body, place, turned, v, time_s)
     return near
-
-
-@kernel
-def discs_in_reach(
-    walkers: NDArray[np.float64], robots: NDArray[np.float64], circumscribed_m: float, time_s: float
-) -> NDArray[np.float64]:
-    """Return discs (n, 3) x, y, radius [m] outside all of which `proximity_cost` is 0.
-
-    Args:
-        walkers: (n, 6) see `Field.walkers`.
-        robots: (n, steps, 3) see `Field.robots`.
-        circumscribed_m: radius of the robot.
-        time_s: from now.
-    """
-    discs = np.empty((walkers.shape[0] + robots.shape[0], 3))
-    reach = circumscribed_m + PROXIMITY.near_m
-    for index in range(walkers.shape[0]):
-        discs[index, 0] = walkers[index, 0] + time_s * walkers[index, 2]
-        discs[index, 1] = walkers[index, 1] + time_s * walkers[index, 3]
-        discs[index, 2] = walkers[index, 4] + PROXIMITY.most_spread_m + reach
-    step = min(round(time_s / ROBOT_DT_S), robots.shape[1] - 1)
-    for index in range(robots.shape[0]):
-        disc = discs[walkers.shape[0] + index]
-        disc[0], disc[1] = robots[index, step, 0], robots[index, step, 1]
-        disc[2] = robots[index, step, 2] + PROXIMITY.robot_most_spread_m + reach
-    return discs
 
 
 @kernel

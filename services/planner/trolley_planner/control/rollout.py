@@ -12,9 +12,15 @@ from numpy.typing import NDArray
 from trolley.jit import kernel
 from trolley_planner.control.critics import CRITICS, Target, cost_at, step_cost, terminal_cost
 from trolley_planner.control.look_ups import LookUps, look_up, make_look_ups
-from trolley_planner.control.proximity import discs_in_reach, proximity_cost, standing_cost
+from trolley_planner.control.proximity import (
+    PROXIMITY,
+    is_to_blame,
+    standing_cost,
+    with_gap_cost,
+)
 from trolley_planner.control.robot_motion import Limits, caution_speed, followed, moved, zone_speed
 from trolley_planner.costmap.footprint import FEW_DO_M, Body, Field, clearance_turned
+from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 
 
 class Scene(NamedTuple):
@@ -85,7 +91,7 @@ class Lanes(NamedTuple):
     look_ups: LookUps
 
 
-MOST_LANES, MOST_LOOK_UPS = 256, 512
+MOST_LANES, MOST_LOOK_UPS = 1024, 1024
 """Most lanes of a batch and most look-ups at once that stay in the cache; found by
 bench/planner/rollouts."""
 NUM_VALUES = 11
@@ -276,24 +282,82 @@ def look_at_outline(lanes: Lanes, count: int, scene: Scene, points: NDArray[np.f
 
 @kernel
 def look_for_others(lanes: Lanes, count: int, time_s: float, scene: Scene) -> None:
-    """Find how near each lane comes to people and other robots."""
-    walkers, robots, body = scene.field.walkers, scene.field.robots, scene.body
+    """Find how near each lane comes to people and other robots; as `proximity_cost`."""
+    walkers, robots, near = scene.field.walkers, scene.field.robots, lanes.near
     if walkers.shape[0] + robots.shape[0] == 0:
         return
-    x, y, cos, sin, v, near = lanes.x, lanes.y, lanes.cos, lanes.sin, lanes.v, lanes.near
-    walked = body.few_points, body.inscribed_m, body.circumscribed_m
-    discs, is_close = discs_in_reach(walkers, robots, body.circumscribed_m, time_s), lanes.is_marked
-    is_close[:count] = False
-    for disc in range(discs.shape[0]):
-        disc_x, disc_y, reach = discs[disc, 0], discs[disc, 1], discs[disc, 2] * discs[disc, 2]
-        for lane in range(count):
-            away_x, away_y = disc_x - x[lane], disc_y - y[lane]
-            is_close[lane] |= away_x * away_x + away_y * away_y < reach
+    near[:count] = 0.0
+    is_sure, least = time_s <= PROXIMITY.sure_s, lanes.least
+    for number in range(walkers.shape[0]):
+        x = walkers[number, 0] + time_s * walkers[number, 2]
+        y = walkers[number, 1] + time_s * walkers[number, 3]
+        spread = min(walkers[number, 5] * time_s, PROXIMITY.most_spread_m)
+        num_close = find_gaps(lanes, count, (x, y, walkers[number, 4] + spread), scene.body)
+        for index in range(num_close):
+            lane, gap = int(lanes.close[index]), float(least[index])
+            if is_sure and gap < PROXIMITY.meet_m and meets(lanes, lane, (x, y)):
+                near[lane] = math.inf
+            near[lane] = with_gap_cost(near[lane], gap, lanes.v[lane])
+    if robots.shape[0] == 0:
+        return
+    nearest = lanes.scratch
+    nearest[:count] = PROXIMITY.near_m
+    step = min(round(time_s / ROBOT_DT_S), robots.shape[1] - 1)
+    spread = min(PROXIMITY.robot_spread_mps * time_s, PROXIMITY.robot_most_spread_m)
+    for number in range(robots.shape[0]):
+        x, y, radius = robots[number, step, 0], robots[number, step, 1], robots[number, step, 2]
+        num_close = find_gaps(lanes, count, (x, y, radius + spread), scene.body)
+        for index in range(num_close):
+            lane, gap = int(lanes.close[index]), float(least[index])
+            if is_sure and gap < PROXIMITY.meet_m and meets(lanes, lane, (x, y)):
+                near[lane] = math.inf
+            nearest[lane] = min(nearest[lane], gap)
     for lane in range(count):
-        near[lane] = 0.0
-        if is_close[lane]:
-            then = (x[lane], y[lane]), (cos[lane], sin[lane]), time_s
-            near[lane] = proximity_cost(walkers, robots, walked, then, v[lane])
+        share = min(1.0 - nearest[lane] / PROXIMITY.near_m, PROXIMITY.most_cost)
+        near[lane] += share * share
+
+
+@kernel
+def find_gaps(lanes: Lanes, count: int, disc: tuple[float, float, float], body: Body) -> int:
+    """Write which lanes are near a disc x, y, radius, and the gaps to it; as `disc_gap`.
+
+    Returns:
+        How many they are.
+    """
+    x, y, radius = disc
+    lane_x, lane_y, close, points = lanes.x, lanes.y, lanes.close, body.few_points
+    u, v, squared, least = lanes.col, lanes.row, lanes.cos_by_cell, lanes.least
+    reach = radius + PROXIMITY.near_m + body.circumscribed_m
+    num_close = 0
+    for lane in range(count):
+        away_x, away_y = x - lane_x[lane], y - lane_y[lane]
+        close[num_close] = lane
+        num_close += 1 if away_x * away_x + away_y * away_y < reach * reach else 0
+    for index in range(num_close):
+        lane = close[index]
+        away_x, away_y = x - lane_x[lane], y - lane_y[lane]
+        cos, sin = lanes.cos[lane], lanes.sin[lane]
+        u[index], v[index] = cos * away_x + sin * away_y, cos * away_y - sin * away_x
+        squared[index] = away_x * away_x + away_y * away_y
+        least[index] = math.inf
+    for point in range(points.shape[0]):
+        point_x, point_y = points[point, 0], points[point, 1]
+        for index in range(num_close):
+            dx, dy = point_x - u[index], point_y - v[index]
+            least[index] = min(least[index], dx * dx + dy * dy)
+    inside = body.inscribed_m * body.inscribed_m
+    for index in range(num_close):
+        least[index] = math.sqrt(least[index]) - radius
+        if squared[index] < inside:
+            least[index] = math.sqrt(squared[index]) - body.inscribed_m - radius
+    return num_close
+
+
+@kernel
+def meets(lanes: Lanes, lane: int, place: tuple[float, float]) -> bool:
+    """Say whether the robot would be to blame for meeting what is at a place."""
+    away = place[0] - lanes.x[lane], place[1] - lanes.y[lane]
+    return is_to_blame(lanes.v[lane], away, (lanes.cos[lane], lanes.sin[lane]))
 
 
 @kernel
