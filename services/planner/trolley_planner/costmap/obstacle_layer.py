@@ -115,7 +115,8 @@ class ObstacleLayer:
         self._now_ticks = ticks(now_ns)
         now = self._scan_number, self._now_ticks
         # Before the robot's own place is cleared, and apart from the beams that show people.
-        mark_echoes(self.grid, wall_distance_m, _beams_to(further, sweep.end), limits, *now)
+        if len(further) > 0:
+            mark_echoes(self.grid, wall_distance_m, _beams_to(further, sweep.end), limits, *now)
         body_cells = sweep.end.transform_points(sweep.body_laser) / self._resolution_m
         clear_inside_robot(self.grid, body_cells, self._resolution_m, now)
         mark_echoes(self.grid, wall_distance_m, beams, limits, *now)
