@@ -26,17 +26,21 @@ class Plan:
     Attributes:
         walls: (rows, cols) a map's values, doors open, nothing in the rooms.
         doors: openings in the walls.
-        furniture: pieces on the floor.
+        furniture: the boxes of the pieces on the floor.
+        shapes: the cells (rows, cols) that each piece takes of its box.
     """
 
     walls: NDArray[np.int8]
     doors: tuple[Rect, ...]
     furniture: tuple[Rect, ...]
+    shapes: tuple[NDArray[np.bool_], ...]
 
     def built(self, closed: tuple[Rect, ...] = ()) -> GridMap:
         """The house with some of its doors closed."""
         cells = self.walls.copy()
-        for r0, r1, c0, c1 in (*self.furniture, *closed):
+        for (r0, r1, c0, c1), shape in zip(self.furniture, self.shapes, strict=True):
+            cells[r0:r1, c0:c1][shape] = OCCUPIED
+        for r0, r1, c0, c1 in closed:
             cells[r0:r1, c0:c1] = OCCUPIED
         return GridMap("house", RESOLUTION, Pose2D(0.0, 0.0, 0.0), cells)
 
@@ -56,7 +60,9 @@ def plan_house(size_m: float, seed: int) -> Plan:
     inner = margin + WALL_CELLS
     doors: list[Rect] = []
     _divide(cells, (inner, count - inner, inner, count - inner), doors, rng)
-    return Plan(cells, tuple(doors), tuple(_furnish(cells.copy(), rng)))
+    pieces = tuple(_furnish(cells.copy(), rng))
+    shapes = tuple(np.ones((r1 - r0, c1 - c0), bool) for r0, r1, c0, c1 in pieces)
+    return Plan(cells, tuple(doors), pieces, shapes)
 
 
 def _divide(

@@ -11,12 +11,12 @@ import tempfile
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from bench.harness.houses import RESOLUTION, WALL_CELLS, Plan, Rect, plan_house
 from bench.harness.mapping import map_drive
+from bench.harness.odd_houses import plan_odd_house
 from bench.mapper.house_tours import BASE_T_LASER, House, drive, inhabited
 from bench.mapper.simulated_houses import fitted
 from numpy.typing import NDArray
@@ -37,7 +37,9 @@ FAR_M, FAR_RAD = 0.5, math.radians(20.0)
 MAPPED_SHARE = 0.5
 """Where a smaller share of the beams ends on what the map knows, the robot is off the map."""
 LONGEST_S = 600.0
-"""A drive that has not seen all of the house by then ends [s]."""
+"""A drive that has seen all of the house goes on to places at random until then [s]."""
+HOUSES = {"square": plan_house, "odd": plan_odd_house}
+"""What draws houses: those of `houses`, and those of `odd_houses`."""
 AWAY_S = 2.0
 """Shorter excursions off the map do not count [s]."""
 
@@ -77,6 +79,15 @@ CASES = (
 )
 
 
+NOWHERE = Pose2D(1e5, 1e5, 0.0)
+"""The truth on the map of another house: no estimate is right."""
+
+
+def told_at(start: Pose2D) -> Pose2D:
+    """A pose as somebody sets it who looks at the map."""
+    return start @ Pose2D(0.2, -0.1, math.radians(8.0))
+
+
 @dataclass(frozen=True)
 class Visit:
     """A map, and a drive on which it is used.
@@ -84,13 +95,14 @@ class Visit:
     Attributes:
         grid: the map.
         scans: of the drive.
-        truths: map_T_base at each of them.
-        start: of the map's own drive, where the second begins as well.
+        truths: map_T_base at each of them; `NOWHERE` where the map does not show the place.
+        told: the pose that the localizer is given at the start; None: it searches.
     """
 
     grid: GridMap
     scans: list[ScanInput]
     truths: list[Pose2D]
+    told: Pose2D | None
 
     def mapped_shares(self) -> NDArray[np.float64]:
         """Share of the beams of each scan (n,) that truly end on what the map knows."""
@@ -130,19 +142,46 @@ class Visits:
     Args:
         area_m2: floor of the houses, about.
         keep: a folder for what was made; None: nothing is kept.
+        houses: which kind of houses, one of `HOUSES`.
+        longest_s: a drive goes on to places at random, and ends then [s].
     """
 
-    def __init__(self, area_m2: float, keep: Path | None) -> None:
-        self._area_m2 = area_m2
+    def __init__(
+        self,
+        area_m2: float,
+        keep: Path | None,
+        houses: str = "square",
+        longest_s: float = LONGEST_S,
+    ) -> None:
+        self.area_m2 = area_m2
         self._keep = keep
+        self._draw = HOUSES[houses]
+        self._longest_s = longest_s
+        self._seeds: list[int] = []
+
+    def seed_of(self, number: int) -> int:
+        """The seed of a house, counting those that have rooms to shut off."""
+        seed = self._seeds[-1] if self._seeds else -1
+        while len(self._seeds) <= number:
+            seed += 1
+            plan = self.plan(seed)
+            if plan.doors and doors_to_close(plan, seed):
+                self._seeds.append(seed)
+        return self._seeds[number]
+
+    def plan(self, seed: int) -> Plan:
+        """The house of a seed."""
+        return self._draw(math.sqrt(self.area_m2) + 1.4, seed)
+
+    def mapped(self, number: int) -> GridMap:
+        """The map that the mapper makes of a house."""
+        seed = self.seed_of(number)
+        return self._map_of(inhabited(self.plan(seed).built(), seed, WIDE, 0.02, 0), seed)
 
     def make(self, case: Case, number: int) -> Visit:
-        """The second visit of one of the houses that have rooms to shut off."""
-        seed = -1
-        while number >= 0:
-            seed += 1
-            plan = plan_house(math.sqrt(self._area_m2) + 1.4, seed)
-            number -= bool(plan.doors and doors_to_close(plan, seed))
+        """The second visit of one of the houses."""
+        seed = self.seed_of(number)
+        plan = self.plan(seed)
         if case.is_extended:
             plan = built_on(plan, np.random.default_rng(seed))
         closed = doors_to_close(plan, seed) if case.opens_doors else ()
@@ -157,7 +196,7 @@ class Visits:
         scans, truths = self._drive(second, seed + 1)
         if case.is_cropped:
             grid = cropped(grid, first.start)
-        return Visit(grid, scans, truths)
+        return Visit(grid, scans, truths, told_at(truths[0]))
 
     def _map_of(self, house: House, seed: int) -> GridMap:
         """What the mapper makes of a house, its frame fitted to the house's."""
@@ -175,7 +214,7 @@ class Visits:
 
     def _drive(self, house: House, seed: int) -> tuple[list[ScanInput], list[Pose2D]]:
         def make() -> dict[str, NDArray]:
-            made = list(islice(drive(house, seed), round(LONGEST_S * house.spec.lidar.rate_hz)))
+            made = list(drive(house, seed, self._longest_s))
             return {
                 "stamps": np.array([scan.stamp_ns for scan, _ in made]),
                 "ranges": np.stack([scan.ranges for scan, _ in made]),
@@ -185,7 +224,7 @@ class Visits:
                 "angles": np.array([made[0][0].angle_min, made[0][0].angle_increment]),
             }
 
-        found = self._kept(f"drive-{digest(house, seed)}", make)
+        found = self._kept(f"drive-{digest(house, seed)}-{self._longest_s:g}", make)
         lidar = house.spec.lidar
         scans = [
             ScanInput(
@@ -267,7 +306,7 @@ def built_on(plan: Plan, rng: np.random.Generator) -> Plan:
     cells[r + width : r + width + 10, niche : niche + 20] = FREE
     cells[r : r + width, inside : inside + WALL_CELLS] = FREE
     door = (r, r + width, inside, inside + WALL_CELLS)
-    return Plan(cells, (*plan.doors, door), plan.furniture)
+    return replace(plan, walls=cells, doors=(*plan.doors, door))
 
 
 def moved(plan: Plan, start: Pose2D, rng: np.random.Generator) -> Plan:
@@ -352,6 +391,20 @@ class Track:
         """Where the map knows what the robot sees."""
         return self.mapped >= MAPPED_SHARE
 
+    def wrongs(self) -> list[dict[str, float]]:
+        """When it was sure and wrong: from when, for how long [s], and how far off at most [m]."""
+        wrong = np.concatenate([[0], self.is_sure & ~self.is_right, [0]]).astype(np.int8)
+        edges = np.flatnonzero(np.diff(wrong))
+        return [
+            {
+                "at_s": round(float(self.stamps_s[first]), 1),
+                "for_s": round(float(self.stamps_s[last - 1] - self.stamps_s[first]), 1),
+                "off_m": round(min(float(self.error_m[first:last].max()), 1e5), 2),
+                "turned_deg": round(math.degrees(float(self.error_rad[first:last].max())), 1),
+            }
+            for first, last in zip(edges[0::2], edges[1::2], strict=True)
+        ]
+
     def returns_s(self) -> list[float]:
         """Time from each return to the map until it was right and said so [s].
 
@@ -391,11 +444,11 @@ def estimates(localizer: Localizer, scans: list[ScanInput], late: int) -> Iterat
         yield estimate
 
 
-def follow(visit: Visit, seed: int, late: int = 0, *, is_told: bool = True) -> Track:
-    """Let a localizer follow a visit, from where it began or from nothing."""
+def follow(visit: Visit, seed: int, late: int = 0) -> Track:
+    """Let a localizer follow a visit, from the pose that it is told or from nothing."""
     localizer = Localizer(visit.grid, [], LocalizerConfig(), seed)
-    if is_told:
-        localizer.set_pose(visit.truths[0] @ Pose2D(0.2, -0.1, math.radians(8.0)))
+    if visit.told is not None and localizer.pose_problem(visit.told) is None:
+        localizer.set_pose(visit.told)
     count = len(visit.scans)
     error_m, error_rad = np.full(count, np.inf), np.full(count, np.inf)
     states: list[str] = []
@@ -417,12 +470,28 @@ def way_m(truths: list[Pose2D]) -> NDArray[np.float64]:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
-def sure_after_m(grid: GridMap, visit: Visit, first: int, reach_m: float, late: int) -> float:
-    """How far a robot that searches itself on a map drives until it is sure; infinite if never."""
+def sure_on(
+    grid: GridMap, visit: Visit, first: int, reach_m: float, late: int
+) -> dict[str, float | None]:
+    """How far a robot that searches itself on a foreign map drives until it is sure, and how long.
+
+    Args:
+        grid: of another house.
+        visit: whose scans are used.
+        first: the scan at which the search begins.
+        reach_m: distance that is driven [m].
+        late: results of searches arrive so many scans late.
+    """
     way = way_m(visit.truths[first:])
     last = int(np.searchsorted(way, reach_m))
     localizer = Localizer(grid, [], LocalizerConfig(), 0)
-    for k, one in enumerate(estimates(localizer, visit.scans[first : first + last], late)):
-        if one.state == "localized":
-            return float(way[k])
-    return math.inf
+    sure = [
+        one.state == "localized"
+        for one in estimates(localizer, visit.scans[first : first + last], late)
+    ]
+    since_m = float(way[sure.index(True)]) if any(sure) else None
+    period_s = (visit.scans[1].stamp_ns - visit.scans[0].stamp_ns) * 1e-9
+    return {
+        "sure_m": None if since_m is None else round(since_m, 2),
+        "sure_s": round(sum(sure) * period_s, 1),
+    }

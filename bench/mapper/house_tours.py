@@ -169,17 +169,21 @@ class Roads:
             nodes.append(int(before[nodes[-1]]))
         return np.array([self.point(node) for node in reversed(nodes)])
 
+    def _distances(self, start: int) -> NDArray[np.float64]:
+        """Cost of the path from one node to each (nodes,); infinite where none leads."""
+        return csgraph.dijkstra(self._graph, directed=False, indices=[start])[0]
+
     def tour(self, start: Pose2D) -> NDArray[np.float64]:
         """Points (n, 2) of a path past everything that can be reached and back to the start."""
         every = round(SPACING_M / (2 * self._grid.resolution))
         targets = np.flatnonzero((self._rows % every == 0) & (self._cols % every == 0))
         places = np.array([self.point(int(node)) for node in targets]).reshape(-1, 2)
-        left = np.ones(len(targets), bool)
         at = home = self.nearest(start)
+        # On every second cell the narrowest places may be cut: no path leads to what lies behind.
+        left = np.isfinite(self._distances(home)[targets])
         parts: list[NDArray[np.float64]] = []
         while left.any():
-            costs = csgraph.dijkstra(self._graph, directed=False, indices=[at])[0]
-            nearest = int(np.argmin(np.where(left, costs[targets], np.inf)))
+            nearest = int(np.argmin(np.where(left, self._distances(at)[targets], np.inf)))
             way = self.way(at, int(targets[nearest]))
             parts.append(way)
             at = int(targets[nearest])
@@ -189,10 +193,36 @@ class Roads:
         parts.append(self.way(at, home))
         return np.vstack(parts)
 
+    def wander(
+        self, start: Pose2D, length_m: float, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Points (n, 2) of a path to places at random, at least so long."""
+        at = self.nearest(start)
+        reachable = np.flatnonzero(np.isfinite(self._distances(at)))
+        parts, left_m = [np.empty((0, 2))], length_m
+        while left_m > 0.0:
+            to = int(rng.choice(reachable))
+            parts.append(self.way(at, to))
+            # At least one point: where nothing else can be reached the robot turns on the spot.
+            left_m -= 0.1 * len(parts[-1])
+            at = to
+        return np.vstack(parts)
 
-def drive(house: House, seed: int) -> Iterator[tuple[ScanInput, Pose2D]]:
-    """Drive the tour; gives each scan as the mapper gets it, and the true map_T_base at it."""
-    way = Roads(house).tour(house.start)
+
+def drive(house: House, seed: int, longest_s: float = 0.0) -> Iterator[tuple[ScanInput, Pose2D]]:
+    """Drive the tour; gives each scan as the mapper gets it, and the true map_T_base at it.
+
+    Args:
+        house: where.
+        seed: of the robot's errors.
+        longest_s: the drive goes on to places at random, and ends then [s]; 0: after the tour.
+    """
+    roads = Roads(house)
+    way = roads.tour(house.start)
+    if longest_s > 0.0:
+        further_m = longest_s * SPEED_MPS
+        further = roads.wander(house.start, further_m, np.random.default_rng(seed))
+        way = np.vstack([way, further])
     simulation = Simulation(
         house.spec, house.grid, RobotBody(FOOTPRINT, BASE_T_LASER), seed, house.start
     )
@@ -215,6 +245,8 @@ def drive(house: House, seed: int) -> Iterator[tuple[ScanInput, Pose2D]]:
             odom.append(odom[-1] @ simulation.take_motion().previous_T_base)
             truth.append(simulation.truth().pose)
         for scan in simulation.take_scans():
+            if 0.0 < longest_s < scan.stamp_ns * 1e-9:
+                return
             yield _scan_input(scan, odom), _at(truth, scan.stamp_ns)
 
 
