@@ -6,7 +6,6 @@ Frames: `map` (the user's), `grid` (columns and rows of the map, in cells), `odo
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -22,7 +21,14 @@ from trolley_localizer.filter.pose_estimator import AlignedPose, PoseEstimator
 from trolley_localizer.filter.scan_to_scan import PARAMS as SCANS
 from trolley_localizer.filter.scan_to_scan import LedPose, ScanToScan
 from trolley_localizer.matching.global_search import Place, SearchJob, SearchMap, is_near
-from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Hypothesis, Proof, Rivals
+from trolley_localizer.matching.hypotheses import (
+    PROOF,
+    Hypotheses,
+    Hypothesis,
+    Proof,
+    Rivals,
+    Sight,
+)
 from trolley_localizer.matching.likelihood_field import build_field, make_lines, sane_covariance
 from trolley_localizer.matching.map_matcher import (
     FRONT_END,
@@ -31,6 +37,7 @@ from trolley_localizer.matching.map_matcher import (
     MatchScore,
     read_beams,
 )
+from trolley_localizer.matching.seen_surface import SeenSurface
 from trolley_localizer.tracking.reach import Reach
 from trolley_localizer.tracking.resting import Rest
 from trolley_localizer.tracking.search_schedule import SearchSchedule
@@ -236,8 +243,8 @@ class Localizer:
         self, following: Following, beams: BeamSet, score: MatchScore, elapsed_s: float
     ) -> None:
         """Decide whether the estimate is believed; begin a search where it is lost or in doubt."""
-        pinned = partial(self._matcher.pinned, self._estimator.pose, beams)
-        if not beams.is_blind and following.prove(score, pinned):
+        sight = Sight(self._matcher, self._estimator.pose, beams, score)
+        if not beams.is_blind and following.prove(sight):
             self._reach = None
         is_silent = beams.is_blind or following.is_off_map
         is_open = following.proof is not None
@@ -410,7 +417,9 @@ class Localizer:
     def _follow_winner(self, winner: Hypothesis, views: int, beams: BeamSet) -> Following:
         """Follow a place that stands out from all others; driving on must prove it."""
         following = self._follow(winner.pose)
-        following.proof = Proof(self._schedule.unproven_m)
+        seen = SeenSurface(self.field.resolution)
+        seen.add(winner.pose, beams)
+        following.proof = Proof(self._schedule.unproven_m, seen=seen)
         evidence = winner.total / views - PROOF.between
         following.proof.add(evidence, self._matcher.pinned(winner.pose, beams))
         following.is_found = following.is_searched = True

@@ -7,7 +7,7 @@ import pytest
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley.gridmap import FREE, OCCUPIED, GridMap
+from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 
@@ -143,3 +143,37 @@ def test_in_one_of_two_flats_alike_it_is_sure_of_neither(late: int) -> None:
     estimates, _ = wander(drive)
     assert not [e for e in estimates if e.state == "localized"]
     assert "several places look alike" in estimates[-1].message
+
+
+def room_alike(
+    gone: tuple[tuple[int, int, int, int], ...] = (),
+    come: tuple[tuple[int, int, int, int], ...] = (),
+) -> GridMap:
+    """Another house with a left room of the same shape, its furniture gone or come."""
+    cells = make_house().cells.copy()
+    cells[:, 132:] = UNKNOWN
+    cells[36:64, 132:186] = OCCUPIED
+    cells[0:100, 182:244] = OCCUPIED
+    cells[40:60, 132:190] = FREE
+    cells[2:98, 186:240] = FREE
+    for r0, r1, c0, c1 in gone:
+        cells[r0:r1, c0:c1] = FREE
+    return with_blocks(cells, come)
+
+
+@pytest.mark.parametrize("late", LATE)
+def test_a_room_alike_is_not_proven_by_driving_about_in_it(late: int) -> None:
+    """The same walls fit again in each scan, as they did in the first."""
+    known = room_alike(gone=((2, 22, 30, 50), (80, 98, 70, 95)), come=((84, 98, 20, 40),))
+    drive = begin(known, late, Pose2D(1.2, 2.5, 0.0))
+    estimates = [*drive.stand(30), *drive.go(2.5)]
+    assert any(e.message == "driving on will show whether it is here" for e in estimates)
+    assert not [e for e in estimates if e.state == "localized"]
+
+
+@pytest.mark.parametrize("late", LATE)
+def test_a_room_alike_is_doubted_at_the_door(late: int) -> None:
+    drive = begin(room_alike(), late, Pose2D(1.2, 2.5, 0.0))
+    assert drive.stand(30)[-1].state == "localized", "nothing in the room tells the two apart"
+    drive.go(5.1)
+    assert not [e for e in drive.go(2.0) if e.state == "localized"]

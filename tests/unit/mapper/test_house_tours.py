@@ -1,4 +1,4 @@
-"""Drives through drawn houses, as the benches of localizer and mapper use them, and their slices."""
+"""Drives through drawn houses, as benches of localizer and mapper use them, and their slices."""
 
 import math
 from pathlib import Path

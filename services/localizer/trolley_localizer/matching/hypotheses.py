@@ -12,6 +12,7 @@ from trolley.geometry import Pose2D
 from trolley_localizer.matching.global_search import Place, is_near
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore
+from trolley_localizer.matching.seen_surface import SeenSurface
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +79,13 @@ class ProofParams:
     doubt_per_m: float = 1.0
     """Growth of the bound, as a share of itself, with each metre driven before without a proof: by
     then the map may well be of another house [1/m]."""
-    most_doubt: float = 2.0
+    most_doubt: float = 1.0
     """Most that the bound grows, as a share of itself."""
     most_m: float = 2.0
     """Distance after which an undecided proof is given up [m]."""
+    probation: float = 1.0
+    """New surface, as a share of what was seen first, that must fit after the proof until the place
+    is as good as one that was tracked all along."""
 
 
 PARAMS = HypothesisParams()
@@ -104,25 +108,59 @@ def evidence_of(score: MatchScore, *, is_led: bool) -> float:
     return score.value - PROOF.between
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """The newest scan, as it looks from the estimate."""
+
+    matcher: MapMatcher
+    pose: NDArray[np.float64]
+    """The estimate (3,) x, y [cells], yaw [rad]."""
+    beams: BeamSet
+    score: MatchScore
+    """Of the whole scan."""
+
+    def pinned(self) -> float:
+        """Say how firmly the scan pins the pose, 0 ... 1."""
+        return self.matcher.pinned(self.pose, self.beams)
+
+    def new_to(self, seen: SeenSurface) -> tuple[MatchScore, float]:
+        """Return the score of what the scan shows for the first time, and how much it is."""
+        new = seen.add(self.pose, self.beams)
+        if new is None:
+            return self.score, 0.0
+        return self.matcher.score(self.pose, new.beams), new.amount
+
+
 class Proof:
     """Whether driving on shows that a place is the right one.
 
+    For a place that a search has found only surface counts that comes into view for the first time:
+    rooms of the same shape fit as well in each scan as in the first, until the robot looks out of
+    the door. It is on probation for as much surface again: what speaks against it then takes it
+    back before the usual support would.
+
     Source:
-        Wald, Sequential Tests of Statistical Hypotheses (1945), with a linear likelihood ratio.
+        Wald, Sequential Tests of Statistical Hypotheses (1945), with a linear likelihood ratio;
+        Page, Continuous Inspection Schemes (1954), for the probation.
 
     Args:
         unproven_m: distance driven before without a proof [m].
         has_prior: the odometry has led here: the unknown does not count against the place.
+        seen: what the robot has seen from the place, of one that a search has found.
     """
 
-    def __init__(self, unproven_m: float = 0.0, *, has_prior: bool = False) -> None:
+    def __init__(
+        self, unproven_m: float = 0.0, *, has_prior: bool = False, seen: SeenSurface | None = None
+    ) -> None:
         self.has_prior = has_prior
+        self._seen = seen
         doubt = min(PROOF.doubt_per_m * unproven_m, PROOF.most_doubt)
         self._bound = PROOF.bound * (1.0 + doubt)
         self._sum = 0.0
         self._views = 0
         self._since_view = Pose2D.identity()
         self._driven_m = 0.0
+        self._passed = 0.0
 
     def predict(self, step: Pose2D) -> None:
         """Note an odometry step [m, m, rad]."""
@@ -133,16 +171,26 @@ class Proof:
         """Whether the next scan is a new view."""
         return self._views == 0 or _is_new_view(self._since_view)
 
-    def add(self, evidence: float, pinned: float) -> None:
+    def look(self, sight: Sight) -> None:
+        """Take what a new view says for the place into account."""
+        if self._seen is None:
+            self.add(evidence_of(sight.score, is_led=True), sight.pinned())
+        else:
+            score, amount = sight.new_to(self._seen)
+            self.add(evidence_of(score, is_led=False), sight.pinned(), amount)
+
+    def add(self, evidence: float, pinned: float, newness: float | None = None) -> None:
         """Take what a new view says for the place into account.
 
         Args:
             evidence: see `evidence_of`.
             pinned: how firmly the view pins the pose, 0 ... 1.
+            newness: how much of it is new, 0 ... 1; None: by how far the robot has come.
         """
         since, firmness = self._since_view, min(1.0, pinned / PROOF.pinned)
         distance_m = math.hypot(since.x, since.y)
-        newness = min(1.0, distance_m / PROOF.new_m + abs(since.yaw) / PROOF.new_rad)
+        if newness is None:
+            newness = min(1.0, distance_m / PROOF.new_m + abs(since.yaw) / PROOF.new_rad)
         evidence *= 1.0 if self._views == 0 else newness
         self._driven_m += firmness * distance_m
         self._sum += evidence * (firmness if evidence > 0.0 else 1.0)
@@ -165,6 +213,36 @@ class Proof:
     def is_overdue(self) -> bool:
         """Whether it should have come out by now."""
         return not self.is_right and self._driven_m > PROOF.most_m
+
+    # After it has come out.
+
+    @property
+    def has_probation(self) -> bool:
+        """Whether what comes into view may still take back a place that was proven."""
+        return self._seen is not None and self._passed < PROOF.probation
+
+    def inspect(self, sight: Sight) -> None:
+        """Take in what a new view says about a place that was proven.
+
+        Unlike before, the unknown does not count, for the robot drives where the map may well end;
+        but where beams went through a wall to get there, the map has been wrong.
+        """
+        assert self._seen is not None
+        score, amount = sight.new_to(self._seen)
+        evidence = evidence_of(score, is_led=True) - PROOF.between * score.beyond
+        # What spoke for it before is no excuse for what speaks against it now.
+        self._sum = min(self._sum + amount * evidence, self._bound)
+        self._passed += amount * score.known
+        self._since_view = Pose2D.identity()
+
+    @property
+    def is_taken_back(self) -> bool:
+        """Whether what came into view since the proof has undone it."""
+        return self._sum <= 0.0
+
+    def reopen(self) -> None:
+        """Begin again to look for what speaks for the place."""
+        self._sum = self._driven_m = self._passed = 0.0
 
 
 @dataclass(slots=True)

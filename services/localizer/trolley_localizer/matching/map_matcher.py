@@ -64,6 +64,12 @@ class BeamSet:
         """Return the same beams with other classes, fewer of them used."""
         return BeamSet(self.end, self.start, classes, used, self.is_blind)
 
+    def only_those(self, is_wanted: NDArray[np.bool_]) -> "BeamSet":
+        """Return the same beams with only some of the used ones (m,) used."""
+        classes = self.classes.copy()
+        classes[self.used[~is_wanted]] = UNUSED
+        return self.only(classes, self.used[is_wanted])
+
 
 def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSet:
     """Deskew a scan into `base_link`, in cells of `resolution` [m]."""

@@ -1,12 +1,18 @@
 """The two states of the localizer: it searches, or it follows one pose."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Proof, Rivals, evidence_of
+from trolley_localizer.matching.hypotheses import (
+    PROOF,
+    Hypotheses,
+    Proof,
+    Rivals,
+    Sight,
+    evidence_of,
+)
 from trolley_localizer.matching.map_matcher import MatchScore
 from trolley_localizer.tracking.tracking_state import TrackingMonitor
 
@@ -68,6 +74,8 @@ class Following:
         self.proof: Proof | None = None
         """Must come out before the estimate is believed: it was found without a prior, or the robot
         may have been carried off."""
+        self.probation: Proof | None = None
+        """The proof of a place that a search has found, while what comes into view may undo it."""
         self.is_found = False
         """It was found by a search: the odometry has not led to it."""
         self.is_searched = False
@@ -89,8 +97,9 @@ class Following:
     def predict(self, step: Pose2D, driven_m: float) -> None:
         """Note an odometry step [m, m, rad], and how far it is with its turn."""
         self.rivals.predict(step)
-        if self.proof is not None:
-            self.proof.predict(step)
+        for proof in (self.proof, self.probation):
+            if proof is not None:
+                proof.predict(step)
         self.unsearched_m = 0.0 if self.unsearched_m is None else self.unsearched_m + driven_m
         self._driven_m += driven_m
         self._doubted_m = self._doubted_m + driven_m if self.monitor.doubts else 0.0
@@ -114,7 +123,7 @@ class Following:
     def forget_prior(self) -> None:
         """Note that the robot may have been carried off: the odometry's word is worth nothing."""
         self.is_proven = self.is_searched = False
-        self.proof = Proof()
+        self.proof, self.probation = Proof(), None
         self.rivals.clear()
 
     # Whether it is the right place.
@@ -137,25 +146,41 @@ class Following:
         if support >= self._config.poor_support:
             self.monitor.vouch(support)
 
-    def prove(self, score: MatchScore, pinned: Callable[[], float]) -> bool:
+    def prove(self, sight: Sight) -> bool:
         """Take what a scan says for a place without a prior into account; True once it is proven.
 
         Args:
-            score: of the estimate.
-            pinned: asked how firmly the scan pins the pose, 0 ... 1.
+            sight: from the estimate.
         """
+        if self.is_off_map:
+            return False
+        self._inspect(sight)
         proof = self.proof
-        if proof is None or self.is_off_map:
+        if proof is None:
             return False
         if proof.is_due:
-            proof.add(evidence_of(score, is_led=not self.is_found), pinned())
+            proof.look(sight)
         if proof.is_right and (self.unsearched_m or 0.0) > PARAMS.searched_m:
             self.is_searched = False  # Other places may fit better from here.
         if not proof.is_right or not self.is_searched or self.rivals.exist:
             return False
+        self.probation = proof if proof.has_probation else None
         self.proof, self.is_found, self.is_proven = None, False, True
-        self.monitor.vouch(score.tracked)
+        self.monitor.vouch(sight.score.tracked)
         return True
+
+    def _inspect(self, sight: Sight) -> None:
+        """Take a place that was proven back if what comes into view speaks against it."""
+        probation = self.probation
+        if probation is None or not probation.is_due:
+            return
+        probation.inspect(sight)
+        if probation.is_taken_back:
+            probation.reopen()
+            self.proof, self.probation, self.is_found = probation, None, True
+            self.is_proven = self.is_searched = False
+        elif not probation.has_probation:
+            self.probation = None
 
     def is_disproven(self) -> bool:
         """Say whether the place that was to be proven is given up.

@@ -167,12 +167,12 @@ class TrackingMonitor:
         is_good = narrow and self.support >= self._wanted
         if self._poor_s >= self._config.lost_after_s:
             self.state = "lost"
+        elif evidence.is_open:
+            self.state = "unsure"
         elif not is_good:
             is_granted = narrow and self.support >= self._config.poor_support
             if not (self.state == "localized" and is_granted and self._doubt_s <= PARAMS.grace_s):
                 self.state = "unsure"
-        elif evidence.is_open:
-            self.state = "unsure"
         elif self.state != "localized" and self._good_scans >= PARAMS.scans_to_believe:
             self.state = "localized"
             self._was_believed = True
