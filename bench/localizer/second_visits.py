@@ -237,7 +237,7 @@ def seen_in(grid: GridMap, recording: Recording, count: int) -> GridMap:
 
 def main() -> None:
     """Visit and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--visits", type=int, default=2, help="of each case")
     parser.add_argument("--first", type=int, default=0, help="number of the first house")
     parser.add_argument("--houses", choices=list(HOUSES), default="square")

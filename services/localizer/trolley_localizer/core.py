@@ -417,7 +417,7 @@ class Localizer:
     def _follow_winner(self, winner: Hypothesis, views: int, beams: BeamSet) -> Following:
         """Follow a place that stands out from all others; driving on must prove it."""
         following = self._follow(winner.pose)
-        seen = SeenSurface(self.field.resolution)
+        seen = SeenSurface(self.field)
         seen.add(winner.pose, beams)
         following.proof = Proof(self._schedule.unproven_m, seen=seen)
         evidence = winner.total / views - PROOF.between

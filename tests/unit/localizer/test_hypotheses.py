@@ -8,11 +8,19 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley_localizer.matching.global_search import Place, places_around
-from trolley_localizer.matching.hypotheses import PROOF, Hypotheses, Proof, Rivals, evidence_of
+from trolley_localizer.matching.hypotheses import (
+    PROOF,
+    Hypotheses,
+    Proof,
+    Rivals,
+    Sight,
+    evidence_of,
+)
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
+from trolley_localizer.matching.seen_surface import SeenSurface
 
-from .conftest import at, make_scan
+from .conftest import at, make_house, make_scan
 
 CONFIG = LocalizerConfig()
 STEP = Pose2D(0.2, 0.0, 0.0)
@@ -167,6 +175,88 @@ def test_what_fits_on_foreign_maps_is_dropped_within_two_metres() -> None:
         drive_on(proof, support, 12)
         assert not proof.is_right
         assert proof.is_against or proof.is_overdue
+
+
+def robot_at(grid: GridMap, known: GridMap, x: float) -> View:
+    robot = View(grid, known)
+    robot.pose = Pose2D(x, 2.5, 0.0)
+    return robot
+
+
+def sights(grid: GridMap, known: GridMap) -> list[Sight]:
+    """What a robot sees that drives from the left room of a house into the right one."""
+    robots = [robot_at(grid, known, x) for x in np.arange(2.0, 9.0, 0.2)]
+    beams = [robot.beams() for robot in robots]
+    return [
+        Sight(robot.matcher, robot.cells, seen, robot.matcher.score(robot.cells, seen))
+        for robot, seen in zip(robots, beams, strict=True)
+    ]
+
+
+def first_half(house: GridMap) -> GridMap:
+    """Another house: the left room is the same, the right one is not."""
+    cells = house.cells.copy()
+    cells[:, 132:] = OCCUPIED
+    for r0, r1, c0, c1 in ((40, 60, 132, 150), (2, 98, 150, 170), (80, 98, 170, 258)):
+        cells[r0:r1, c0:c1] = FREE
+    return GridMap("another", house.resolution, house.origin, cells)
+
+
+def on_probation(known: GridMap, passing: list[Sight]) -> Proof:
+    """A proof that came out at the first sight."""
+    proof = Proof(seen=SeenSurface(View(known).field))
+    proof.look(passing[0])
+    assert proof.is_right
+    assert proof.put_on_probation()
+    return proof
+
+
+def test_a_room_alike_is_taken_back_for_what_comes_into_view_behind_its_door() -> None:
+    house = make_house()
+    known = first_half(house)
+    passing = sights(house, known)
+    proof = on_probation(known, passing)
+    supports: list[float] = []
+    for sight in passing[1:]:
+        proof.inspect(sight)
+        supports.append(sight.score.tracked)
+        if proof.is_taken_back:
+            break
+    assert proof.is_taken_back
+    assert min(supports) > CONFIG.poor_support, "by its support it would be believed"
+
+
+def test_the_right_place_passes_though_furniture_was_moved() -> None:
+    house = make_house()
+    cells = house.cells.copy()
+    for r0, r1, c0, c1 in ((2, 22, 30, 50), (70, 98, 200, 214), (2, 30, 160, 175)):
+        cells[r0:r1, c0:c1] = FREE
+        cells[r0:r1, c0 + 12 : c1 + 12] = OCCUPIED
+    known = GridMap("before", house.resolution, house.origin, cells)
+    passing = sights(house, known)
+    proof = on_probation(known, passing)
+    for sight in passing[1:]:
+        proof.inspect(sight)
+        assert not proof.is_taken_back
+    assert proof.has_passed
+
+
+def test_who_stands_in_front_of_a_wall_that_was_seen_shows_nothing_new() -> None:
+    house = make_house()
+    crowded = GridMap("crowded", house.resolution, house.origin, house.cells.copy())
+    crowded.cells[40:60, 70:74] = OCCUPIED
+    field = View(house).field
+    seen = SeenSurface(field)
+    for grid in (house, crowded):
+        robot = robot_at(grid, house, 2.0)
+        new = seen.add(robot.cells, robot.beams())
+    assert new.amount == 0.0
+
+
+def test_views_of_the_same_walls_add_up_to_no_more_than_the_best_of_them() -> None:
+    proof = Proof(seen=SeenSurface(View(make_house()).field))
+    drive_on(proof, PROOF.between + 0.6 * PROOF.bound, 50)
+    assert not proof.is_right
 
 
 def test_views_that_do_not_pin_the_pose_prove_nothing_and_do_not_hurry() -> None:

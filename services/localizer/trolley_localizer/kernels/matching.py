@@ -285,6 +285,47 @@ def first_wall(
 
 
 @kernel
+def expect_walls(
+    out_x: NDArray[np.float64],
+    out_y: NDArray[np.float64],
+    out_lead: NDArray[np.float64],
+    pose: NDArray[np.float64],
+    end: Points,
+    start: Points,
+    field: NDArray[np.float32],
+    limit: float,
+) -> None:
+    """Find where the map says that beams should have ended.
+
+    Args:
+        out_x: (n,) columns, overwritten; where the beam ended if the map has no wall there [cells].
+        out_y: (n,) rows alike.
+        out_lead: (n,) by how much each beam ended before its wall, negative behind it, overwritten;
+            not a number where the map has no wall.
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+        end: (n,) end points in `base_link` [cells].
+        start: (n,) where the laser was in `base_link` [cells].
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        limit: walls farther than this are not looked for [cells].
+    """
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    for i in range(end.x.size):
+        dx = end.x[i] - start.x[i]
+        dy = end.y[i] - start.y[i]
+        length = math.hypot(dx, dy)
+        heading = pose[2] + math.atan2(dy, dx)
+        from_x = pose[0] + cos * start.x[i] - sin * start.y[i]
+        from_y = pose[1] + sin * start.x[i] + cos * start.y[i]
+        along_x, along_y = math.cos(heading), math.sin(heading)
+        ahead = first_wall(field, from_x, from_y, along_x, along_y, limit)
+        out_lead[i] = ahead - length if ahead < math.inf else math.nan
+        reached = ahead if ahead < math.inf else length
+        out_x[i] = from_x + reached * along_x
+        out_y[i] = from_y + reached * along_y
+
+
+@kernel
 def count_through(
     pose: NDArray[np.float64],
     end: Points,

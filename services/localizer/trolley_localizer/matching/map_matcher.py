@@ -47,6 +47,10 @@ class BeamSet:
         """Return the end points of some beams."""
         return Points(self.end.x[index], self.end.y[index])
 
+    def starts(self, index: NDArray[np.int64]) -> Points:
+        """Return where the laser was for some beams."""
+        return Points(self.start.x[index], self.start.y[index])
+
     def spread(self, count: int, phase: float = 0.5) -> Points:
         """Return at most `count` used end points, evenly over the scan.
 
@@ -63,12 +67,6 @@ class BeamSet:
     def only(self, classes: NDArray[np.uint8], used: NDArray[np.int64]) -> "BeamSet":
         """Return the same beams with other classes, fewer of them used."""
         return BeamSet(self.end, self.start, classes, used, self.is_blind)
-
-    def only_those(self, is_wanted: NDArray[np.bool_]) -> "BeamSet":
-        """Return the same beams with only some of the used ones (m,) used."""
-        classes = self.classes.copy()
-        classes[self.used[~is_wanted]] = UNUSED
-        return self.only(classes, self.used[is_wanted])
 
 
 def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSet:

@@ -164,7 +164,7 @@ class Following:
             self.is_searched = False  # Other places may fit better from here.
         if not proof.is_right or not self.is_searched or self.rivals.exist:
             return False
-        self.probation = proof if proof.has_probation else None
+        self.probation = proof if proof.put_on_probation() else None
         self.proof, self.is_found, self.is_proven = None, False, True
         self.monitor.vouch(sight.score.tracked)
         return True
@@ -179,7 +179,7 @@ class Following:
             probation.reopen()
             self.proof, self.probation, self.is_found = probation, None, True
             self.is_proven = self.is_searched = False
-        elif not probation.has_probation:
+        elif probation.has_passed:
             self.probation = None
 
     def is_disproven(self) -> bool:
