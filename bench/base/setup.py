@@ -9,6 +9,11 @@ the lidar. A person answers how the wheels turn in the air, and repairs what is 
 stands on a bare floor; with --rugs anywhere. With --smooth wheels do not slip, which shows what the
 method itself errs by.
 
+Nobody walks here, and nothing is wrong with the wheels once they are repaired. So a refusal is
+right only if the lidar has no echo in some direction, which is asked of the world, or if wheels
+slip on a rug; any other is counted as false, and so is what comes too near to a robot that stood
+free.
+
 Honest is the error by the deviation that is said, its root mean square: 1 is honest, below 1
 cautious.
 """
@@ -35,13 +40,19 @@ from trolley_base.setup.findings import Findings, evaluate
 from trolley_base.setup.geometry import Estimate
 from trolley_base.setup.gyro import Gyro
 from trolley_base.setup.record import SetupRefused
+from trolley_base.setup.sight import PARAMS as SIGHT
 from trolley_base.setup.sight import Beams, near_sectors, usual_ranges
 from trolley_base.setup.wheels import DIRECTIONS, Seen, WheelTrial, judge_counts, judge_wiring
 from trolley_base.simulation.simulated_hardware import SimulatedHardware
 from trolley_base.world import LidarSpec, RobotBody, Simulation, WorldError
+from trolley_base.world.floor import is_on
+from trolley_base.world.scanner import Shots
+from trolley_base.world.spec import WorldSpec
 from trolley_base.world.world_file import World, load_world
 
 PERIOD_NS = 50_000_000
+LEAST_M = 0.06
+"""A robot that has room stays so far from everything [m]: half of the margin of its strokes."""
 FOOTPRINT = footprint_from_box(0.30, 0.24)
 ASSUMED_TRACK_M = 0.2
 LIDARS = (
@@ -250,6 +261,10 @@ class Tried:
     robot: RandomRobot
     findings: Findings | None = None
     refusal: str = ""
+    is_true: bool = True
+    """Whether the reason of the refusal is true in the world."""
+    nearest_m: float = math.inf
+    """How near the robot came to anything."""
     driving_s: float = 0.0
     whole_s: float = 0.0
     collisions: int = 0
@@ -285,6 +300,7 @@ def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
     simulation = place(world, robot, rng, seed, (rugs, smooth))
     odd = OddRobot(robot, simulation, np.random.default_rng(seed))
     tried = Tried(robot)
+    slipped = False
     try:
         try_wheels(odd)
         begun_ns = odd.now_ns
@@ -299,6 +315,9 @@ def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
             twist = drive.step(odd.now_ns, motions, scans, imu)
             odd.drive(twist)
             watch.update(twist)
+            true = simulation.truth()
+            tried.nearest_m = min(tried.nearest_m, true.clearance)
+            slipped |= rugs and any(is_on(rug, true.pose.x, true.pose.y) for rug in world.spec.rug)
             moving += not twist.is_zero
         tried.driving_s = moving * PERIOD_NS * 1e-9
         tried.whole_s = (odd.now_ns - begun_ns) * 1e-9
@@ -308,7 +327,43 @@ def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
         tried.errors = errors(tried)
     except SetupRefused as refusal:
         tried.refusal = str(refusal)
+        tried.is_true = is_true(
+            tried.refusal, simulation, world.spec, robot.spec.range_max_m, slipped=slipped
+        )
     return tried
+
+
+def is_true(
+    refusal: str, simulation: Simulation, world: WorldSpec, reach_m: float, *, slipped: bool
+) -> bool:
+    """Say whether the reason of a refusal is true of a robot that stands where it was refused.
+
+    Args:
+        refusal: what was said.
+        simulation: the world.
+        world: what is in it.
+        reach_m: of the lidar.
+        slipped: whether it drove over a rug.
+    """
+    if "sees nothing at all" in refusal:
+        return blind_directions(simulation, world, reach_m) > 0
+    return slipped and "slip" in refusal
+
+
+def blind_directions(simulation: Simulation, world: WorldSpec, reach_m: float) -> int:
+    """Return in how many of the directions in which setup looks the lidar has no echo."""
+    num_rays = 20
+    count = SIGHT.num_bins * num_rays
+    pose = simulation.truth().pose
+    headings = 2.0 * math.pi * (np.arange(count) + 0.5) / count
+    shots = Shots(np.ones(count), headings - pose.yaw, np.full(count, 0.5), reach_m)
+    has_echo = np.isfinite(simulation.measure(Pose2D.identity(), shots))
+    for sun in world.sun:
+        if is_on(sun, pose.x, pose.y):
+            off = np.abs(np.angle(np.exp(1j * (headings - sun.towards))))
+            has_echo &= off > 0.5 * sun.width_rad
+    share = has_echo.reshape(SIGHT.num_bins, num_rays).mean(axis=1)
+    return int(np.count_nonzero(share < 0.2))
 
 
 def found_by(drive: SetupDrive) -> Findings:
@@ -404,6 +459,10 @@ def wrongs(tried: Tried) -> Iterator[str]:
     robot, findings = tried.robot, tried.findings
     if tried.collisions:
         yield "ran into something"
+    if tried.nearest_m < LEAST_M:
+        yield "came too near to something"
+    if not tried.is_true:
+        yield "the reason of the refusal"
     if findings is None:
         return
     if findings.geometry.is_mirrored is not robot.is_mirrored:

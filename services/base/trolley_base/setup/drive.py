@@ -47,8 +47,8 @@ class DriveParams:
     """Turns after that, a hundred degrees each [rad]."""
     turn_radps: float = 0.8
     """Their turn rate [rad/s]."""
-    num_turns: int = 8
-    """Number of turns each way: 28 rad, over which slip of 0.03 rad a radian errs by 0.6 %."""
+    num_turns: int = 12
+    """Number of turns each way: 50 rad, over which slip of 0.03 rad a radian errs by 0.4 %."""
     num_round: int = 4
     """Number of turns after which the robot has seen all directions."""
     speed_mps: float = 0.35
@@ -61,12 +61,18 @@ class DriveParams:
     """Strokes reach so far ahead and behind where room allows [m]."""
     least_half_m: float = 0.25
     """Shorter strokes tell too little [m]."""
-    num_strokes: int = 26
-    """Number of whole strokes: 24 m, over which slip of 0.02 m a metre errs by 0.4 %."""
+    num_strokes: int = 30
+    """Number of whole strokes: 27 m, over which slip of 0.02 m a metre errs by 0.4 %."""
     steering: float = 1.0
     """Turn rate per error of the heading on a stroke [1/s]."""
     most_steering_radps: float = 0.3
     """Highest turn rate on a stroke [rad/s]."""
+    return_m: float = 0.5
+    """Length over which a stroke leads back to the line, at least [m]."""
+    most_return_rad: float = 0.25
+    """Largest angle to the line at which it does [rad]."""
+    lead_s: float = 0.25
+    """A stroke is stopped so long before its end until a stop has shown what is right [s]."""
     bend_m: float = 0.5
     """Length of a stroke whose bend counts as much as what was known of it before [m]."""
     heading_rad: float = 0.06
@@ -200,6 +206,8 @@ class SetupDrive:
             yield from self._turn(way * PARAMS.turn_rad, PARAMS.turn_radps)
             yield from self._stand()
             self._judge()
+            beyond = abs(self._moved().yaw) - PARAMS.turn_rad
+            self._line.turn_lead_s = max(0.0, beyond / PARAMS.turn_radps)
             if number + 1 == PARAMS.num_round:
                 self._learn_own()
         half_m = self._find_room()
@@ -207,10 +215,12 @@ class SetupDrive:
         yield from self._creep()
         for number, target_m in enumerate(_targets(num_strokes, half_m)):
             self.step_name = f"stroke {number + 1}"
-            yield from self._straighten()
+            yield from self._straighten(target_m)
+            way = self._way_to(target_m)
             yield from self._go_to(target_m, self._speed_mps)
             yield from self._stand()
             self._judge()
+            self._line.learn_lead(way * (self._place[0] - target_m), self._speed_mps)
 
     def _first_stroke(self) -> Course:
         """Drive a little ahead: the way that the lidar goes is ahead."""
@@ -231,6 +241,8 @@ class SetupDrive:
         if self._wheels.between_stands()[0] < 0.0:
             direction += math.pi
         self._mount.ahead = np.array([math.cos(direction), math.sin(direction)])
+        beyond_m = math.hypot(moved.x, moved.y) - PARAMS.trial_m
+        self._line.lead_s = max(PARAMS.lead_s, beyond_m / PARAMS.trial_mps)
 
     def _creep(self) -> Course:
         """Find the slowest speed at which the wheels turn."""
@@ -261,29 +273,29 @@ class SetupDrive:
             seen += abs(angle_difference(now, last))
             last = now
 
-    def _straighten(self) -> Course:
-        """Turn back to the heading of the strokes."""
-        error = self._heading_error
-        if abs(error) > PARAMS.heading_rad:
+    def _straighten(self, target_m: float) -> Course:
+        """Turn to the heading that leads to the end of a stroke, if another is far off."""
+        error = self._heading_error(target_m)
+        lead = max(0.02, self._line.turn_lead_s * PARAMS.trial_radps)
+        if abs(error) > max(PARAMS.heading_rad, lead):
             rate = math.copysign(PARAMS.trial_radps, -error)
             until_ns = self._deadline(abs(error) / PARAMS.trial_radps + PARAMS.patience_s)
-            while self._heading_error * error > 0.0 and abs(self._heading_error) > 0.02:
+            while math.copysign(1.0, error) * self._heading_error(target_m) > lead:
                 self._refuse_late(until_ns, "The robot does not turn as told")
                 yield Twist2D(0.0, 0.0, rate)
             yield from self._stand()
 
     def _go_to(self, target_m: float, speed: float) -> Course:
-        """Drive straight until the lidar is so far ahead of where the strokes began."""
-        way = math.copysign(1.0, target_m - self._along_m)
-        begun_ns = self._now_ns
-        seconds = abs(target_m - self._along_m) / speed
+        """Drive along the line until the robot is so far ahead of where the strokes began."""
+        way, begun_ns = self._way_to(target_m), self._now_ns
+        seconds = abs(target_m - self._place[0]) / speed
         until_ns = self._deadline(1.8 * seconds + PARAMS.patience_s)
-        while way * (target_m - self._along_m) > 0.25 * speed:
+        while way * (target_m - self._place[0]) > self._line.lead_s * speed:
             self._refuse_late(until_ns, "The robot does not drive as told")
             turn = -self._line.bend * way * speed
             if self._now_ns - begun_ns > 700_000_000:  # the start shows how the motors follow
                 limit = PARAMS.most_steering_radps
-                turn -= max(-limit, min(limit, PARAMS.steering * self._heading_error))
+                turn -= max(-limit, min(limit, PARAMS.steering * self._heading_error(target_m)))
             yield Twist2D(way * speed, 0.0, turn)
 
     def _stand(self) -> Course:
@@ -495,18 +507,32 @@ class SetupDrive:
     def _deadline(self, seconds: float) -> int:
         return self._now_ns + round(seconds * 1e9)
 
-    @property
-    def _heading_error(self) -> float:
-        """How far the robot is turned to the left of the heading of the strokes [rad]."""
+    def _way_to(self, target_m: float) -> float:
+        """Return whether a stroke leads ahead, 1, or back, -1."""
+        return math.copysign(1.0, target_m - self._place[0])
+
+    def _heading_error(self, target_m: float) -> float:
+        """How far the robot is turned to the left of where a stroke should lead [rad].
+
+        Off the line it should lead back to it.
+        """
         turned = angle_difference(self._lidar.here.yaw, self._line.heading_rad)
-        return self._mount.sign * turned
+        along, aside = self._place
+        limit = PARAMS.most_return_rad
+        back = aside / max(PARAMS.return_m, abs(target_m - along))
+        back = self._way_to(target_m) * max(-limit, min(limit, back))
+        return self._mount.sign * turned + back
 
     @property
-    def _along_m(self) -> float:
-        """How far ahead the lidar is of where the strokes began [m]."""
+    def _place(self) -> tuple[float, float]:
+        """How far the robot is ahead of where the strokes began, and to the left of it [m]."""
+        axle = self._mount.axle
         assert self._mount.ahead is not None
+        assert axle is not None
         moved = self._line.start_T_first.inverse() @ self._lidar.here
-        return float(self._mount.ahead @ np.array([moved.x, moved.y]))
+        x, y = (moved.transform_points(axle[None])[0] - axle).tolist()
+        ahead_x, ahead_y = self._mount.ahead.tolist()
+        return ahead_x * x + ahead_y * y, self._mount.sign * (ahead_x * y - ahead_y * x)
 
     def _moved(self) -> Pose2D:
         stands = self.record.stands
@@ -521,11 +547,19 @@ class _Line:
         start_T_first: where the lidar was when they began, as in `Stand.start_T_laser`.
         heading_rad: its direction then.
         bend: turn per way that the wheels make of a command to go straight [rad/m].
+        lead_s: how long before its end a stroke is stopped: the robot obeys late [s].
+        turn_lead_s: the same of turns [s].
     """
 
     start_T_first: Pose2D = field(default_factory=Pose2D.identity)
     heading_rad: float = 0.0
     bend: float = 0.0
+    lead_s: float = PARAMS.lead_s
+    turn_lead_s: float = 0.0
+
+    def learn_lead(self, beyond_m: float, speed: float) -> None:
+        """Learn from how far beyond its end a stroke led at a speed [m/s]."""
+        self.lead_s = max(0.0, self.lead_s + 0.5 * beyond_m / speed)
 
 
 def _targets(num_strokes: int, half_m: float) -> list[float]:

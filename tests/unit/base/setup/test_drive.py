@@ -14,6 +14,8 @@ from bench.base.setup import Tried as Set
 
 from trolley.geometry import Pose2D, Twist2D, angle_difference
 from trolley.gridmap import FREE, OCCUPIED, GridMap
+from trolley_base.setup.clearance import PARAMS as CLEARANCE
+from trolley_base.setup.drive import PARAMS as DRIVE
 from trolley_base.setup.drive import SetupDrive
 from trolley_base.setup.findings import evaluate
 from trolley_base.setup.gyro import Gyro
@@ -71,9 +73,11 @@ def hall(length_m: float, width_m: float) -> GridMap:
     return GridMap("hall", 0.05, Pose2D(-0.025 * cols, -0.025 * rows, 0.0), cells)
 
 
-def odd_robot(robot: RandomRobot = ROBOT, grid: GridMap | None = None, more: str = "") -> OddRobot:
+def odd_robot(
+    robot: RandomRobot = ROBOT, grid: GridMap | None = None, more: str = "", world: str = WORLD
+) -> OddRobot:
     body = RobotBody(FOOTPRINT, robot.mount)
-    spec = decode_world(WORLD + more, "test")
+    spec = decode_world(world + more, "test")
     simulation = Simulation(spec, hall(5.0, 4.0) if grid is None else grid, body, 5)
     return OddRobot(robot, simulation, np.random.default_rng(1))
 
@@ -82,13 +86,14 @@ def drive_with(
     odd: OddRobot,
     own: list[Sector] | None = None,
     before: Callable[[SetupDrive], None] = lambda drive: None,
+    num_strokes: int = 3,
 ) -> SetupDrive:
     """Drive the short course to its end."""
     direction = ROBOT.post[0] if ROBOT.post else 0.0
     # As the lidar is believed to turn.
     post = (-direction - 0.15, -direction + 0.15)
     own = [post] if own is None else own
-    drive = SetupDrive(FOOTPRINT, 0.5 * ASSUMED_TRACK_M, own, num_strokes=3, num_turns=4)
+    drive = SetupDrive(FOOTPRINT, 0.5 * ASSUMED_TRACK_M, own, num_strokes=num_strokes, num_turns=4)
     while not drive.has_ended:
         before(drive)
         motions, scans, imu = odd.read()
@@ -116,6 +121,20 @@ def test_a_robot_measures_how_it_is_built() -> None:
     # The mask lies where the post will be once the lidar is known to turn the other way.
     ((first, last),) = findings.own
     assert first < ROBOT.post[0] < last if ROBOT.post else False
+
+
+def test_a_robot_that_obeys_late_stays_where_it_has_seen_room() -> None:
+    more = "castor_kick_rad = 0.06\ncastor_m = 0.08\n"
+    world = WORLD.replace("delay_s = 0.15\n", f"delay_s = 0.28\n{more}")
+    odd = odd_robot(replace(ROBOT, delay_s=0.28), world=world)
+    away: list[float] = []
+
+    def watch(drive: SetupDrive) -> None:
+        away.append(odd.simulation.truth().pose.distance_to(Pose2D.identity()))
+
+    drive = drive_with(odd, before=watch, num_strokes=7)
+    assert drive.problem is None
+    assert max(away) < DRIVE.half_stroke_m + 0.5 * CLEARANCE.margin_m
 
 
 @pytest.mark.parametrize(
