@@ -1,10 +1,11 @@
 """How smoothly a real base is driven: along a straight, and onto a goal.
 
-    python -m bench.planner.smoothness [--seeds 6] [--each]
+    python -m bench.planner.smoothness [--seeds 6] [--delay 0.3] [--each]
 
 An empty hall, with the wheels, motors and lidar of `worlds/real.toml`: commands that come late, a
 dead band, backlash, castors that kick, slip. Base, localizer and planner run in lock-step. Each
 seed drives 6 m to a goal straight ahead, then to one at the side that faces elsewhere, and back.
+`--delay` is another delay of the motors.
 
 The wobble is the true path's distance from its own straight line, root mean square, between the
 first and the last metre. A step is the change from one command to the next beyond what the base's
@@ -82,7 +83,7 @@ class Heard:
     commands: list[VelocityCommand]
 
 
-def hall(folder: Path, seed: int) -> Path:
+def hall(folder: Path, seed: int, delay_s: float | None = None) -> Path:
     """Write the hall and its world; return the world's file."""
     cells = np.zeros((80, 180), np.int8)
     cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = 100, 100, 100, 100
@@ -92,6 +93,8 @@ def hall(folder: Path, seed: int) -> Path:
         cells[(slice(0, deep) if rng.random() < 0.5 else slice(-deep, None)), col : col + 6] = 100
     save_map(GridMap("hall", 0.05, Pose2D.identity(), cells), folder / "hall.yaml")
     real = tomllib.loads((WORLDS / "real.toml").read_text())
+    if delay_s is not None:
+        real["motors"]["delay_s"] = delay_s
     lines = ['map = "hall.yaml"', f"start = {{ x = {START.x}, y = {START.y}, yaw = 0.0 }}"]
     for part in PARTS:
         plain = {key: value for key, value in real[part].items() if not isinstance(value, dict)}
@@ -101,12 +104,12 @@ def hall(folder: Path, seed: int) -> Path:
     return world
 
 
-def drive(seed: int) -> list[Leg]:
+def drive(seed: int, delay_s: float | None = None) -> list[Leg]:
     """Drive all legs of a seed."""
     legs: list[Leg] = []
     with tempfile.TemporaryDirectory() as name, Lockstep("trolley", seed) as lockstep:
         folder = Path(name)
-        world = hall(folder, seed)
+        world = hall(folder, seed, delay_s)
         rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n'
         config = make_config(folder / "hall.yaml", START, rest)
         for service in (BaseService, LocalizerService, PlannerService):
@@ -183,11 +186,12 @@ def main() -> None:
     """Drive, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--delay", type=float, help="of the motors [s]")
     parser.add_argument("--each", action="store_true", help="a line for each leg")
     given = parser.parse_args()
     legs: list[Leg] = []
     for seed in range(given.seeds):
-        run = drive(seed)
+        run = drive(seed, given.delay)
         legs += run
         for leg in run if given.each else ():
             print(leg, flush=True)

@@ -129,7 +129,7 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     """Longest time from a command until odometry shows that the wheels follow it, if you have
     measured it; 0.35 s if not given. The stop field brakes that much earlier; the shorter it is,
-    the sooner an ignored stop is found."""
+    the sooner an ignored stop is found. The planner steers from where the robot will be by then."""
     use_imu: bool = True
     """Fuse the turn rate of the board's gyro, if it has one."""
     imu_axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")

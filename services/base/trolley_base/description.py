@@ -77,9 +77,21 @@ def _mesh_of(config: RobotConfig) -> bytes | None:
 
 
 def describe_robot(
-    config: RobotConfig, footprint: NDArray[np.float64], limits: MotionLimits, *, is_simulated: bool
+    config: RobotConfig,
+    footprint: NDArray[np.float64],
+    limits: MotionLimits,
+    delay_s: float | None,
+    *,
+    is_simulated: bool,
 ) -> Robot:
     """Return the message that makes the robot known, not stamped yet.
+
+    Args:
+        config: of the robot.
+        footprint: (n, 2) corners [m] in `base_link`.
+        limits: that are enforced.
+        delay_s: longest time until the wheels follow a command, None if it was not measured.
+        is_simulated: whether it drives in a simulated world.
 
     Raises:
         ConfigError: its mesh cannot be read or is too large for the wire.
@@ -95,4 +107,5 @@ def describe_robot(
         deceleration=limits.deceleration,
         mesh=_mesh_of(config),
         simulated=is_simulated,
+        delay=delay_s,
     )

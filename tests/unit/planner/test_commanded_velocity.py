@@ -2,7 +2,7 @@
 
 import pytest
 
-from trolley.geometry import Twist2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.commanded_velocity import VELOCITY, CommandedVelocity
 
 PERIOD_NS = 50_000_000
@@ -51,3 +51,27 @@ def test_a_clock_that_jumps_back_forgets() -> None:
     commanded = told(*[0.5] * 30)
     commanded.record(Twist2D.zero(), 0)
     assert commanded.velocity(Twist2D(0.4, 0.0, 0.0)).vx == 0.4
+
+
+def test_a_robot_that_obeys_late_still_drives_what_it_was_told() -> None:
+    speeds = [0.1, 0.2, 0.3, 0.4, 0.5]
+    commanded, now_ns = told(*speeds), 4 * PERIOD_NS
+    wheels = Twist2D(0.3, 0.0, 0.6)
+    for delay_s, way in (
+        (0.0, 0.0),
+        (0.05, 0.4),
+        (0.125, 0.4 + 0.3 + 0.1),
+        (0.2, 1.0),
+        (0.45, 1.0),
+    ):
+        pose = commanded.pose_when_obeyed(Pose2D.identity(), wheels, now_ns, delay_s)
+        assert pose.yaw == pytest.approx(2.0 * way * 0.05)
+        assert pose.x == pytest.approx(way * 0.05, abs=1e-3)
+
+
+def test_a_robot_that_does_not_obey_drives_on_as_its_wheels_do() -> None:
+    commanded = told(*[0.1] * 9)
+    wheels = Twist2D(0.5, 0.0, 0.2)
+    pose = commanded.pose_when_obeyed(Pose2D.identity(), wheels, 8 * PERIOD_NS, 0.2)
+    assert pose.x == pytest.approx(0.1, abs=1e-3)
+    assert pose.yaw == pytest.approx(0.04)

@@ -80,3 +80,12 @@ def test_with_half_a_view_nobody_backs_into_what_was_seen_long_ago() -> None:
     assert may_back_up(math.pi, 2.0), "it has looked there a second before"
     assert may_back_up(math.pi, 15.0)
     assert not may_back_up(math.pi, 30.0)
+
+
+def test_a_robot_that_obeys_late_does_not_drive_deeper_into_what_has_come() -> None:
+    context = context_with_block()
+    context.local_costmap.update(2.6, 3.0)
+    ahead = Twist2D(0.4, 0.0, 0.0)
+    # It will be in the block before it obeys; without `here` it seems to stand there already.
+    motion = Motion(Pose2D(2.95, 3.0, 0.0), ahead, here=Pose2D(2.6, 3.0, 0.0))
+    assert safe_command(motion, ahead, context.local_costmap, LIMITS).is_zero

@@ -32,8 +32,8 @@ class ControlInput:
 
     Attributes:
         now_ns: robot time.
-        motion: in `grid`, with the velocity that was commanded last.
-        steady: the pose in `grid` without the noise of the localizer, for the final approach.
+        motion: in `grid`, when it obeys this command, with the velocity that was commanded last.
+        steady: the same pose without the noise of the localizer, for the final approach.
         odom_T_base: by the wheels alone.
         limits: of the robot at the moment.
         elapsed_s: since the last command.
@@ -100,14 +100,26 @@ class MotionState:
         context, odometry = self._costmap_manager.context, self._inputs.odometry
         if motion is None or steady is None or context is None or odometry is None:
             return None
+        ahead = self._until_obeyed(now_ns)
+        here = motion.pose
+        if ahead != Pose2D.identity():
+            motion = Motion(here @ ahead, motion.twist, here)
         return ControlInput(
             now_ns,
             motion,
-            context.costmap.to_grid(steady),
+            context.costmap.to_grid(steady) @ ahead,
             odometry.pose,
             self.limits(goal_speed),
             elapsed_s,
         )
+
+    def _until_obeyed(self, now_ns: int) -> Pose2D:
+        """Return how the robot moves until it obeys a command that is given now."""
+        robot, here = self._inputs.robot, Pose2D.identity()
+        if robot is None or not robot.delay:
+            return here
+        twist = self._inputs.twist()
+        return self._commanded.pose_when_obeyed(here, twist, now_ns, robot.delay)
 
     def limits(self, goal_speed: float | None) -> Limits:
         """Return the robot's present limits: the lowest of all except those of the place.

@@ -12,6 +12,7 @@ from trolley_planner.control.critics import Target
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.proximity import would_meet_people, would_meet_robots
 from trolley_planner.control.robot_motion import DT_S, ROBOT_MOTION, Limits, stopping_clearance
+from trolley_planner.costmap.footprint import clearance_at
 
 MAX_REVERSE = 0.25
 """Highest speed backwards [m/s]: few lidars look that way."""
@@ -22,10 +23,17 @@ HURRIED_REVERSE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Where the robot is in `grid` and how it moves."""
+    """Where the robot is in `grid` and how it moves when it obeys the next command.
+
+    Attributes:
+        pose: where it will be then.
+        twist: with which velocity.
+        here: where it is now, if it obeys so late that this is somewhere else.
+    """
 
     pose: Pose2D
     twist: Twist2D
+    here: Pose2D | None = None
 
 
 def limits_of(config: PlannerConfig, speed: float, turn: float, deceleration: float) -> Limits:
@@ -107,23 +115,24 @@ def safe_command(
         give_m: how much closer it may come where it is too close already.
         may_back: whether it is known what it backs into; None: as far as it may brake.
     """
-    start, field = state_of(motion), local_costmap.field
+    start, field, body = state_of(motion), local_costmap.field, local_costmap.body
+    now_m = None
+    if motion.here is not None:
+        x, y, yaw = motion.here.as_array().tolist()
+        now_m = clearance_at(field, body, x, y, yaw, limits.clearance_m)
     if may_back is None:
         may_back = wanted.vx >= 0.0 or local_costmap.known_floor.sees_behind(motion.pose)
     if wanted.vx < 0.0 and not may_back:
         wanted = Twist2D(0.0, 0.0, wanted.wz)
     for share in (1.0, 0.75, 0.5, 0.25, 0.1):
         start[3], start[4] = share * wanted.vx, share * wanted.wz
-        now, smallest = stopping_clearance(start, field, local_costmap.body, limits)
-        if would_meet_people(
-            start, field.walkers, local_costmap.body, limits.deceleration, ROBOT_MOTION.delay_s
-        ):
+        now, smallest = stopping_clearance(start, field, body, limits)
+        late_s = ROBOT_MOTION.delay_s
+        if would_meet_people(start, field.walkers, body, limits.deceleration, late_s):
             continue
-        if would_meet_robots(
-            start, field.robots, local_costmap.body, limits.deceleration, ROBOT_MOTION.delay_s
-        ):
+        if would_meet_robots(start, field.robots, body, limits.deceleration, late_s):
             continue
-        if smallest >= min(limits.clearance_m, now - give_m):
+        if smallest >= min(limits.clearance_m, (now if now_m is None else now_m) - give_m):
             return wanted.scaled(share)
     return Twist2D.zero()
 
