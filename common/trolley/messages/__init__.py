@@ -44,6 +44,7 @@ from trolley.messages.motion import (
     Truth,
     VelocityCommand,
 )
+from trolley.messages.proposals import Proposal, Proposals
 from trolley.messages.sensing import (
     BEHIND_MIRROR,
     EXPLAINED,
@@ -125,6 +126,8 @@ __all__ = [
     "Pose2D",
     "PoseEstimate",
     "PoseState",
+    "Proposal",
+    "Proposals",
     "Robot",
     "SavedPose",
     "SavedPoses",

@@ -30,6 +30,8 @@ from trolley_base.settings_keeper import SettingsKeeper
 from trolley_base.simulation.shared_world import SharedWorld
 from trolley_base.state_reporter import StateReporter
 from trolley_base.timekeeper import Timekeeper
+from trolley_base.upkeep.findings import InForce
+from trolley_base.upkeep_watch import UpkeepWatch
 
 CONTROL_S = 0.02
 """One control period: read, decide, drive. It is two steps of a simulated world."""
@@ -92,7 +94,13 @@ class BaseService(Service):
         self._settings = SettingsKeeper(self, config, self._use)
         self._world = None if device.world is None else SharedWorld(self, device.world)
         shared = () if self._world is None else (self._world,)
-        self.parts = (*self._drive.parts, self._time, self._inputs, self._settings, *shared)
+        in_force = InForce(device.base_T_laser, self._scales, half_track_m)
+        # Without wheels there is nothing to compare, and people move a recorded robot.
+        has_wheels = config.base.odometry.source != "lidar" and not device.cannot_drive
+        self._upkeep = UpkeepWatch(self, in_force) if has_wheels else None
+        upkeep = () if self._upkeep is None else (self._upkeep,)
+        own = (*self._drive.parts, self._time, self._inputs, self._settings)
+        self.parts = (*own, *shared, *upkeep)
 
     def prepare(self) -> None:
         """Read what there is to say about the settings, which takes longer than a period."""
@@ -115,6 +123,8 @@ class BaseService(Service):
         self._time.begin(epoch_ns, self._device.rate, step_ns)
         self._introduce(epoch_ns)
         self._settings.start()
+        if self._upkeep is not None:
+            self._upkeep.begin()
         if self._world is not None and opened.world is not None:
             self._world.begin(opened.world)
 
@@ -128,6 +138,8 @@ class BaseService(Service):
         self._reporter.publish_command(self._drive.decision, now_ns)
         self._reporter.publish_state(self._drive.decision, now_ns)
         self._time.save(now_ns)
+        if self._upkeep is not None:
+            self._upkeep.save()
         if self._world is not None:
             self._world.save()
 
@@ -136,6 +148,8 @@ class BaseService(Service):
         """Read the devices, decide, drive, and report."""
         now_ns = self.stamp_ns
         self._inputs.update(now_ns)
+        if self._upkeep is not None:
+            self._upkeep.add(self._inputs.measured.motions)
         self._drive.update(now_ns)
         self._reporter.publish_due(self._drive.decision, now_ns)
         if self._world is not None:

@@ -17,7 +17,7 @@ from trolley import codes
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley.messages import BaseState, Odometry, PoseEstimate
 from trolley_base.calibration.course import Place
-from trolley_base.calibration.legs import Leg, OdometryLog
+from trolley_base.upkeep.legs import Leg, OdometryLog
 
 SOURCE = "calibrate"
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_base.calibration.correction import Correction
-from trolley_base.calibration.legs import Leg
+from trolley_base.upkeep.correction import Correction
+from trolley_base.upkeep.legs import Leg
 
 PRIOR_STD = np.array([0.3, 0.3, 0.5])
 """What a robot's errors may be: without enough turning or straight parts the estimate hardly leaves

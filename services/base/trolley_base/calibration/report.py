@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trolley_base.calibration.correction import Correction
 from trolley_base.calibration.estimate import Estimate
-from trolley_base.calibration.legs import Leg
 from trolley_base.calibration.umbmark import Benchmark
 from trolley_base.odometry.wheel_scales import WheelScales
+from trolley_base.upkeep.correction import Correction
+from trolley_base.upkeep.legs import Leg
 
 UNSURE_SCALE = 0.01
 """Standard deviation of a scale above which it is not proposed; another drive is needed."""

@@ -3,19 +3,23 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from trolley import codes, topics
 from trolley.cli import exits
 from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import print_json
 from trolley.client import Robot
+from trolley.codes import Refused
 from trolley.config import ConfigError, find_config, load_config
 from trolley.geometry import Pose2D
+from trolley.messages import Proposal, Proposals
 from trolley_base.calibration import (
     CalibrationDrive,
     Comparison,
@@ -42,7 +46,12 @@ from trolley_base.commands.calibration_robot import (
     refuse_narrow,
     refuse_unready,
 )
-from trolley_base.commands.odometry_file import as_toml, settings_of, write_settings
+from trolley_base.commands.odometry_file import (
+    as_toml,
+    settings_of,
+    write_proposed,
+    write_settings,
+)
 from trolley_base.odometry.wheel_scales import WheelScales, scales_of
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -150,6 +159,59 @@ def compare_command(seconds: float, as_json: bool, **result: Any) -> None:
         say_block("\n".join(describe_estimate(found)))
         say_block(describe_fit(comparison.legs, correction))
     _propose(correction, in_force, path, result, as_json=as_json)
+
+
+@calibrate_command.command(name="proposed")
+@click.option("--accept", metavar="ID", help="Set what is proposed in the file of --config.")
+@where_options
+@json_option
+@reports_errors
+def proposed_command(accept: str | None, as_json: bool) -> None:
+    """List what base has found wrong with robot.toml while the robot drove, and accept it.
+
+    Base compares wheels, lidar and localizer all the time. What is accepted is written into
+    robot.toml, whose comments stay, and counts once base is restarted.
+    """
+    with one_robot() as robot:
+        heard = robot.latest(topics.PROPOSALS)
+    if heard is None:
+        raise Refused(codes.NOT_READY, "Base is not running, or its wheels do not count.")
+    if accept is not None:
+        _accept(robot.name, heard, accept)
+    elif as_json:
+        print_json(heard)
+    elif not heard.proposals:
+        say("Nothing is proposed: as far as base can tell, robot.toml is right.")
+    else:
+        for one in heard.proposals:
+            say_block(f"{one.id}: {one.message}{_until(one)}")
+            say_block("".join(f"  {name} = {value}\n" for name, value in one.settings.items()))
+
+
+def _accept(name: str, heard: Proposals, wanted: str) -> None:
+    """Write a proposal into the file."""
+    chosen = next((one for one in heard.proposals if one.id == wanted), None)
+    if chosen is None:
+        ids = ", ".join(one.id for one in heard.proposals) or "nothing is proposed"
+        raise Refused(codes.UNKNOWN_NAME, f"There is no proposal {wanted!r}: {ids}.")
+    if not chosen.settings:
+        raise Refused(codes.BAD_REQUEST, f"There is nothing to write: {chosen.message}")
+    path = find_config(given("config"))
+    if path is None:
+        raise ConfigError("there is no robot.toml; name one with --config")
+    config = load_config(path)
+    if config.robot.name != name:
+        raise ConfigError(f"{path} is the file of robot {config.robot.name}, not of {name}")
+    write_proposed(path, chosen.settings)
+    say(f"Set {', '.join(chosen.settings)} in {path}. Restart base for it to take effect.")
+
+
+def _until(proposal: Proposal) -> str:
+    """Say until when it was right."""
+    if proposal.right_until is None:
+        return ""
+    at = datetime.fromtimestamp(proposal.right_until * 1e-9, UTC).astimezone()
+    return f" It was right until {at:%Y-%m-%d %H:%M}."
 
 
 Square = tuple[Direction, Leg]

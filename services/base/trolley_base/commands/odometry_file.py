@@ -1,9 +1,10 @@
-"""`[base.odometry]` in a robot.toml: what is in force, and setting it without touching the rest."""
+"""What was measured, set in a robot.toml without touching the rest."""
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from trolley.config.robot_toml import read_text, replace_text, with_values
+from trolley.config.robot_toml import Values, read_text, replace_text, with_values
 from trolley_base.odometry.wheel_scales import WheelScales
 
 TABLE = ("base", "odometry")
@@ -35,5 +36,24 @@ def write_settings(path: Path, settings: Mapping[str, float]) -> None:
     Raises:
         ConfigError: the file cannot be read or written, or would not be a valid robot.toml.
     """
-    values = {(*TABLE, name): value for name, value in settings.items()}
+    _write(path, {(*TABLE, name): value for name, value in settings.items()})
+
+
+def write_proposed(path: Path, settings: Mapping[str, float]) -> None:
+    """Set what is proposed, by full names such as `base.odometry.linear_scale`.
+
+    Raises:
+        ConfigError: as `write_settings`.
+    """
+    values: dict[tuple[str, ...], Any] = {}
+    for name, value in settings.items():
+        *table, key = name.split(".")
+        if table[-1] == "pose":  # a pose is one value, which the file may say by a quaternion
+            values.setdefault(tuple(table), {})[key] = value
+        else:
+            values[(*table, key)] = value
+    _write(path, values)
+
+
+def _write(path: Path, values: Values) -> None:
     replace_text(path, with_values(read_text(path), values, {}, ""))

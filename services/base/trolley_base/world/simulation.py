@@ -1,7 +1,7 @@
 """A robot in its world, moved in fixed steps: the same seed and commands give the same bytes."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,6 +180,14 @@ class Simulation:
     def lift_robot(self, pose: Pose2D) -> None:
         """Put the robot somewhere else; its wheels do not notice."""
         self._before = self._pose = pose
+
+    def move_lidar(self, base_T_laser: Pose2D) -> None:
+        """Put the lidar elsewhere on the robot; nobody is told."""
+        self._robot = replace(self._robot, base_T_laser=base_T_laser)
+
+    def wear_wheels(self, left: float, right: float) -> None:
+        """Make the wheels smaller: what is left of each; their encoders do not notice."""
+        self._drive.wear(left, right)
 
     def remove_people(self) -> None:
         """Take everybody out of the world."""

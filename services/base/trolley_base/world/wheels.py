@@ -72,6 +72,11 @@ class Drive:
         """The velocity that the board reports [m/s, rad/s]."""
         return self._actuator.twist
 
+    def wear(self, left: float, right: float) -> None:
+        """Make the wheels smaller: what is left of each."""
+        self._left_scale /= left
+        self._right_scale /= right
+
     def step(self, command: Twist2D, dt: float, grip: Grip = GOOD) -> WheelMotion:
         """Follow a command for `dt` seconds, on a floor that holds the wheels so well."""
         self._actuator.step(command, dt)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from trolley.geometry import Pose2D, angle_difference
 from trolley.messages import Odometry, PoseEstimate
-from trolley_base.calibration.legs import Leg, OdometryLog
+from trolley_base.upkeep.legs import Leg, OdometryLog
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +22,8 @@ class ComparisonParams:
     """Standard deviation of the position above which a pose is not compared [m]."""
     max_std_rad: float = 0.10
     """Standard deviation of the heading above which a pose is not compared [rad]."""
+    most_messages: int = 6000
+    """A window of more messages of odometry is given up: the robot stands [messages]."""
     error_m: float = 0.025
     """Standard deviation of the position of a moving robot [m]."""
     error_rad: float = 0.015
@@ -46,6 +48,9 @@ class Comparison:
 
     def update_odometry(self, odometry: Odometry) -> None:
         """Take a message of `odom`."""
+        if len(self._log) > PARAMS.most_messages:
+            self._begin = None
+            self._log.forget_before(odometry.stamp_ns)
         self._log.add(odometry)
         if self._at is not None:
             self._distance_m += self._at.distance_to(odometry.pose)
@@ -79,6 +84,7 @@ class Comparison:
 
     def _begin_at(self, stamp_ns: int, pose: Pose2D) -> None:
         self._begin, self._distance_m, self._turned_rad = (stamp_ns, pose), 0.0, 0.0
+        self._log.forget_before(stamp_ns)
 
 
 def _is_sure(estimate: PoseEstimate) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, angle_difference, interpolate, log_pose
 from trolley.messages import Odometry
-from trolley_base.calibration.correction import Correction
+from trolley_base.upkeep.correction import Correction
 
 SLIP_M = 0.01
 """Standard deviation that slip adds to a position after a metre, a random walk [m]; by hand."""
@@ -90,6 +90,14 @@ class OdometryLog:
         if not self._stamps_ns or odometry.stamp_ns > self._stamps_ns[-1]:
             self._stamps_ns.append(odometry.stamp_ns)
             self._poses.append(odometry.pose)
+
+    def forget_before(self, stamp_ns: int) -> None:
+        """Forget what is older than the newest message before a moment."""
+        first = max(0, bisect_left(self._stamps_ns, stamp_ns) - 1)
+        del self._stamps_ns[:first], self._poses[:first]
+
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
 
     def covers(self, stamp_ns: int) -> bool:
         """Whether there is odometry before and after a moment."""

@@ -1,0 +1,96 @@
+"""What stretches of a drive tell about wheels and lidar."""
+
+import math
+
+import numpy as np
+import pytest
+
+from trolley.geometry import Pose2D
+from trolley_base.odometry.wheel_scales import WheelScales
+from trolley_base.upkeep.correction import Correction
+from trolley_base.upkeep.evidence import ANGULAR, BEND, LINEAR, YAW, Upkeep, X, Y
+from trolley_base.upkeep.findings import InForce, find_proposals
+from trolley_base.upkeep.legs import Leg
+
+MOUNT = Pose2D(0.08, -0.03, 0.4)
+IN_FORCE = InForce(MOUNT, WheelScales(track_m=0.2), 0.1)
+RIGHT = Correction()
+ERROR_M, ERROR_RAD = 0.025, 0.015
+
+
+def drive(
+    upkeep: Upkeep,
+    count: int,
+    seed: int,
+    wheels: Correction = RIGHT,
+    mount: Pose2D = MOUNT,
+    loose: float = 0.0,
+) -> None:
+    """Drive stretches of a metre or a turn, with slip, as a localizer with noise sees them."""
+    rng = np.random.default_rng(seed)
+    moved = mount @ MOUNT.inverse()
+    for _ in range(count):
+        turn = rng.uniform(-1.5, 1.5)
+        way = 1.0 if abs(turn) < 1.0 else rng.uniform(0.0, 0.5)
+        steps = np.tile([way / 50, 0.0, turn / 50], (50, 1))
+        true = steps.copy()
+        true[:, 0] += 0.02 * math.sqrt(way / 50) * rng.standard_normal(50)
+        true[:, 2] += 0.03 * math.sqrt((way + abs(turn)) / 50) * rng.standard_normal(50)
+        true[:, 0] *= 1.0 + loose * rng.uniform(-1.0, 1.0)
+        noise = [Pose2D(*rng.normal(0.0, (0.02, 0.02, 0.012))) for _ in range(2)]
+        seen = moved.inverse() @ wheels.integrate(true) @ moved
+        upkeep.update(Leg(steps, noise[0].inverse() @ seen @ noise[1], ERROR_M, ERROR_RAD))
+
+
+def proposed(upkeep: Upkeep) -> dict[str, dict[str, float]]:
+    errors = upkeep.errors()
+    assert errors is not None
+    return {one.id: one.settings for one in find_proposals(errors, IN_FORCE)}
+
+
+def test_a_lidar_that_was_turned_is_proposed_within_ten_minutes() -> None:
+    upkeep = Upkeep(MOUNT)
+    drive(upkeep, 500, 1)
+    assert proposed(upkeep) == {}
+    drive(upkeep, 150, 2, mount=Pose2D(MOUNT.x, MOUNT.y, MOUNT.yaw + math.radians(3.0)))
+    (settings,) = proposed(upkeep).values()
+    turned = math.degrees(settings["base.lidar.pose.yaw"] - MOUNT.yaw)
+    assert turned == pytest.approx(3.0, abs=0.8)
+
+
+def test_a_worn_tyre_is_proposed_with_the_settings_that_make_up_for_it() -> None:
+    upkeep = Upkeep(MOUNT)
+    drive(upkeep, 300, 3)
+    # The left wheel is 3 % smaller: half of that is missing ahead, and it bends to the left.
+    drive(upkeep, 120, 4, wheels=Correction(0.985, 0.985, 0.03 / 0.2))
+    (settings,) = proposed(upkeep).values()
+    assert settings["base.odometry.linear_scale"] == pytest.approx(0.985, abs=0.012)
+    assert settings["base.odometry.wheel_ratio"] == pytest.approx(1.03, abs=0.012)
+
+
+def test_a_loose_encoder_is_no_correction_but_something_to_look_at() -> None:
+    upkeep = Upkeep(MOUNT)
+    drive(upkeep, 200, 5)
+    drive(upkeep, 60, 6, loose=0.9)
+    assert proposed(upkeep) == {"odometry": {}}
+
+
+def test_what_is_said_to_be_uncertain_is_as_uncertain_as_that() -> None:
+    ratios: list[np.ndarray] = []
+    for seed in range(12):
+        upkeep = Upkeep(MOUNT)
+        drive(upkeep, 150, 100 + seed)
+        errors = upkeep.errors()
+        assert errors is not None
+        ratios.append(errors.values / np.sqrt(np.diag(errors.covariance)))
+        assert find_proposals(errors, IN_FORCE) == []
+    spread = np.sqrt(np.mean(np.square(ratios), axis=0))
+    # Above 1 is overconfident, but for chance.
+    assert np.all(spread[[LINEAR, ANGULAR, BEND, YAW, X, Y]] < 1.3)
+    assert np.all(spread[[LINEAR, ANGULAR, BEND, YAW]] > 0.3)
+
+
+def test_too_short_a_drive_says_nothing() -> None:
+    upkeep = Upkeep(MOUNT)
+    drive(upkeep, 20, 7)
+    assert upkeep.errors() is None
