@@ -1,7 +1,7 @@
 """What to propose of what `upkeep` has found, in words and as settings."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from trolley.geometry import Pose2D
@@ -129,7 +129,7 @@ def _of_lidar(
 
 
 def _of_wheels(
-    off: list[tuple[str, tuple[float, float]]], correction: Correction, in_force: InForce
+    off: Sequence[tuple[str, tuple[float, float]]], correction: Correction, in_force: InForce
 ) -> Proposal:
     words = [
         f"the {what} is {100.0 * abs(value):.1f} % {_more(what, value)}" for what, (value, _) in off
