@@ -82,6 +82,8 @@ def drive(change: Change, minutes: float, seed: int) -> tuple[list[tuple[float, 
                 at = (one.stamp_ns * 1e-9 - changed_s) / 60.0 if changed_s else -1.0
                 found += [(at, proposal) for proposal in one.proposals]
             num_seen = len(proposed)
+            minutes_driven = (lockstep.now_s - begun_s) / 60.0
+            print(f"after {minutes_driven:.1f} min: {[one.id for _, one in found]}", flush=True)
             for heard in (truths, poses, said):
                 del heard[:-1]
     return found, way_m

@@ -178,6 +178,29 @@ def test_any_key_stops_and_the_next_call_goes_on_from_there(rig: Rig) -> None:
     assert rig.config.read_text() == rig.before
 
 
+def test_power_cuts_cost_only_the_step_that_was_begun(rig: Rig) -> None:
+    lift(rig)
+    with rig.setup("--short") as person:
+        person.answer("Do the wheels hang free?", "y")
+        person.wait_for("The wheels go ahead")
+        person.process.send_signal(signal.SIGKILL)
+        person.end()
+    assert rig.config.read_text() == rig.before
+    with rig.setup("--short") as person:
+        try_wheels(person)
+        person.wait_for("may it drive?")
+        person.process.send_signal(signal.SIGKILL)
+        person.end()
+    assert rig.config.read_text() == rig.before
+    with rig.setup("--short") as person:
+        person.answer("may it drive?", "n")
+        assert person.end() == 1, person.said
+    assert "hang free" not in person.said
+    with rig.setup("--undo") as person:
+        assert person.end() == 0
+    assert rig.config.read_text() == rig.before
+
+
 @pytest.mark.parametrize(
     ("break_it", "words"),
     [

@@ -101,6 +101,8 @@ class UpkeepWatch:
             self._publish(found)
         if self._service.monotonic_ns - self._saved_ns >= SAVE_PERIOD_NS:
             self.save()
+            if found != self._proposed:  # the figures become better as it drives
+                self._publish(found)
 
     def save(self) -> None:
         """Keep what was seen."""

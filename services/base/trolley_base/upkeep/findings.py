@@ -137,7 +137,7 @@ def _of_wheels(
     message = f"{' and '.join(words)} than robot.toml says. Take it over?"
     scales = in_force.scales
     if scales.track_m is None:
-        # Without the track that the board assumes there is no ratio of the wheels.
+        message += " Its wheel_ratio can only be proposed where [base.odometry] track_m is set."
         correction = replace(correction, bend=0.0)
     to_be = combined(correction, scales)
     settings = {
