@@ -47,7 +47,6 @@ from trolley_base.simulation.simulated_hardware import SimulatedHardware
 from trolley_base.world import LidarSpec, RobotBody, Simulation, WorldError
 from trolley_base.world.floor import is_on
 from trolley_base.world.scanner import Shots
-from trolley_base.world.spec import WorldSpec
 from trolley_base.world.world_file import World, load_world
 
 PERIOD_NS = 50_000_000
@@ -327,43 +326,43 @@ def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
         tried.errors = errors(tried)
     except SetupRefused as refusal:
         tried.refusal = str(refusal)
-        tried.is_true = is_true(
-            tried.refusal, simulation, world.spec, robot.spec.range_max_m, slipped=slipped
-        )
+        tried.is_true = is_true(tried.refusal, simulation, robot.spec.range_max_m, slipped=slipped)
     return tried
 
 
-def is_true(
-    refusal: str, simulation: Simulation, world: WorldSpec, reach_m: float, *, slipped: bool
-) -> bool:
+LEAST_SHARE = 0.2
+"""Share of the beams of a direction; where fewer come back, a robot that refuses is right."""
+
+
+def is_true(refusal: str, simulation: Simulation, reach_m: float, *, slipped: bool) -> bool:
     """Say whether the reason of a refusal is true of a robot that stands where it was refused.
 
     Args:
         refusal: what was said.
         simulation: the world.
-        world: what is in it.
         reach_m: of the lidar.
         slipped: whether it drove over a rug.
     """
     if "sees nothing at all" in refusal:
-        return blind_directions(simulation, world, reach_m) > 0
+        return blind_directions(simulation, reach_m) > 0
     return slipped and "slip" in refusal
 
 
-def blind_directions(simulation: Simulation, world: WorldSpec, reach_m: float) -> int:
-    """Return in how many of the directions in which setup looks the lidar has no echo."""
+def blind_directions(simulation: Simulation, reach_m: float) -> int:
+    """Return in how many of the directions in which setup looks hardly a beam comes back.
+
+    They lead out of reach, or onto something black, shiny or mirroring.
+    """
     num_rays = 20
     count = SIGHT.num_bins * num_rays
-    pose = simulation.truth().pose
-    headings = 2.0 * math.pi * (np.arange(count) + 0.5) / count
-    shots = Shots(np.ones(count), headings - pose.yaw, np.full(count, 0.5), reach_m)
-    has_echo = np.isfinite(simulation.measure(Pose2D.identity(), shots))
-    for sun in world.sun:
-        if is_on(sun, pose.x, pose.y):
-            off = np.abs(np.angle(np.exp(1j * (headings - sun.towards))))
-            has_echo &= off > 0.5 * sun.width_rad
-    share = has_echo.reshape(SIGHT.num_bins, num_rays).mean(axis=1)
-    return int(np.count_nonzero(share < 0.2))
+    bearings = 2.0 * math.pi * (np.arange(count) + 0.5) / count - simulation.truth().pose.yaw
+    draws = np.linspace(0.0, 1.0, 50, endpoint=False).tolist()
+    echoes = np.zeros(count)
+    for draw in draws:
+        shots = Shots(np.ones(count), bearings, np.full(count, draw), reach_m)
+        echoes += np.isfinite(simulation.measure(Pose2D.identity(), shots))
+    share = echoes.reshape(SIGHT.num_bins, num_rays).mean(axis=1) / len(draws)
+    return int(np.count_nonzero(share < LEAST_SHARE))
 
 
 def found_by(drive: SetupDrive) -> Findings:
