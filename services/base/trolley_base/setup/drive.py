@@ -375,8 +375,8 @@ class SetupDrive:
         if room.blind:
             raise SetupRefused(
                 "In some directions the lidar sees nothing at all, so nobody knows whether the "
-                "floor is free there. Choose a place with walls around, away from glass, and from what is "
-                "black or shiny."
+                "floor is free there. Choose a place with walls around, away from glass and from "
+                "what is black or shiny."
             )
         half_m = min(PARAMS.half_stroke_m, room.free_m - self._body.radius_m - CLEARANCE.margin_m)
         if half_m < PARAMS.least_half_m:
