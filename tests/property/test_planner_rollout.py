@@ -83,11 +83,13 @@ def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> floa
             return cost + ROLLOUT.collision_cost + steps - step + cost_at(field, x, y)
         cost += CRITICS.proximity * near * limits.dt
         cost += step_cost((v, w), before, clearance, limits.dt)
+        if step + 1 in (steps // 2, steps):
+            then_s = (step + 1) * limits.dt
+            stands = standing_cost(field.walkers, walked, place, turned, then_s)
+            cost += 0.5 * CRITICS.proximity * stands
         if (target.x - x) ** 2 + (target.y - y) ** 2 < target.radius**2:
             left = (steps - 1 - step) * limits.dt
             return cost - (left * limits.max_speed if target.goes_on else 0.0)
-    near = standing_cost(field.walkers, walked, (x, y), turned, steps * limits.dt)
-    cost += CRITICS.proximity * near
     return cost + terminal_cost(field, (x, y), turned, target)
 
 
@@ -157,3 +159,26 @@ def test_more_room_is_never_slower_and_what_can_be_braked_for_is_allowed(room, m
     # Driving the limit for the delay and braking covers what is there, or more by caution's rule.
     stopping = 0.15 * now + 0.5 * now * now / limits.deceleration
     assert stopping >= room - limits.clearance_m - 1e-9
+
+
+def test_getting_out_of_the_way_early_costs_less_than_late() -> None:
+    """Else it is put off from command to command, until there is no time left for it."""
+    room = PlanningContext(empty_room(), FOOTPRINT, CONFIG, 2.0)
+    local = room.local_costmap
+    local.update(3.0, 3.0)
+    local.compute_cost_to_go(np.array([[3.0, 3.0], [6.0, 3.0]]), np.array([3.0, 0.0]))
+    comes = np.array([[7.5, 3.0, -0.8, 0.0, 0.25, 0.05]])
+    scene = Scene(
+        local.field._replace(walkers=comes), local.body, limits_of(CONFIG, 0.5, 1.5, 0.9),
+        Target(6.5, 3.0, 0.2, True),
+    )  # fmt: skip
+    aside = np.array([-1.0] * 4 + [0.0] * 4 + [1.0] * 4)
+    straight = np.zeros(12)
+    early, late = np.concatenate([aside, straight]), np.concatenate([straight, aside])
+    controls = np.stack([np.column_stack([np.full(24, 0.25), turn]) for turn in (early, late)])
+    start = np.array([3.0, 3.0, 0.0, 0.25, 0.0])
+    costs, alone = np.empty(2), np.empty(2)
+    rollouts_into(costs, controls.copy(), start, scene)
+    rollouts_into(alone, controls.copy(), start, scene._replace(field=local.field))
+    assert alone[0] == pytest.approx(alone[1], abs=0.05)
+    assert costs[0] < costs[1] - 0.3

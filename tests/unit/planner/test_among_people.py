@@ -15,6 +15,7 @@ from trolley.messages import Scan
 from trolley.messages.types import floats_to_bytes
 
 STEP_S = 0.05
+START = Pose2D(1.0, 3.0, 0.0)
 CONTROLLERS = ["mppi", "pursuit"]
 Place = Callable[[float], tuple[float, float]]
 
@@ -52,12 +53,14 @@ class Meeting:
         room: GridMap | None = None,
         goal_x: float = 6.5,
         world: type[Flatland] = Flatland,
+        start: Pose2D = START,
+        settle_steps: int = 40,
     ) -> None:
         self._room = self._shown = room or empty_room()
-        self.world = world(self._room, Pose2D(1.0, 3.0, 0.0))
+        self.world = world(self._room, start)
         self.drive = ride(self.world, PlannerConfig(controller=controller))
         self.drive.send(Pose2D(goal_x, 3.0, 0.0))
-        self.drive.step(40)
+        self.drive.step(settle_steps)
         self.poses: list[Pose2D] = []
         self.speeds: list[float] = []
         self.nearest = math.inf
@@ -227,3 +230,15 @@ def test_makes_room_where_two_do_not_fit_side_by_side(
     meeting.walk(60.0, person)
     assert person.held_s == 0.0
     assert meeting.arrives(1.0)
+
+
+def test_who_stands_at_the_wall_stays_there_until_who_comes_has_passed(ride) -> None:
+    """So near to a wall it may need a maneuver to drive on, but not into somebody's way."""
+    start = Pose2D(3.0, 2.64, 0.0)
+    meeting = Meeting(ride, "mppi", corridor(1.0), 9.0, start=start, settle_steps=0)
+    person = Person(meeting, 3.0, 0.0)
+    person.x = 6.5
+    meeting.walk(5.0, person)
+    assert person.held_s == 0.0
+    assert person.x < meeting.world.pose.x - 0.3
+    assert max(pose.y for pose in meeting.poses) < 2.68

@@ -48,12 +48,18 @@ class LocalCostmapParams(NamedTuple):
     """Weight of places with less than the usual clearance, where they may be passed at all."""
     narrow_m: float = 0.08
     """Clearance at the robot below which a metre of the path counts `narrow_factor` times."""
+    coming_m: float = 0.8
+    """Distance from the robot within which a person passes who counts as coming by."""
+    coming_s: float = 3.0
+    """Time within which they do: what the rollouts look ahead, and some more."""
     narrow_factor: float = 3.0
     """Weight of a metre of the path in narrow places: progress must be worth driving close to
     walls, and backwards."""
 
 
 LOCAL = LocalCostmapParams()
+LEAST_MPS = 1e-3
+"""Slower is standing [m/s]."""
 TIGHT_CLEARANCE_M = 0.005
 """Clearance in places that are passed only because there is no other path [m]."""
 
@@ -137,6 +143,15 @@ class LocalCostmap:
         away = np.hypot(moving[:, 0] - pose.x, moving[:, 1] - pose.y) - moving[:, 2]
         return bool((away < within_m).any())
 
+    def is_anyone_coming(self, x: float, y: float) -> bool:
+        """Say whether a person who walks on as now soon comes by a robot at a place [m]."""
+        walkers = self._moving[0]
+        off, velocity = walkers[:, :2] - (x, y), walkers[:, 2:4]
+        squared = np.maximum((velocity**2).sum(axis=1), LEAST_MPS**2)
+        nearest_s = np.clip(-(off * velocity).sum(axis=1) / squared, 0.0, LOCAL.coming_s)
+        away = np.hypot(*(off + nearest_s[:, None] * velocity).T) - walkers[:, 4]
+        return bool((away < self.body.circumscribed_m + LOCAL.coming_m).any())
+
     def update(self, x: float, y: float, is_tight: bool = False) -> None:
         """Centre on a point of `grid` [m] and recompute the distances.
 
@@ -159,7 +174,9 @@ class LocalCostmap:
         self._robot_cell = math.floor(centre[1]) * len(weights) + math.floor(centre[0])
         room_m = coarse.distance_m.reshape(-1)[self._robot_cell]
         # A robot that stepped aside for somebody is near a wall, too, and in no hurry.
-        is_narrow = is_tight or (room_m < self._narrow_m and not self._costmap.moving.people)
+        is_narrow = (is_tight and not self.is_anyone_coming(x, y)) or (
+            room_m < self._narrow_m and not self._costmap.moving.people
+        )
         self._price_of_path = LOCAL.narrow_factor if is_narrow else 1.0
         radius = LOCAL.escape_m / self.coarse_m
         soften_disc(weights, coarse.distance_m, centre, radius, LOCAL.escape_weight)

@@ -140,9 +140,11 @@ def rollouts_into(
             look_around(lanes, count, scene, enough)
             look_for_others(lanes, count, (step + 1) * limits.dt, scene)
             add_step_costs(lanes, count, limits.dt)
+            # In the middle, too: with the end alone, getting out of the way would be put off from
+            # command to command.
+            if field.walkers.shape[0] > 0 and (step + 1 == steps // 2 or step + 1 == steps):
+                add_standing_costs(lanes, count, (step + 1) * limits.dt, scene)
             count = end_lanes(out_costs, lanes, count, (step, steps), floor, scene)
-        if field.walkers.shape[0] > 0:
-            add_standing_costs(lanes, count, steps * limits.dt, scene)
         for lane in range(count):
             place, turned = (lanes.x[lane], lanes.y[lane]), (lanes.cos[lane], lanes.sin[lane])
             end = terminal_cost(field, place, turned, scene.target)
@@ -376,12 +378,12 @@ def add_step_costs(lanes: Lanes, count: int, dt: float) -> None:
 
 @kernel
 def add_standing_costs(lanes: Lanes, count: int, time_s: float, scene: Scene) -> None:
-    """Add what it costs to stand where each lane ends while people come along."""
+    """Add half of what it costs to stand where each lane is while people come along."""
     body = scene.body.few_points, scene.body.inscribed_m, scene.body.circumscribed_m
     for lane in range(count):
         place, turned = (lanes.x[lane], lanes.y[lane]), (lanes.cos[lane], lanes.sin[lane])
         near = standing_cost(scene.field.walkers, body, place, turned, time_s)
-        lanes.cost[lane] += CRITICS.proximity * near
+        lanes.cost[lane] += 0.5 * CRITICS.proximity * near
 
 
 @kernel

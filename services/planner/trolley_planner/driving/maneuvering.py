@@ -143,6 +143,10 @@ class Maneuvering:
             now_ns: robot time.
         """
         pose = motion.pose
+        # The controller knows how to pass people, and to stand aside for them; a maneuver does not.
+        is_anyone_coming = self._context.local_costmap.is_anyone_coming(pose.x, pose.y)
+        if is_anyone_coming:
+            self.stop()
         aim, self._tolerances = approach.aim, approach.near
         needed = self._needed_until(pose, route, aim)
         self.is_tight_ahead = needed is not None
@@ -152,8 +156,8 @@ class Maneuvering:
             self.stop()
         if needed is None or self._goes_on(route, needed) or self._must_rest(now_ns):
             return
-        if self._is_anyone_near(pose, MANEUVER.begin_people_m):
-            return  # The controller knows how to pass people.
+        if is_anyone_coming or self._is_anyone_near(pose, MANEUVER.begin_people_m):
+            return
         self._searched_ns = now_ns
         lead = self._lead(motion)
         found = self._search(lead[-1], route, aim, needed)
