@@ -6,7 +6,15 @@ from typing import Any
 
 from trolley import codes, topics
 from trolley.doctor.finding import Finding, note, ok, problem, warning
-from trolley.messages import BaseState, Clock, GoalStatus, Health, PoseEstimate, Robot
+from trolley.messages import (
+    BaseState,
+    Clock,
+    GoalStatus,
+    Health,
+    PoseEstimate,
+    Proposal,
+    Robot,
+)
 from trolley.messages.motion import PROTOCOL
 from trolley.topics import Kind, Topic
 from trolley.traffic import Expected, Flow, expected
@@ -49,6 +57,8 @@ class RobotFacts:
     base: BaseState | None = None
     pose: PoseEstimate | None = None
     goal: GoalStatus | None = None
+    proposals: Sequence[Proposal] = ()
+    """What base has found wrong with robot.toml."""
     needs_map: bool = True
     """Whether it drives on a map."""
 
@@ -64,6 +74,7 @@ def check_robot(facts: RobotFacts) -> list[Finding]:
         *check_services(facts),
         *check_base(facts),
         *check_pose(facts),
+        *check_proposals(facts),
         *check_rates(facts),
         *check_lateness(facts),
         *check_counters(facts),
@@ -193,6 +204,20 @@ def check_pose(facts: RobotFacts) -> list[Finding]:
             "localizer",
             f"The robot knows where it is; the map explains {pose.match:.0%} of a scan.",
         )
+    ]
+
+
+def check_proposals(facts: RobotFacts) -> list[Finding]:
+    """Whether wheels and lidar still are as robot.toml says."""
+    return [
+        warning(
+            "base",
+            one.message,
+            f"`trolley calibrate proposed --accept {one.id} --config robot.toml` takes it over."
+            if one.settings
+            else "Look whether a wheel, an encoder or the lidar has come loose.",
+        )
+        for one in facts.proposals
     ]
 
 

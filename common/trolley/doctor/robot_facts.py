@@ -44,6 +44,7 @@ def listen(
         robot = Robot.over(connection, name)
         health = _health(connection, name)
         clock = _last(mine, topics.CLOCK)
+        proposals = robot.latest(topics.PROPOSALS)
         found.append(
             RobotFacts(
                 name=name,
@@ -61,6 +62,7 @@ def listen(
                 base=robot.latest(topics.BASE),
                 pose=robot.latest(topics.POSE),
                 goal=robot.latest(topics.GOAL),
+                proposals=() if proposals is None else proposals.proposals,
                 needs_map=needs_map,
             )
         )

@@ -18,6 +18,7 @@ from trolley.messages import (
     Health,
     Link,
     PoseEstimate,
+    Proposal,
     Robot,
 )
 from trolley.traffic import Flow
@@ -150,6 +151,21 @@ CASES: dict[str, tuple[RobotFacts, Level, str]] = {
         "is working out where it is",
     ),
     "unsure": (replace(GOOD, pose=pose("unsure")), Level.WARNING, "unsure where it is"),
+    "tyre": (
+        replace(
+            GOOD,
+            proposals=[
+                Proposal(id="wheels", message="The left wheel is 3 % smaller.", settings={"a": 1.0})
+            ],
+        ),
+        Level.WARNING,
+        "left wheel is 3 % smaller",
+    ),
+    "loose": (
+        replace(GOOD, proposals=[Proposal(id="odometry", message="They no longer fit.")]),
+        Level.WARNING,
+        "no longer fit",
+    ),
     "no scan": (without(GOOD, "scan", "pose", "tf/odom"), Level.PROBLEM, "scan is not published"),
     "slow odom": (with_flow("odom", 8.0), Level.WARNING, "odom arrives at 8.0 Hz; 20 Hz"),
     "fast scan": (with_flow("scan", 120.0), Level.WARNING, "50 Hz is the maximum"),
