@@ -423,8 +423,9 @@ def test_goals_in_a_flood_do_not_flood_the_planner(
         began_s = time.monotonic()
         for _ in range(1000):
             goals.publish(goal(4.0))
-        goals.publish(goal(5.0))
-        wait_until(lambda: robot.goals[-1].pose == Pose2D(5.0, 1.0, 0.0), "the last one comes")
+        # Behind a flood one may be so late that it is dropped.
+        last = Pose2D(5.0, 1.0, 0.0)
+        repeat(lambda: goals.publish(goal(5.0)), lambda: robot.goals[-1].pose == last, "it comes")
         assert len(robot.goals) <= 3 + 2 * (time.monotonic() - began_s)
 
 
