@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from support.flatland import BOX
+from support.proximity import robots_proximity_cost
 
 from trolley_planner.control.proximity import (
-    robots_proximity_cost,
     would_meet_people,
     would_meet_robots,
 )

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.flatland import empty_room, with_block
+from support.proximity import proximity_cost
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
@@ -14,7 +15,7 @@ from trolley.gridmap.kernels import interpolate
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limits_of
 from trolley_planner.control.critics import CRITICS, Target, cost_at, step_cost, terminal_cost
-from trolley_planner.control.proximity import proximity_cost, standing_cost
+from trolley_planner.control.proximity import standing_cost
 from trolley_planner.control.robot_motion import (
     advance,
     allowed_speed,

@@ -69,7 +69,7 @@ class Lanes(NamedTuple):
     clearance: NDArray[np.float64]
     """(lanes,) distance from the footprint to the nearest obstacle [m]."""
     near: NDArray[np.float64]
-    """(lanes,) result of `proximity_cost`."""
+    """(lanes,) cost of being near people and other robots."""
     cost: NDArray[np.float64]
     """(lanes,) cost so far, in metres of free floor."""
     is_marked: NDArray[np.bool_]
@@ -284,7 +284,7 @@ def look_at_outline(lanes: Lanes, count: int, scene: Scene, points: NDArray[np.f
 
 @kernel
 def look_for_others(lanes: Lanes, count: int, time_s: float, scene: Scene) -> None:
-    """Find how near each lane comes to people and other robots; as `proximity_cost`."""
+    """Find how near each lane comes to people and other robots."""
     walkers, robots, near = scene.field.walkers, scene.field.robots, lanes.near
     if walkers.shape[0] + robots.shape[0] == 0:
         return
