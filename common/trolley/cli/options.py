@@ -12,33 +12,48 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def where_options(command: F) -> F:
     """Add `--robot`, `--connect` and `--config`, which may stand before the command's name too."""
+    shared: dict[str, Any] = {"expose_value": False, "callback": _keep}
+    robot = click.option("--robot", metavar="NAME", help="The robot's name.", **shared)
+    connect = click.option(
+        "--connect",
+        metavar="ENDPOINT",
+        multiple=True,
+        help="Its router, such as tls/kiwi.local:7448 (may be repeated).",
+        **shared,
+    )
+    return robot(connect(_config_option(command, _keep)))
+
+
+def config_option(command: F) -> F:
+    """Add `--config` alone, for what starts a robot: who it is and where stands in the file."""
 
     def keep(context: click.Context, parameter: click.Parameter, value: Any) -> None:
-        if value:
-            _check(parameter.name or "", value)
-            where = cast("dict[str, Any]", context.ensure_object(dict))
-            where[parameter.name or ""] = value
+        for name, key in (("robot", "`[robot] name`"), ("connect", "`[zenoh] connect`")):
+            if name in context.ensure_object(dict):
+                raise click.UsageError(
+                    f"--{name} is for commands that talk to a robot which runs; "
+                    f"here {key} of robot.toml counts"
+                )
+        _keep(context, parameter, value)
 
-    shared: dict[str, Any] = {"expose_value": False, "callback": keep}
-    options = [
-        click.option("--robot", metavar="NAME", help="The robot's name.", **shared),
-        click.option(
-            "--connect",
-            metavar="ENDPOINT",
-            multiple=True,
-            help="Its router, such as tls/kiwi.local:7448 (may be repeated).",
-            **shared,
-        ),
-        click.option(
-            "--config",
-            type=click.Path(dir_okay=False, path_type=Path),
-            help="A robot.toml; else TROLLEY_CONFIG, else /etc/trolley/robot.toml.",
-            **shared,
-        ),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
+    return _config_option(command, keep)
+
+
+def _config_option(command: F, callback: Callable[..., None]) -> F:
+    return click.option(
+        "--config",
+        type=click.Path(dir_okay=False, path_type=Path),
+        expose_value=False,
+        callback=callback,
+        help="A robot.toml; else TROLLEY_CONFIG, else /etc/trolley/robot.toml.",
+    )(command)
+
+
+def _keep(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+    if value:
+        name = parameter.name or ""
+        _check(name, value)
+        cast("dict[str, Any]", context.ensure_object(dict))[name] = value
 
 
 def _check(name: str, value: Any) -> None:

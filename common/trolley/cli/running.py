@@ -14,7 +14,7 @@ import click
 
 from trolley import ports, warmup
 from trolley.cli import exits
-from trolley.cli.options import given, where_options
+from trolley.cli.options import config_option, given
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.config import (
@@ -177,7 +177,7 @@ def _broker_option(
     callback=_broker_option,
     help="Report to this MQTT broker, and through it to Home Assistant.",
 )
-@where_options
+@config_option
 @reports_errors
 def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> None:
     """Run the router and all installed services of a robot until Ctrl-C.
@@ -267,7 +267,7 @@ def listening(security: Security | None, local: Sequence[str]) -> list[str]:
     type=click.Path(file_okay=False, path_type=Path),
     help="The folder with this host's keys; else `[zenoh] keys`, else /etc/trolley/keys.",
 )
-@where_options
+@config_option
 @reports_errors
 def router_command(listen: tuple[str, ...], uplink: tuple[str, ...], folder: Path | None) -> None:
     """Run the router that services and tools connect to.
@@ -302,7 +302,7 @@ def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) 
 
 @click.command(name="run")
 @click.argument("service", shell_complete=_complete)
-@where_options
+@config_option
 @reports_errors
 def run_command(service: str) -> None:
     """Run one SERVICE (base, localizer, mapper, mqtt, planner, tour, viz) in the foreground.

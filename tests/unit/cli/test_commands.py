@@ -253,3 +253,15 @@ def test_what_was_made_is_told_to_programs_too(runner: CliRunner, tmp_path: Path
     params.write_text("controller_server:\n ros__parameters:\n  FollowPath:\n   vx_max: 0.3\n")
     taken = told("import", "nav2", str(params), "-o", str(tmp_path / "other.toml"))
     assert taken["taken"] == [{"what": "speed 0.3 m/s", "from": "nav2.yaml:4"}]
+
+
+@pytest.mark.parametrize("command", [["up"], ["run", "base"], ["router"]])
+def test_what_starts_a_robot_says_where_its_name_and_router_stand(
+    runner: CliRunner, command: list[str]
+) -> None:
+    for given, key in (("--robot", "[robot] name"), ("--connect", "[zenoh] connect")):
+        value = "kiwi" if given == "--robot" else "tcp/127.0.0.1:7599"
+        result = runner.invoke(cli, [given, value, *command])
+        assert result.exit_code == 2
+        assert given in result.output
+        assert key in result.output

@@ -333,6 +333,14 @@ def test_a_suspect_is_offered_and_stored_as_a_mirror(hand: Hand, keeper: ZoneKee
     assert keeper["mirror 1"].points == SUSPECT.points
 
 
+def test_a_suspect_is_asked_about_in_the_language_of_the_page(hand: Hand) -> None:
+    suspects = hand.stage.session.suspected_mirrors
+    assert suspects._nodes[1].text == "mirror?"
+    hand.stage.session.preferences.choose_language("de")
+    hand.stage.runtime.run(0.5)
+    assert suspects._nodes[1].text == "Spiegel?"
+
+
 def test_a_suspect_that_is_none_is_not_offered_again(stage: "Stage", keeper: ZoneKeeper) -> None:
     stage.browse(0, Visitor("ann"))
     stage.runtime.run(0.5)

@@ -26,7 +26,6 @@ from trolley_viz.scene.places import APPEARED_COLOUR, GONE_COLOUR
 from trolley_viz.sentences import refusal
 
 DASH_M, GAP_M = 0.08, 0.06
-LABELS = {"appeared": "new?", "gone": "gone?"}
 
 
 class ChangeMarks:
@@ -95,7 +94,7 @@ class ChangeMarks:
             ),
             scene.add_label(
                 f"/changes/{change.id}/name",
-                LABELS[change.kind],
+                f"{change.id}?",
                 position=(*outline.mean(axis=0).tolist(), Z_LABEL),
                 anchor="bottom-center",
                 depth_test=False,

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import viser
@@ -25,10 +25,16 @@ MAX_SHOWN = 20
 
 
 class SuspectLines:
-    """The suspected mirrors that have not been dismissed in this browser."""
+    """The suspected mirrors that have not been dismissed in this browser.
 
-    def __init__(self, picture: Picture) -> None:
+    Args:
+        picture: where they are drawn.
+        in_language: puts an English text into the language of the page.
+    """
+
+    def __init__(self, picture: Picture, in_language: Callable[[str], str]) -> None:
         self._picture = picture
+        self._in_language = in_language
         self._nodes: list[viser.SceneNodeHandle] = []
         self._drawn: tuple[object, ...] = ()
         self.offered: list[SuspectLine] = []
@@ -39,7 +45,8 @@ class SuspectLines:
         message, grid = view.streams.latest(topics.SUSPECTS), view.map
         world_T_map = view.placement.world_T("map")
         name = None if grid is None else grid.name
-        inputs = (self._picture.scene, message, name, tuple(dismissed), is_shown)
+        label = self._in_language("mirror?")
+        inputs = (self._picture.scene, message, name, tuple(dismissed), is_shown, label)
         if inputs == self._drawn or world_T_map is None:
             return
         self._drawn = inputs
@@ -68,7 +75,7 @@ class SuspectLines:
                 ),
                 scene.add_label(
                     f"/suspects/name{i}",
-                    "mirror?",
+                    label,
                     position=(*points.mean(axis=0).tolist(), Z_LABEL),
                     anchor="bottom-center",
                     depth_test=False,

@@ -6,6 +6,7 @@ from msgspec import structs
 
 from trolley.messages import SuspectLine
 from trolley_viz.languages.catalogue import ENGLISH, known_language
+from trolley_viz.languages.translator import translator_of
 from trolley_viz.scene.scene import shown_layers
 from trolley_viz.settings import MAX_DISMISSED, Choices, Dismissed
 
@@ -40,6 +41,11 @@ class Preferences:
     def language(self) -> str:
         """The code of the language in which the page is."""
         return known_language(self.choices.language) or self._device_language or ENGLISH
+
+    def in_language(self, english: str) -> str:
+        """A text in the language of the page."""
+        words = translator_of(self.language)
+        return english if words is None else words.text(english)
 
     @property
     def has_letters(self) -> bool:

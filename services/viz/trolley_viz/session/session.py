@@ -117,7 +117,7 @@ class Session:
             self.tell,
             self._begin_map_tool,
         )
-        self.suspected_mirrors = SuspectLines(picture)
+        self.suspected_mirrors = SuspectLines(picture, self.preferences.in_language)
         self.change_marks = ChangeMarks(picture)
         self.change_requests = ChangeRequests(
             service, self.actions, lambda: self._robot, self._map_name
