@@ -25,6 +25,8 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 import msgspec
 from msgspec import Struct
 
+from trolley.invalid import in_words_of_a_file
+
 API = 1
 """Version of what drivers are given and have to give; one for another version is not used."""
 BOARDS, LIDARS = "trolley.boards", "trolley.lidars"
@@ -305,7 +307,4 @@ def read_settings(plain: Mapping[str, Any], kind: type[S], table: str) -> S:
     try:
         return msgspec.convert(dict(plain), kind)
     except msgspec.ValidationError as error:
-        text, _, where = str(error).partition(" - at `$")
-        text = text.replace("Object contains unknown field", "unknown key")
-        text = text.replace("Object missing required field", "missing key")
-        raise DriverUnusable(f"[{table}{where.rstrip('`')}] {text}") from error
+        raise DriverUnusable(in_words_of_a_file(str(error), table)) from error

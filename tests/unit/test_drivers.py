@@ -161,7 +161,7 @@ def test_settings_of_a_driver_are_checked_by_what_it_declares() -> None:
     assert read_settings({"add_m": 0.05}, OwnSettings, table) == OwnSettings(add_m=0.05)
     for plain, why in (
         ({}, r"\[base.lidar.settings\] missing key `add_m`"),
-        ({"add_m": 1}, r"\[base.lidar.settings.add_m\] Expected `float` <= 0.1"),
+        ({"add_m": 1}, r"\[base.lidar.settings.add_m\] it must be at most 0.1"),
         ({"add_m": 0.0, "x": 1}, r"\[base.lidar.settings\] unknown key `x`"),
     ):
         with pytest.raises(DriverUnusable, match=why):

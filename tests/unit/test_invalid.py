@@ -1,7 +1,7 @@
 """What msgspec says, in words for people."""
 
 import re
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import pytest
@@ -25,6 +25,11 @@ def test_a_name_that_cannot_be_is_described_not_shown_as_an_expression() -> None
 class Numbers(msgspec.Struct, forbid_unknown_fields=True):
     many: list[int] = []
     share: float | None = None
+    percent: Annotated[float, msgspec.Meta(ge=0.0, lt=100.0)] = 0.0
+    pair: tuple[int, int] = (0, 0)
+    word: Annotated[str, msgspec.Meta(min_length=1, max_length=3)] = "a"
+    few: Annotated[list[int], msgspec.Meta(max_length=2)] = []
+    kind: Literal["tea", "coffee"] = "tea"
 
 
 @pytest.mark.parametrize(
@@ -34,7 +39,14 @@ class Numbers(msgspec.Struct, forbid_unknown_fields=True):
         ({"many": [1, "x"]}, "`many[1]`: a whole number is needed, not text"),
         ({"share": []}, "`share`: a number or nothing is needed, not a list"),
         ([], "an object is needed, not a list"),
-        ({"few": 1}, "Object contains unknown field `few`"),
+        ({"percent": -1}, "`percent`: it must be at least 0.0"),
+        ({"percent": 100}, "`percent`: it must be less than 100.0"),
+        ({"pair": [1]}, "`pair`: it must have 2 entries"),
+        ({"word": ""}, "`word`: it must have at least 1 character"),
+        ({"word": "long"}, "`word`: it must have at most 3 characters"),
+        ({"few": [1, 2, 3]}, "`few`: it must have at most 2 entries"),
+        ({"kind": "milk"}, "`kind`: 'milk' is not among the values that it may have"),
+        ({"fewer": 1}, "unknown field `fewer`"),
     ],
 )
 def test_kinds_have_names_that_people_know(value: object, words: str) -> None:

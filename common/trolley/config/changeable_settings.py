@@ -12,7 +12,8 @@ from typing import Any, NamedTuple, cast
 import msgspec
 
 from trolley.config.describe import Key, sections
-from trolley.config.load import ConfigError, RobotConfig, in_words_of_the_file
+from trolley.config.load import ConfigError, RobotConfig
+from trolley.invalid import in_words_of_a_file
 from trolley.messages import ChangedSetting, Setting
 from trolley.messages.settings import Acts, Source
 
@@ -140,7 +141,7 @@ def with_values(config: RobotConfig, section: str, values: Values) -> RobotConfi
     try:
         return msgspec.convert(plain, type=RobotConfig)
     except msgspec.ValidationError as error:
-        raise ConfigError(in_words_of_the_file(str(error))) from error
+        raise ConfigError(in_words_of_a_file(str(error))) from error
 
 
 def with_changes(

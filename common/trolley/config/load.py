@@ -21,7 +21,7 @@ from trolley.config.tour import TourConfig
 from trolley.config.viz import VizConfig
 from trolley.config.webhook import WebhookConfig
 from trolley.files import read_text
-from trolley.invalid import plain_words
+from trolley.invalid import in_words_of_a_file
 
 DEFAULT_PATH = Path("/etc/trolley/robot.toml")
 
@@ -164,16 +164,4 @@ def _converted(plain: Mapping[str, Any], path: Path, kind: type[C]) -> C:
     try:
         return msgspec.convert({**plain, "folder": str(file.parent), "file": str(file)}, type=kind)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {in_words_of_the_file(str(error))}") from error
-
-
-def in_words_of_the_file(problem: str) -> str:
-    """Turn msgspec's words into the file's: `$.planner.speed` is key `planner.speed`."""
-    text, _, where = problem.partition(" - at `$")
-    key = where.rstrip("`").lstrip(".")
-    text = plain_words(
-        text.replace("Object contains unknown field", "unknown key").replace(
-            "Object missing required field", "missing key"
-        )
-    )
-    return f"[{key}] {text}" if key else text
+        raise ConfigError(f"{path}: {in_words_of_a_file(str(error))}") from error

@@ -132,7 +132,7 @@ def test_init_writes_a_file_that_loads_and_never_overwrites(
         (["--map", "none.yaml"], "none.yaml is not there; leave it out"),
         (["--map", "song.yaml"], "not valid YAML (not text)"),
         (["--map", "torn.yaml"], "there is no such image"),
-        (["--length", "-1"], "it must be >= 0.02"),
+        (["--length", "-1"], "it must be at least 0.02"),
     ],
 )
 def test_init_writes_nothing_that_no_robot_could_use(
