@@ -132,9 +132,10 @@ def _of_wheels(
     off: Sequence[tuple[str, tuple[float, float]]], correction: Correction, in_force: InForce
 ) -> Proposal:
     words = [
-        f"the {what} is {100.0 * abs(value):.1f} % {_more(what, value)}" for what, (value, _) in off
+        f"The {what} is {100.0 * abs(value):.1f} % {_more(what, value)} than robot.toml says."
+        for what, (value, _) in off
     ]
-    message = f"{' and '.join(words)} than robot.toml says. Take it over?"
+    message = f"{' '.join(words)} Take it over?"
     scales = in_force.scales
     if scales.track_m is None:
         message += " Its wheel_ratio can only be proposed where [base.odometry] track_m is set."
@@ -146,7 +147,7 @@ def _of_wheels(
     }
     if scales.track_m is not None:
         settings["base.odometry.wheel_ratio"] = round(to_be.wheel_ratio, 4)
-    return Proposal(id="wheels", message=message[0].upper() + message[1:], settings=settings)
+    return Proposal(id="wheels", message=message, settings=settings)
 
 
 def _more(what: str, value: float) -> str:

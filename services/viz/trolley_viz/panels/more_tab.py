@@ -9,6 +9,7 @@ from trolley_viz.languages.catalogue import ENGLISH, catalogues
 from trolley_viz.panels.frames import FrameTreePanel
 from trolley_viz.panels.markup import note, swatches, table
 from trolley_viz.panels.measuring import FramesPanel, PlotPanel
+from trolley_viz.panels.proposals import ProposalPanel
 from trolley_viz.panels.streams import StreamPanel
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Group, Layer
@@ -46,6 +47,7 @@ class MoreTab:
 
     def __init__(self, gui: Controls, session: Session) -> None:
         self._due_ns = 0
+        self._proposals = ProposalPanel(gui)
         fit = gui.add_button("Show the whole map", icon="maximize")
         fit.on_press(session.window.fit)
         chosen = session.preferences.choices
@@ -80,6 +82,7 @@ class MoreTab:
         if view.now_ns < self._due_ns:
             return
         self._due_ns = view.now_ns + PERIOD_NS
+        self._proposals.update(view)
         for panel in self._layers.values():
             panel.update(view)
         self._position.content = table(position_rows(view))

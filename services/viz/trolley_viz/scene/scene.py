@@ -58,6 +58,7 @@ ALWAYS: tuple[Topic[Any], ...] = (
     topics.TOUR,
     topics.HEALTH,
     topics.CONFIG,
+    topics.PROPOSALS,
 )
 """What the panels and several layers need whatever is switched off."""
 
