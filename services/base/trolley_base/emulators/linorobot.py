@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley.geometry import Twist2D
 from trolley_base.emulators import rosserial
 from trolley_base.emulators.device import Board
+from trolley_base.emulators.inertial import InertialUnit
 from trolley_base.emulators.rosserial import Message, Receiver, encode, encode_string
 from trolley_base.emulators.surroundings import EmulatedBoard
 from trolley_base.units import NS_PER_MS
@@ -41,10 +42,8 @@ WHEEL_M, TRACK_M, TICKS = 0.10, 0.235, 1550
 LEAP_RPM, LEAP_NS = 1800, 1_000 * NS_PER_MS
 """Speed that a leap of one wheel reports [rpm], which the firmware does not check, and its period
 [ns]."""
-GRAVITY = 9.80665
 GYRO_BIAS_STD, GYRO_NOISE = 0.01, 0.003
 """Zero-rate error of this unit, and noise of each reading [rad/s]."""
-ACCELERATION_NOISE = 0.05
 FIELD_T = (20e-6, -45e-6)
 """The earth's magnetic field: towards north (+x of the map) and up."""
 
@@ -74,15 +73,12 @@ class Linorobot(Board):
 
     def __init__(self, options: LinorobotOptions, rng: np.random.Generator) -> None:
         super().__init__(TEENSY_BAUD, 0.5 * TRACK_M)
-        self.gyro_factor = 1.0
-        """Fault: its gyro reads this many times the truth."""
+        self.inertial = InertialUnit(GYRO_BIAS_STD, GYRO_NOISE, rng)
         self.says_nan = False
         """Fault: its speeds are not numbers."""
         self.has_wrong_md5 = False
         """Fault: another firmware, whose `raw_vel` has another layout."""
         self._options = options
-        self._rng = rng
-        self._bias = GYRO_BIAS_STD * rng.standard_normal(3)
         self.restart(0)
 
     def restart(self, now_ns: int) -> None:
@@ -97,8 +93,7 @@ class Linorobot(Board):
         self._leapt_ns = now_ns
         self._travel_m = [0.0, 0.0]
         self._counted = [0.0, 0.0]
-        self._pose: Pose2D | None = None
-        self._speed = 0.0
+        self.inertial.restart()
         self._raw_vel = self._raw_imu = b""
 
     def wheels(self) -> Twist2D:
@@ -220,16 +215,10 @@ class Linorobot(Board):
         return is_due
 
     def _inertial(self, simulation: Simulation, elapsed_ns: int) -> bytes:
-        """Read the inertial unit: how the robot truly moves, with the unit's errors."""
+        """Read the inertial unit and the compass."""
         state = simulation.truth()
-        seconds = elapsed_ns * 1e-9
-        before = self._pose or state.pose
-        rate = self.gyro_factor * wrap_angle(state.pose.yaw - before.yaw) / seconds
-        forward = (state.twist.vx - self._speed) / seconds if self._pose else 0.0
-        self._pose, self._speed = state.pose, state.twist.vx
-        gyro = self._bias + GYRO_NOISE * self._rng.standard_normal(3) + (0.0, 0.0, rate)
-        acceleration = ACCELERATION_NOISE * self._rng.standard_normal(3)
-        acceleration += (forward, state.twist.vx * rate, GRAVITY)
+        self.inertial.move(state, elapsed_ns * 1e-9)
+        gyro, acceleration = self.inertial.read()
         yaw = state.pose.yaw
         field = (FIELD_T[0] * math.cos(yaw), -FIELD_T[0] * math.sin(yaw), FIELD_T[1])
         return struct.pack("<9d", *acceleration, *gyro, *field)

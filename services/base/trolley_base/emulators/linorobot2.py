@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley.geometry import Pose2D, Twist2D
 from trolley_base.emulators import micro_ros
 from trolley_base.emulators.device import Board
-from trolley_base.emulators.linorobot import ACCELERATION_NOISE, GRAVITY
+from trolley_base.emulators.inertial import InertialUnit
 from trolley_base.emulators.micro_ros import Cdr, MicroRosClient, Publisher, Sleep, object_id
 from trolley_base.emulators.sonar import nearest_m
 from trolley_base.emulators.surroundings import EmulatedBoard
@@ -71,6 +71,71 @@ class Linorobot2Options:
     has_sonar: bool = False
 
 
+class SpeedControl:
+    """The wheels as the firmware drives and counts them, and the watchdog over them.
+
+    Args:
+        is_of_2021: it takes no notice of the first command after a silence.
+        now_ns: when it begins, standing.
+    """
+
+    def __init__(self, is_of_2021: bool, now_ns: int) -> None:
+        self._skips_first = is_of_2021
+        self.applied = Twist2D.zero()
+        """What the wheels were last told."""
+        self.velocities = (0.0, 0.0)
+        """What they were last counted to do [m/s, rad/s]."""
+        self._requested = Twist2D.zero()
+        self._commanded_ns = now_ns - WATCHDOG_NS
+        self._is_first = False
+        self._travel_m = [0.0, 0.0]
+        self._counted = [0, 0]
+        self._counted_ns = self._leapt_ns = now_ns
+
+    def turn(self, twist: Twist2D) -> None:
+        """Turn the wheels by one step of the world."""
+        half = 0.5 * TRACK_M * twist.wz
+        for wheel, speed in enumerate((twist.vx - half, twist.vx + half)):
+            self._travel_m[wheel] += speed * STEP_NS * 1e-9
+
+    def command(self, twist: Twist2D, now_ns: int) -> None:
+        """Take a command."""
+        self._is_first = now_ns - self._commanded_ns >= WATCHDOG_NS
+        self._requested, self._commanded_ns = twist, now_ns
+
+    def stop(self) -> None:
+        """Stop the wheels until the next command."""
+        self._requested = self.applied = Twist2D.zero()
+
+    def run(self, now_ns: int, *, leaps: bool) -> None:
+        """Apply the newest command, if it is not too old, and count.
+
+        Args:
+            now_ns: the board's time.
+            leaps: the count of one wheel leaps once a second.
+        """
+        is_late = now_ns - self._commanded_ns >= WATCHDOG_NS
+        if is_late or (self._skips_first and self._is_first):
+            self._requested = Twist2D.zero()
+        self._is_first = False
+        self.applied = self._requested
+        seconds = (now_ns - self._counted_ns) * 1e-9
+        if seconds <= 0.0:
+            return
+        self._counted_ns = now_ns
+        speeds: list[float] = []
+        for wheel, travel_m in enumerate(self._travel_m):
+            count = math.floor(travel_m / (math.pi * WHEEL_M) * TICKS)
+            turns = (count - self._counted[wheel]) / TICKS
+            self._counted[wheel] = count
+            speeds.append(turns * math.pi * WHEEL_M / seconds)
+        left, right = speeds
+        if leaps and now_ns - self._leapt_ns >= LEAP_NS:
+            self._leapt_ns = now_ns
+            right += LEAP_MPS
+        self.velocities = (0.5 * (left + right), (right - left) / TRACK_M)
+
+
 class Linorobot2(Board):
     """The board; see the module. On Wi-Fi it sends to its agent's port.
 
@@ -84,15 +149,13 @@ class Linorobot2(Board):
     def __init__(self, options: Linorobot2Options, rng: np.random.Generator) -> None:
         super().__init__(FAST_BAUD if options.is_fast else BAUD, 0.5 * TRACK_M)
         self.is_usb = not (options.is_uart or options.is_fast)
-        self.gyro_factor = 1.0
-        """Fault: its gyro reads this many times the truth."""
+        self.inertial = InertialUnit(GYRO_BIAS_STD, GYRO_NOISE, rng)
         self.says_nan = False
         """Fault: its speeds are not numbers."""
         self.has_wrong_md5 = False
         """Fault: another firmware, whose `cmd_vel` has a stamp."""
         self._options = options
         self._rng = rng
-        self._bias = GYRO_BIAS_STD * rng.standard_normal(3)
         self._client = MicroRosClient(lambda data: self._send(self._client.now_ns, data))
         self._client.on_data = self._take_data
         self.restart(0)
@@ -105,27 +168,17 @@ class Linorobot2(Board):
     def restart(self, now_ns: int) -> None:
         """Boot: no session, wheels standing, encoders at zero."""
         self.motors.stand()
-        self._wheels_to(Twist2D.zero(), now_ns)
-        self._travel_m = [0.0, 0.0]
-        self._counted = [0, 0]
-        self._pose: Pose2D | None = None
-        self._speed = self._yaw_rate = self._true_speed = self._forward = 0.0
-        self._measured_ns = self._leapt_ns = self._battery_ns = now_ns
-        self._sonar_ns = now_ns
+        self.inertial.restart()
+        self._control = SpeedControl(self._options.is_of_2021, now_ns)
+        self._arrived: Twist2D | None = None
+        self._odometry = b""
+        self._battery_ns = self._sonar_ns = now_ns
         self._ahead_m = math.inf
         self._client.now_ns = now_ns
         self._client.begin(0)
         self._must_restart = False
         self._sketch = self._run(BOOT_NS)
         self._wake_ns = now_ns
-
-    def _wheels_to(self, twist: Twist2D, now_ns: int) -> None:
-        self._requested = self._applied = twist
-        self._arrived: Twist2D | None = None
-        self._commanded_ns = now_ns - WATCHDOG_NS
-        self._is_first = False
-        self._velocities = (0.0, 0.0)
-        self._odometry = b""
 
     def join_another_agent(self) -> None:
         """Fault: it is in a session with another agent, which has just ended."""
@@ -136,7 +189,7 @@ class Linorobot2(Board):
 
     def wheels(self) -> Twist2D:
         """Return what the speed control was last told."""
-        return self._applied
+        return self._control.applied
 
     def receive(self, data: bytes, now_ns: int) -> None:
         """Take what the host wrote."""
@@ -147,22 +200,12 @@ class Linorobot2(Board):
 
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
         """Turn the wheels one step further, and run the sketch up to its end."""
-        twist = self.motors.counted(simulation.take_motion().twist)
-        half = 0.5 * TRACK_M * twist.wz
-        for wheel, speed in enumerate((twist.vx - half, twist.vx + half)):
-            self._travel_m[wheel] += speed * STEP_NS * 1e-9
-        self._sense(simulation, (to_ns - from_ns) * 1e-9)
-        self._client.now_ns = max(to_ns, self._client.now_ns)
-        self._go_on()
-
-    def _sense(self, simulation: Simulation, seconds: float) -> None:
-        state = simulation.truth()
-        before = self._pose or state.pose
-        self._yaw_rate = wrap_angle(state.pose.yaw - before.yaw) / seconds
-        self._forward = (state.twist.vx - self._true_speed) / seconds if self._pose else 0.0
-        self._pose, self._true_speed = state.pose, state.twist.vx
+        self._control.turn(self.motors.counted(simulation.take_motion().twist))
+        self.inertial.move(simulation.truth(), (to_ns - from_ns) * 1e-9)
         if self._options.has_sonar:
             self._ahead_m = nearest_m(simulation, SONAR_MOUNT, SONAR_CONE, SONAR_MAX_M)
+        self._client.now_ns = max(to_ns, self._client.now_ns)
+        self._go_on()
 
     def _go_on(self) -> None:
         while self._wake_ns <= self._client.now_ns:
@@ -205,12 +248,11 @@ class Linorobot2(Board):
         while True:
             yield from client.wait(0)
             if self._arrived is not None:
-                self._is_first = client.now_ns - self._commanded_ns >= WATCHDOG_NS
-                self._requested, self._commanded_ns = self._arrived, client.now_ns
+                self._control.command(self._arrived, client.now_ns)
                 self._arrived = None
             if client.now_ns >= next_control_ns:
                 next_control_ns = client.now_ns + CONTROL_NS
-                self._move_base()
+                self._control.run(client.now_ns, leaps=self.leaps)
                 if client.now_ns >= next_report_ns:
                     next_report_ns = client.now_ns + report_ns
                     yield from self._publish_data()
@@ -221,7 +263,7 @@ class Linorobot2(Board):
             yield max(client.now_ns, min(next_ping_ns, next_control_ns))
         self._remarks.append("it has lost its agent")
         if self.stops_by_itself:
-            self._requested = self._applied = Twist2D.zero()
+            self._control.stop()
         client.close()
 
     def _name_publishers(self) -> None:
@@ -292,29 +334,6 @@ class Linorobot2(Board):
         self._arrived = Twist2D(float(vx), 0.0, float(wz))
         self._keep(self._client.now_ns, self._arrived)
 
-    def _move_base(self) -> None:
-        now_ns = self._client.now_ns
-        is_late = now_ns - self._commanded_ns >= WATCHDOG_NS
-        if is_late or (self._options.is_of_2021 and self._is_first):
-            self._requested = Twist2D.zero()
-        self._is_first = False
-        self._applied = self._requested
-        seconds = (now_ns - self._measured_ns) * 1e-9
-        if seconds <= 0.0:
-            return
-        self._measured_ns = now_ns
-        speeds: list[float] = []
-        for wheel, travel_m in enumerate(self._travel_m):
-            count = math.floor(travel_m / (math.pi * WHEEL_M) * TICKS)
-            turns = (count - self._counted[wheel]) / TICKS
-            self._counted[wheel] = count
-            speeds.append(turns * math.pi * WHEEL_M / seconds)
-        left, right = speeds
-        if self.leaps and now_ns - self._leapt_ns >= LEAP_NS:
-            self._leapt_ns = now_ns
-            right += LEAP_MPS
-        self._velocities = (0.5 * (left + right), (right - left) / TRACK_M)
-
     def _publish_data(self) -> Sleep:
         client = self._client
         if client.epoch_ns is None:
@@ -337,7 +356,7 @@ class Linorobot2(Board):
         return True
 
     def _odometry_at(self, stamp: int) -> bytes:
-        vx, wz = self._velocities
+        vx, wz = self._control.velocities
         if self.says_nan:
             vx = math.nan
         pose, covariance = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), [0.001] + [0.0] * 35
@@ -351,14 +370,11 @@ class Linorobot2(Board):
         return told.put("4f", SONAR_CONE, SONAR_MIN_M, SONAR_MAX_M, self._ahead_m).data
 
     def _imu(self, stamp: int) -> bytes:
-        gyro = self._bias + GYRO_NOISE * self._rng.standard_normal(3)
-        gyro += (0.0, 0.0, self.gyro_factor * self._yaw_rate)
+        gyro, forces = self.inertial.read()
         rates = [0.0 if abs(rate) < GYRO_DEAD else float(rate) for rate in gyro]
-        pull = ACCELERATION_NOISE * self._rng.standard_normal(3)
-        pull += (self._forward, self._true_speed * self._yaw_rate, GRAVITY)
         zeros = [0.0] * 9
         told = _header(stamp, "imu_link")
-        return told.put("37d", 0.0, 0.0, 0.0, 1.0, *zeros, *rates, *zeros, *pull, *zeros).data
+        return told.put("37d", 0.0, 0.0, 0.0, 1.0, *zeros, *rates, *zeros, *forces, *zeros).data
 
 
 def _header(stamp_ns: int, frame: str) -> Cdr:

@@ -102,7 +102,7 @@ class DevicePort:
     ) -> None:
         faults = self._faults
         device.says_nan = "nan" in faults
-        device.gyro_factor = faults["gyro"].amount if "gyro" in faults else 1.0
+        device.inertial.gyro_factor = faults["gyro"].amount if "gyro" in faults else 1.0
         if device.has_wrong_md5 != ("md5" in faults):
             device.has_wrong_md5 = not device.has_wrong_md5
             device.restart(now_ns)  # it has been flashed
