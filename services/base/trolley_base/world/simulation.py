@@ -12,17 +12,9 @@ from trolley_base.drivers.interface import LidarScan, MotionSample
 from trolley_base.world.body import move_into
 from trolley_base.world.contacts import Contact, ContactLog
 from trolley_base.world.floor import Floor
-from trolley_base.world.gaps import Things, place_outline_into
-from trolley_base.world.people import Walk, Walker
-from trolley_base.world.rays import Scene
+from trolley_base.world.gaps import place_outline_into
 from trolley_base.world.scanner import Scanner, Shots, cast_shots_into
-from trolley_base.world.scene import (
-    Segments,
-    build_segments,
-    build_walls,
-    pieces_of,
-    polyline,
-)
+from trolley_base.world.solids import OtherRobot, Solids
 from trolley_base.world.spec import DriveLimits, LidarSpec, WorldError, WorldSpec
 from trolley_base.world.wheels import STANDING, Drive, WheelMotion
 
@@ -30,8 +22,6 @@ STEP_NS = 10_000_000
 STEP_S = STEP_NS / 1e9
 MAX_CLEARANCE = 10.0
 """Clearances beyond this are reported as this [m]."""
-FAR_AWAY_M = 1000.0
-"""Where people who have left the world are put [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,14 +39,6 @@ class RobotBody:
     base_T_laser: Pose2D
     limits: DriveLimits | None = None
     lidar: LidarSpec | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OtherRobot:
-    """Another robot of the same world: its name and its outline (n, 2) [m] in `map`."""
-
-    name: str
-    outline: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,12 +86,8 @@ class Simulation:
     ) -> None:
         streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)]
         self._robot = robot
-        self._walls = build_walls(grid)
-        self._fixed, names = build_segments(spec)
-        self._segments = self._fixed
-        self._circles, self._circle_body = self._place_circles(spec, names, streams[3])
-        self._contacts = ContactLog(names)
-        self._num_own_bodies = len(names)
+        self._solids = Solids(spec, grid, streams[3])
+        self._contacts = ContactLog(self._solids.names)
         corners = np.ascontiguousarray(robot.footprint, dtype=np.float64)
         self._footprint = (corners, circle_around(corners))
         self._outline = np.empty_like(corners)
@@ -124,36 +102,12 @@ class Simulation:
         self._scans: list[LidarScan] = []
         self._resize()
         place_outline_into(self._outline, corners, self._pose.x, self._pose.y, self._pose.yaw)
-        for _, place, walker in self._walkers:
-            walker.keep_off(self._outline, streams[3])
-            self._circles[place] = walker.circles()
+        self._solids.keep_people_off(self._outline, streams[3])
         self._clearance = self._move(STANDING, 0.0)[1]
         self._refuse_overlap()
 
-    def _place_circles(
-        self, spec: WorldSpec, names: list[str], rng: np.random.Generator
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return circles and their bodies, and add the bodies' names.
-
-        Those that no beam meets come first, people last.
-        """
-        circles = [[c.x, c.y, c.radius_m] for c in sorted(spec.circle, key=lambda c: c.seen)]
-        bodies = [len(names) + i for i in range(len(circles))]
-        named = [(c.seen, c.name or f"circle {i}") for i, c in enumerate(spec.circle)]
-        names += [name for _, name in sorted(named, key=lambda one: one[0])]
-        self._num_unseen = sum(not circle.seen for circle in spec.circle)
-        self._walkers: list[tuple[int, slice, Walker]] = []
-        for index, person in enumerate(spec.person):
-            walker = Walker(person, rng)
-            place = slice(len(circles), len(circles) + walker.num_circles)
-            self._walkers.append((len(names), place, walker))
-            circles += walker.circles().tolist()
-            bodies += [len(names)] * walker.num_circles
-            names.append(person.name or f"person {index}")
-        return np.array(circles, dtype=np.float64).reshape(-1, 3), np.array(bodies, dtype=np.int64)
-
     def _refuse_overlap(self) -> None:
-        people = {body for body, _, _ in self._walkers}
+        people = self._solids.people
         for body, gap in enumerate(self._gaps):
             if gap < 0.0 and body not in people:
                 raise WorldError(
@@ -163,13 +117,8 @@ class Simulation:
 
     def set_others(self, others: list[OtherRobot]) -> None:
         """Say where the other robots are; they stay there until the next call."""
-        names = self._contacts.names[: self._num_own_bodies]
-        self._segments = self._fixed
-        for other in others:
-            outline = polyline(np.asarray(other.outline, dtype=np.float64), closed=True)
-            self._segments = self._segments.joined(pieces_of(outline, len(names)))
-            names.append(other.name)
-        self._contacts.rename(names)
+        self._solids.set_others(others)
+        self._contacts.rename(self._solids.names)
         self._resize()
 
     def _resize(self) -> None:
@@ -191,9 +140,7 @@ class Simulation:
 
     def remove_people(self) -> None:
         """Take everybody out of the world."""
-        for _, place, _ in self._walkers:
-            self._circles[place, :2] = FAR_AWAY_M
-        self._walkers.clear()
+        self._solids.remove_people()
 
     @property
     def contacts(self) -> deque[Contact]:
@@ -211,7 +158,7 @@ class Simulation:
         Args:
             command: the velocity that the robot is told to drive.
         """
-        touched = self._move_people()
+        touched = self._solids.move_people(STEP_S, self._outline)
         motion = self._drive.step(command, STEP_S, self._floor.grip(self._pose))
         self._before = self._pose
         part, self._clearance = self._move(motion, STEP_S)
@@ -221,43 +168,20 @@ class Simulation:
         self._contacts.update(self._now_ns, self._gaps, self._towards, touched)
         mount = self._robot.base_T_laser
         laser = (self._before @ mount, self._pose @ mount)
-        scene = self._scene(self._segments)
+        scene = self._solids.scene(self._outline)
         sun = self._floor.sun(self._pose)
         self._scans += self._scanner.step(self._now_ns - STEP_NS, self._now_ns, laser, scene, sun)
-
-    def _scene(self, segments: Segments) -> Scene:
-        return Scene(
-            self._walls.frame,
-            self._walls.solid,
-            segments.points,
-            segments.kinds,
-            segments.echoes,
-            self._circles[self._num_unseen :],
-            self._outline,
-        )
-
-    def _move_people(self) -> list[int]:
-        """Move the people; return the bodies of those who walked into the robot."""
-        touched: list[int] = []
-        for body, place, walker in self._walkers:
-            if walker.step(STEP_S, self._outline) is Walk.TOUCHED:
-                touched.append(body)
-            self._circles[place] = walker.circles()
-        return touched
 
     def _move(self, motion: WheelMotion, dt: float) -> tuple[float, float]:
         """Move the body; return the fraction of the step that was free, and the clearance."""
         pose = self._pose.as_array()
-        things = Things(
-            self._segments.points, self._segments.body, self._circles, self._circle_body
-        )
         part, clearance = move_into(
             pose,
             (self._gaps, self._touches, self._outline),
             self._towards,
             ((motion.slipping.vx, motion.slipping.wz), (motion.own.vx, motion.own.wz), dt),
             self._footprint,
-            (self._walls, things),
+            (self._solids.walls, self._solids.things),
             MAX_CLEARANCE,
         )
         x, y, yaw = pose.tolist()
@@ -287,7 +211,7 @@ class Simulation:
         """
         poses = np.array([(p @ base_T_laser).as_array() for p in (self._before, self._pose)])
         ranges = np.empty(len(shots.bearings))
-        cast_shots_into(ranges, shots, poses, self._scene(self._segments))
+        cast_shots_into(ranges, shots, poses, self._solids.scene(self._outline))
         return ranges
 
     def take_scans(self) -> tuple[LidarScan, ...]:
