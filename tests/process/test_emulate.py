@@ -13,13 +13,14 @@ from pathlib import Path
 import pytest
 import serial
 from support.processes import write_config
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics
 from trolley.config import load_config
 from trolley.connection import Connection
 from trolley.messages import Clock
 from trolley.runtime import codec
+from trolley.runtime.supervision import PARENT_VARIABLE
 
 TOPICS_PLEASE = bytes.fromhex("fffe0000ff0000ff")
 TROLLEY = str(Path(sys.executable).with_name("trolley"))
@@ -133,6 +134,15 @@ def test_it_ends_cleanly(emulate, number: signal.Signals):
         assert os.listdir(one.ports) == []
         assert "The devices are gone." in one.log
         assert "Traceback" not in one.log
+
+
+def test_it_ends_with_the_demo_that_started_it(tmp_path: Path):
+    words = [TROLLEY, "emulate", "arduino_bridge", "--ports", str(tmp_path / "ports")]
+    # As a child whose supervisor was killed before it came to ask.
+    orphan = {**os.environ, PARENT_VARIABLE: "1"}
+    done = subprocess.run(words, env=orphan, timeout=PATIENCE_S, check=False)
+    assert done.returncode == 0
+    assert not (tmp_path / "ports").exists()
 
 
 def test_it_says_what_a_robot_toml_needs(emulate, tmp_path: Path):

@@ -126,16 +126,24 @@ def polygon_contains(
     Source:
         Franklin, PNPOLY (1970): count the edges that a ray along +x crosses.
     """
-    starts = np.asarray(polygon, dtype=np.float64)
-    points = np.asarray(points, dtype=np.float64)
-    inside = np.zeros(len(points), dtype=np.bool_)
-    for (x_0, y_0), (x_1, y_1) in zip(starts, np.roll(starts, -1, axis=0), strict=True):
+    corners: list[tuple[float, float]] = np.asarray(polygon, dtype=np.float64).tolist()
+    x, y = np.asarray(points, dtype=np.float64).T
+    inside = np.zeros(len(x), dtype=np.bool_)
+    for (x_0, y_0), (x_1, y_1) in zip(corners, corners[1:] + corners[:1], strict=True):
         if y_0 == y_1:
             continue
-        straddles = (y_0 > points[:, 1]) != (y_1 > points[:, 1])
-        crossing_x = x_0 + (points[:, 1] - y_0) * ((x_1 - x_0) / (y_1 - y_0))
-        inside ^= straddles & (points[:, 0] < crossing_x)
+        straddles = (y_0 > y) != (y_1 > y)
+        crossing_x = x_0 + (y - y_0) * ((x_1 - x_0) / (y_1 - y_0))
+        inside ^= straddles & (x < crossing_x)
     return inside
+
+
+def edges_of(polygon: Floats) -> Floats:
+    """Return the edges (n, 2) [m] of a polygon (n, 2), each from its corner to the next."""
+    edges = np.empty_like(polygon)
+    np.subtract(polygon[1:], polygon[:-1], out=edges[:-1])
+    np.subtract(polygon[0], polygon[-1], out=edges[-1])
+    return edges
 
 
 def distance_to_segments(points: Floats, starts: Floats, ends: Floats) -> Floats:

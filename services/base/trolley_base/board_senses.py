@@ -10,6 +10,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry.polygon import edges_of
 from trolley.messages import Scan, floats_to_bytes
 from trolley_base.drivers import ChassisReading, Contact
 
@@ -30,7 +31,7 @@ def outline_distances(footprint: Floats, bearings: Floats) -> Floats:
             farther side counts, and directions that miss it are 0.
         bearings: [rad].
     """
-    edges = np.roll(footprint, -1, axis=0) - footprint
+    edges = edges_of(footprint)
     ahead = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     cross = ahead[:, None, 0] * edges[None, :, 1] - ahead[:, None, 1] * edges[None, :, 0]
     parallel = np.abs(cross) < 1e-12

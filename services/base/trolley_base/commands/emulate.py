@@ -19,6 +19,7 @@ from trolley.config import RobotConfig, load_config
 from trolley.connection import Target, find_target
 from trolley.geometry import Pose2D
 from trolley.interrupts import Interrupts
+from trolley.runtime.supervision import end_with_parent
 from trolley_base.description import footprint_of
 from trolley_base.emulators import (
     DeviceError,
@@ -120,6 +121,7 @@ def emulate_command(
     footprint, lidar's pose and wheels are those of that file. With --robot or --config it publishes
     sim/truth. Faults can also be typed while it runs, in the form that --fault takes.
     """
+    end_with_parent()
     if not quiet:
         for name, why in LEFT_OUT.items():
             say(f"{name} cannot be emulated: {why}", err=True, fg="yellow")

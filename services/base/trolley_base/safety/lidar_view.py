@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, wrap_angle
+from trolley.geometry.polygon import edges_of
 from trolley_base.drivers import LidarScan
 
 SIDES = (
@@ -211,7 +212,7 @@ def _distances_out(outline: Floats, origin: Floats) -> Floats:
     angles = (np.arange(360) + 0.5) * (2.0 * math.pi / 360)
     rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     starts = outline - origin
-    edges = np.roll(outline, -1, axis=0) - outline
+    edges = edges_of(outline)
     across = rays[:, :1] * edges[:, 1] - rays[:, 1:] * edges[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         along = (starts[:, 0] * edges[:, 1] - starts[:, 1] * edges[:, 0]) / across

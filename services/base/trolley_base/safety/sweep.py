@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Twist2D
+from trolley.geometry.polygon import edges_of
 
 MIN_CURVATURE = 1e-3
 """Flatter arcs count as straight lines [1/m]: over a metre that is wrong by half a millimetre."""
@@ -38,7 +39,7 @@ def contact_times(points: Floats, outline: Floats, twist: Twist2D) -> Floats:
 
 
 def _straight_times(points: Floats, outline: Floats, twist: Twist2D) -> Floats:
-    edges = np.roll(outline, -1, axis=0) - outline
+    edges = edges_of(outline)
     px = points[:, 0, None] - outline[:, 0]
     py = points[:, 1, None] - outline[:, 1]
     # p - d t = a + along e, both sides crossed with e, then with d.
@@ -54,7 +55,7 @@ def _arc_times(points: Floats, outline: Floats, twist: Twist2D) -> Floats:
     centre = np.array([-twist.vy, twist.vx]) / twist.wz
     q = points - centre
     start = outline - centre
-    edge = np.roll(outline, -1, axis=0) - outline
+    edge = edges_of(outline)
     # |start + along e|^2 = |q|^2, a quadratic in `along`.
     a = np.sum(edge * edge, axis=1)
     half_b = np.sum(start * edge, axis=1)

@@ -4,13 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Twist2D
+from trolley.geometry.polygon import edges_of
 
 Floats = NDArray[np.float64]
 
 
 def closest_on_outline(points: Floats, outline: Floats) -> Floats:
     """Return for each point (n, 2) the nearest point (n, 2) on an outline (m, 2) [m]."""
-    edge = np.roll(outline, -1, axis=0) - outline
+    edge = edges_of(outline)
     offset = points[:, None, :] - outline
     along = np.sum(offset * edge, axis=2) / np.sum(edge * edge, axis=1)
     feet = outline + np.clip(along, 0.0, 1.0)[:, :, None] * edge
