@@ -11,7 +11,7 @@ import unicodedata
 from collections.abc import Sequence
 from typing import Any
 
-from trolley_mqtt import commands
+from trolley_mqtt import remote_commands
 from trolley_mqtt.events import EVENT_TYPES
 from trolley_mqtt.robot_view import POSITIONS
 from trolley_mqtt.sentences import ACTIVITIES
@@ -74,21 +74,21 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
         ("vacuum", "vacuum"): {
             "name": None,
             "state_topic": "~/vacuum",
-            "command_topic": f"~/do/{commands.VACUUM}",
+            "command_topic": f"~/do/{remote_commands.VACUUM}",
             "supported_features": ["start", "pause", "return_home", "locate"],
-            "payload_start": commands.START,
-            "payload_pause": commands.PAUSE,
-            "payload_return_to_base": commands.RETURN,
-            "payload_locate": commands.LOCATE,
+            "payload_start": remote_commands.START,
+            "payload_pause": remote_commands.PAUSE,
+            "payload_return_to_base": remote_commands.RETURN,
+            "payload_locate": remote_commands.LOCATE,
             "icon": "mdi:robot",
         },
         (binary, "problem"): _flag("Problem", "problem"),
         # A stop is always worth a try, so it does not depend on the robot being heard of.
-        (button, "stop"): _button("Stop", commands.STOP, "mdi:hand-back-right")
+        (button, "stop"): _button("Stop", remote_commands.STOP, "mdi:hand-back-right")
         | {"availability": [{"topic": "~/bridge"}]},
-        (button, "pause"): _button("Pause", commands.PAUSE, "mdi:pause"),
-        (button, "resume"): _button("Continue", commands.RESUME, "mdi:play"),
-        (button, "cancel"): _button("Cancel", commands.CANCEL, "mdi:cancel"),
+        (button, "pause"): _button("Pause", remote_commands.PAUSE, "mdi:pause"),
+        (button, "resume"): _button("Continue", remote_commands.RESUME, "mdi:play"),
+        (button, "cancel"): _button("Cancel", remote_commands.CANCEL, "mdi:cancel"),
     }
     if device.has_map:
         found["image", "map"] = {
@@ -114,8 +114,8 @@ def buttons(device: Device, places: Sequence[str], tours: Sequence[str]) -> dict
     """A button per place and per tour: discovery topic to payload."""
     found: dict[tuple[str, str], Payload] = {}
     for verb, title, icon, names in (
-        (commands.GO, "Go to", "mdi:map-marker-right", places),
-        (commands.TOUR, "Tour", "mdi:routes", tours),
+        (remote_commands.GO, "Go to", "mdi:map-marker-right", places),
+        (remote_commands.TOUR, "Tour", "mdi:routes", tours),
     ):
         for name in sorted(names)[:MAX_BUTTONS]:
             found["button", f"{verb}_{slug(name)}"] = _button(f"{title} {name}", verb, icon) | {

@@ -4,7 +4,9 @@ from collections.abc import Callable
 
 from trolley.codes import Refused
 from trolley.runtime.service import Service
-from trolley_mqtt.commands import (
+from trolley_mqtt.connection import Arrived
+from trolley_mqtt.freshness import Freshness
+from trolley_mqtt.remote_commands import (
     LOCATE,
     NAMED,
     STOP,
@@ -15,8 +17,6 @@ from trolley_mqtt.commands import (
     name_in,
     order_of,
 )
-from trolley_mqtt.connection import Arrived
-from trolley_mqtt.freshness import Freshness
 from trolley_mqtt.remote_stop import RemoteStop
 from trolley_mqtt.robot_inputs import RobotInputs
 from trolley_mqtt.state_report import StateReport

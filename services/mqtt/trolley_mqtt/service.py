@@ -12,7 +12,6 @@ import msgspec
 from trolley import topics
 from trolley.config import ConfigError, RobotConfig
 from trolley.runtime.service import Service, every
-from trolley_mqtt.commands import STOP
 from trolley_mqtt.connection import (
     Arrived,
     Broker,
@@ -30,6 +29,7 @@ from trolley_mqtt.freshness import Freshness
 from trolley_mqtt.home_assistant import HomeAssistant
 from trolley_mqtt.map_image import MapImage
 from trolley_mqtt.outbox import OFFLINE, ONLINE, Outbox
+from trolley_mqtt.remote_commands import STOP
 from trolley_mqtt.remote_control import RemoteControl
 from trolley_mqtt.remote_stop import RemoteStop
 from trolley_mqtt.robot_inputs import RobotInputs

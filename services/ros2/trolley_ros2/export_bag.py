@@ -30,7 +30,7 @@ from trolley.messages import (
 from trolley.messages import Path as PathMessage
 from trolley.recording.reader import BadRecording, Entry, RecordingFile
 from trolley.runtime import codec
-from trolley_ros2 import cdr, names, outgoing, published
+from trolley_ros2 import cdr, names, published, to_ros
 from trolley_ros2.published import RosTopic, TooManyFrames, Tree
 
 VERSION = 8
@@ -156,11 +156,11 @@ class _Export:
 
     def _scan(self, scan: Scan, entry: Entry) -> None:
         stamp_ns = _stamp(scan.stamp_ns, entry)
-        self._write(published.SCAN, outgoing.laser_scan(scan, stamp_ns), entry)
+        self._write(published.SCAN, to_ros.laser_scan(scan, stamp_ns), entry)
 
     def _odom(self, odometry: Odometry, entry: Entry) -> None:
         stamp_ns = _stamp(odometry.stamp_ns, entry)
-        self._write(published.ODOM, outgoing.odometry(odometry, stamp_ns), entry)
+        self._write(published.ODOM, to_ros.odometry(odometry, stamp_ns), entry)
         self._write(published.TF, self._tree.moving(odometry, stamp_ns), entry)
 
     def _tf(self, transform: Transform, entry: Entry) -> None:
@@ -173,20 +173,20 @@ class _Export:
             self._write(published.TF_STATIC, message, entry)
 
     def _map(self, grid: OccupancyGrid, entry: Entry) -> None:
-        message = outgoing.grid(grid, _stamp(grid.stamp_ns, entry))
+        message = to_ros.grid(grid, _stamp(grid.stamp_ns, entry))
         self._write(published.MAP, message, entry)
 
     def _pose(self, estimate: PoseEstimate, entry: Entry) -> None:
-        message = outgoing.pose(estimate, _stamp(estimate.stamp_ns, entry))
+        message = to_ros.pose(estimate, _stamp(estimate.stamp_ns, entry))
         if message is not None:
             self._write(published.AMCL_POSE, message, entry)
 
     def _plan(self, path: PathMessage, entry: Entry) -> None:
-        message = outgoing.path(path, _stamp(path.stamp_ns, entry))
+        message = to_ros.path(path, _stamp(path.stamp_ns, entry))
         self._write(published.PLAN, message, entry)
 
     def _costmap(self, grid: OccupancyGrid, entry: Entry) -> None:
-        message = outgoing.grid(grid, _stamp(grid.stamp_ns, entry))
+        message = to_ros.grid(grid, _stamp(grid.stamp_ns, entry))
         self._write(published.LOCAL_COSTMAP, message, entry)
 
 

@@ -13,7 +13,7 @@ from trolley.messages import Odometry, Scan
 from trolley.runtime import codec
 from trolley_ros2 import cdr
 from trolley_ros2.bag import Channel
-from trolley_ros2.incoming import BASE_FRAMES
+from trolley_ros2.from_ros import BASE_FRAMES
 
 TF_TYPES = (cdr.TF_MESSAGE, "tf/msg/tfMessage")
 MAX_TILT_RAD = math.radians(15.0)

@@ -16,8 +16,8 @@ from trolley.messages.request_params import SendGoal, SetPose
 from trolley.runtime.foreign_bus import ForeignSample
 from trolley.runtime.service import Service
 from trolley_ros2 import cdr
+from trolley_ros2.from_ros import Dropped, decoded, twist_of, where_of
 from trolley_ros2.graph import Graph
-from trolley_ros2.incoming import Dropped, decoded, twist_of, where_of
 from trolley_ros2.names import attachment_of, type_and_hash
 from trolley_ros2.timing import Delays
 

@@ -15,7 +15,7 @@ from trolley.messages import (
 )
 from trolley.runtime.service import Service, Watch
 from trolley.topics import Topic
-from trolley_ros2 import cdr, outgoing, published
+from trolley_ros2 import cdr, published, to_ros
 from trolley_ros2.graph import Graph, Publisher
 from trolley_ros2.published import RosTopic, TooManyFrames, Tree
 from trolley_ros2.timing import RosClock
@@ -102,10 +102,10 @@ class Outputs:
         return self._clock.stamp(stamp_ns, self._service.now_ns, self._service.unix_ns)
 
     def _scan(self, scan: Scan) -> None:
-        self._publish(published.SCAN, outgoing.laser_scan(scan, self._stamp(scan.stamp_ns)))
+        self._publish(published.SCAN, to_ros.laser_scan(scan, self._stamp(scan.stamp_ns)))
 
     def _odom(self, odometry: Odometry) -> None:
-        self._publish(published.ODOM, outgoing.odometry(odometry, self._stamp(odometry.stamp_ns)))
+        self._publish(published.ODOM, to_ros.odometry(odometry, self._stamp(odometry.stamp_ns)))
 
     def _keep_map_T_odom(self, transform: Transform, _child: str) -> None:
         self._tree.map_T_odom = transform
@@ -123,15 +123,15 @@ class Outputs:
             self._publish(published.TF_STATIC, message)
 
     def _map(self, grid: OccupancyGrid) -> None:
-        self._publish(published.MAP, outgoing.grid(grid, self._stamp(grid.stamp_ns)))
+        self._publish(published.MAP, to_ros.grid(grid, self._stamp(grid.stamp_ns)))
 
     def _pose(self, estimate: PoseEstimate) -> None:
-        message = outgoing.pose(estimate, self._stamp(estimate.stamp_ns))
+        message = to_ros.pose(estimate, self._stamp(estimate.stamp_ns))
         if message is not None:
             self._publish(published.AMCL_POSE, message)
 
     def _plan(self, path: Path) -> None:
-        self._publish(published.PLAN, outgoing.path(path, self._stamp(path.stamp_ns)))
+        self._publish(published.PLAN, to_ros.path(path, self._stamp(path.stamp_ns)))
 
     def _local_costmap(self, grid: OccupancyGrid) -> None:
-        self._publish(published.LOCAL_COSTMAP, outgoing.grid(grid, self._stamp(grid.stamp_ns)))
+        self._publish(published.LOCAL_COSTMAP, to_ros.grid(grid, self._stamp(grid.stamp_ns)))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from trolley.messages import Odometry, Transform
-from trolley_ros2 import cdr, outgoing
+from trolley_ros2 import cdr, to_ros
 from trolley_ros2.names import Qos
 
 SENSOR = Qos(depth=10)
@@ -62,10 +62,10 @@ class Tree:
         The correction holds until the next one: it is said anew each time, as AMCL does, so that
         what is seen now can be placed on the map now.
         """
-        known = [outgoing.base_in_odom(odometry)]
+        known = [to_ros.base_in_odom(odometry)]
         if self.map_T_odom is not None:
             known.insert(0, self.map_T_odom)
-        return outgoing.transforms((one, stamp_ns) for one in known)
+        return to_ros.transforms((one, stamp_ns) for one in known)
 
     def fixed(self, mount: Transform, child: str, stamp_ns: int) -> Any | None:
         """What `/tf_static` says after a new mount; None where that frame moves.
@@ -80,4 +80,4 @@ class Tree:
         if child not in self._mounts and len(self._mounts) >= MOST_FRAMES:
             raise TooManyFrames
         self._mounts[child] = mount
-        return outgoing.transforms((one, stamp_ns) for one in self._mounts.values())
+        return to_ros.transforms((one, stamp_ns) for one in self._mounts.values())

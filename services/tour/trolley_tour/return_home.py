@@ -7,7 +7,7 @@ from trolley.messages.touring import HOME
 from trolley.runtime.service import Service, every
 from trolley_tour import sentences
 from trolley_tour.charge_monitor import Activity, BatteryParams, ChargeMonitor, ReturnDecision
-from trolley_tour.health import Problems
+from trolley_tour.problems import Problems
 from trolley_tour.robot_state import RobotState
 from trolley_tour.stored.places import Places
 from trolley_tour.trips.runner import TripRunner

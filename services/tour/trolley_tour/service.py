@@ -5,8 +5,8 @@ from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Service
 from trolley_tour.charge_monitor import BatteryParams, ChargeMonitor
 from trolley_tour.drawings import Drawings
-from trolley_tour.health import Problems
 from trolley_tour.offers import Offers
+from trolley_tour.problems import Problems
 from trolley_tour.return_home import ReturnHome
 from trolley_tour.robot_state import RobotState
 from trolley_tour.state_files import StateFiles

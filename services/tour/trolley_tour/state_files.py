@@ -6,7 +6,7 @@ from typing import TypeVar
 from msgspec import Struct
 
 from trolley.runtime.service import Service
-from trolley_tour.health import Problems
+from trolley_tour.problems import Problems
 
 F = TypeVar("F", bound=Struct)
 

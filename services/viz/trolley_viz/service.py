@@ -16,6 +16,7 @@ from trolley.config import RobotConfig
 from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service
+from trolley_viz.browser_choices import FILE, Choices, ViewerSettings
 from trolley_viz.foxglove import open_bridge
 from trolley_viz.joystick.teleop import Teleop
 from trolley_viz.overlays.pages import OverlayPages
@@ -35,7 +36,6 @@ from trolley_viz.server.visitors import Visitor
 from trolley_viz.server.web_server import PortTaken, WebServer, close_scene, open_scene
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.robot_scene import RobotScenes
-from trolley_viz.settings import FILE, Choices, ViewerSettings
 
 TICK_S = teleop.PERIOD_S
 """How often the scene is drawn, and joysticks are heard: on average a scan waits half as long."""

@@ -10,13 +10,13 @@ from support.pages import page_of
 from trolley import requests, topics
 from trolley.messages import GoalStatus, Overlay, Tour, Tours, TourStatus
 from trolley.messages import Stop as TourStop
+from trolley_viz.browser_choices import FILE, ViewerSettings
 from trolley_viz.controls.messages import Value
 from trolley_viz.joystick.joystick import Grip
 from trolley_viz.overlays.pages import Click
 from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.server.messages import Gesture, Press, Resume, Said, Stop
 from trolley_viz.server.visitors import Visitor
-from trolley_viz.settings import FILE, ViewerSettings
 
 if TYPE_CHECKING:
     from .conftest import Stage

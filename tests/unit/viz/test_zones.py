@@ -15,9 +15,9 @@ from trolley.messages.mapping import ZoneKind
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Service, answers
 from trolley_localizer.zone_rules import check_zone, with_zone, without_zone
+from trolley_viz.browser_choices import Dismissed
 from trolley_viz.editing.undo import History
 from trolley_viz.server.visitors import Visitor
-from trolley_viz.settings import Dismissed
 
 if TYPE_CHECKING:
     from .conftest import Stage

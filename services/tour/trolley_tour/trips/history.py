@@ -11,7 +11,7 @@ from trolley.codes import Refused
 from trolley.messages import PastTrip
 from trolley.messages.request_params import AskHistory
 from trolley.runtime.service import Later, Service, answers, every
-from trolley_tour.health import Problems
+from trolley_tour.problems import Problems
 from trolley_tour.stored.checks import parse_utc
 from trolley_tour.trips import history_file, photo_files
 from trolley_tour.trips.history_file import FILE, Outcome

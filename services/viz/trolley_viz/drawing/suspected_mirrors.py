@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from trolley import topics
 from trolley.messages import SuspectLine
+from trolley_viz.browser_choices import Dismissed
 from trolley_viz.drawing.canvas import outline_of
 from trolley_viz.drawing.sketch import Point
 from trolley_viz.pointing.picture import Picture
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import WALL_HEIGHT, Z_LABEL
 from trolley_viz.scene.places import SUSPECT_COLOUR
-from trolley_viz.settings import Dismissed
 
 SAME_M = 0.4
 """Lines whose ends are this near are the same suspect, seen from elsewhere."""

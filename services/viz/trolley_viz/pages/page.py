@@ -8,6 +8,7 @@ from trolley import requests
 from trolley.codes import Refused
 from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
+from trolley_viz.browser_choices import Choices
 from trolley_viz.controls.controls import BadValue, Controls, NotThere
 from trolley_viz.joystick.joystick import Grip
 from trolley_viz.joystick.teleop import PadState, Teleop
@@ -38,7 +39,6 @@ from trolley_viz.server.visitors import Visitor
 from trolley_viz.server.web_server import BUILD
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.session import PagePort, Session
-from trolley_viz.settings import Choices
 from trolley_viz.situation import situation
 
 SILENCE_S = 1.4

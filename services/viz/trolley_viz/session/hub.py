@@ -7,6 +7,7 @@ import viser
 
 from trolley import topics
 from trolley.runtime.service import Service
+from trolley_viz.browser_choices import Choices
 from trolley_viz.past.keeper import Keeper
 from trolley_viz.people.people import People
 from trolley_viz.robots.fleet import Robots
@@ -14,7 +15,6 @@ from trolley_viz.robots.stop_presses import StopPresses
 from trolley_viz.server.links import Links
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.session.robot_scene import RobotScenes
-from trolley_viz.settings import Choices
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from trolley_viz.actions.aiming import Aiming
 from trolley_viz.actions.place_actions import PlaceActions
 from trolley_viz.actions.robot_actions import RobotActions
 from trolley_viz.actions.touching import Touching
+from trolley_viz.browser_choices import Choices
 from trolley_viz.controls.controls import Controls, Folder
 from trolley_viz.drawing.canvas import Canvas
 from trolley_viz.drawing.map_changes import ChangeMarks, ChangeRequests
@@ -33,7 +34,6 @@ from trolley_viz.server.visitors import Visitor
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.preferences import Preferences
 from trolley_viz.session.window import Window
-from trolley_viz.settings import Choices
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from trolley.messages import (
     Transform,
     floats_to_bytes,
 )
-from trolley_ros2 import cdr, outgoing
+from trolley_ros2 import cdr, to_ros
 
 STAMP_NS = 1_700_000_000_123_456_789
 SCAN = Scan(
@@ -59,7 +59,7 @@ def test_a_types_hash_is_the_published_one(type_name: str) -> None:
 
 
 def test_a_scan_is_read_by_others() -> None:
-    seen = ros2.read(cdr.LASER_SCAN, cdr.write(outgoing.laser_scan(SCAN, STAMP_NS)))
+    seen = ros2.read(cdr.LASER_SCAN, cdr.write(to_ros.laser_scan(SCAN, STAMP_NS)))
     assert (seen.header.stamp.sec, seen.header.stamp.nanosec) == (1_700_000_000, 123_456_789)
     assert seen.header.frame_id == "laser"
     assert (seen.angle_min, seen.angle_max, seen.angle_increment) == (-1.5, 0.5, 0.5)
@@ -86,7 +86,7 @@ def test_the_bytes_of_a_twist_are_those_of_a_hand_made_one() -> None:
 
 def test_odometry_is_read_by_others() -> None:
     message = Odometry(stamp_ns=5, pose=Pose2D(1.0, -2.0, math.pi), twist=Twist2D(0.3, 0.1, -0.2))
-    seen = ros2.read(cdr.ODOMETRY, cdr.write(outgoing.odometry(message, STAMP_NS)))
+    seen = ros2.read(cdr.ODOMETRY, cdr.write(to_ros.odometry(message, STAMP_NS)))
     assert (seen.header.frame_id, seen.child_frame_id) == ("odom", "base_link")
     at = seen.pose.pose
     assert (at.position.x, at.position.y, at.position.z) == (1.0, -2.0, 0.0)
@@ -100,10 +100,10 @@ def test_transforms_are_read_by_others() -> None:
     mount = Transform(
         stamp_ns=5, parent="base_link", child="laser", pose=Pose2D(0.1, 0.0, 0.0), z=0.2
     )
-    odom = outgoing.base_in_odom(
+    odom = to_ros.base_in_odom(
         Odometry(stamp_ns=7, pose=Pose2D(3.0, 0.0, 0.0), twist=Twist2D.zero())
     )
-    message = outgoing.transforms([(mount, STAMP_NS), (odom, STAMP_NS + 1)])
+    message = to_ros.transforms([(mount, STAMP_NS), (odom, STAMP_NS + 1)])
     seen = ros2.read(cdr.TF_MESSAGE, cdr.write(message)).transforms
     assert [(one.header.frame_id, one.child_frame_id) for one in seen] == [
         ("base_link", "laser"),
@@ -126,7 +126,7 @@ def test_a_map_is_read_by_others() -> None:
         origin=Pose2D(-1.0, -2.0, 0.0),
         cells=memoryview(cells.tobytes()),
     )
-    seen = ros2.read(cdr.OCCUPANCY_GRID, cdr.write(outgoing.grid(grid, STAMP_NS)))
+    seen = ros2.read(cdr.OCCUPANCY_GRID, cdr.write(to_ros.grid(grid, STAMP_NS)))
     assert (seen.info.width, seen.info.height) == (3, 2)
     assert seen.info.resolution == pytest.approx(0.05)
     assert (seen.info.origin.position.x, seen.info.origin.position.y) == (-1.0, -2.0)
@@ -134,7 +134,7 @@ def test_a_map_is_read_by_others() -> None:
 
 
 def test_a_pose_is_amcls() -> None:
-    seen = ros2.read(cdr.POSE_WITH_COVARIANCE, cdr.write(outgoing.pose(ESTIMATE, STAMP_NS)))
+    seen = ros2.read(cdr.POSE_WITH_COVARIANCE, cdr.write(to_ros.pose(ESTIMATE, STAMP_NS)))
     assert seen.header.frame_id == "map"
     assert seen.pose.pose.orientation.w == pytest.approx(math.sqrt(0.5))
     covariance = np.reshape(list(seen.pose.covariance), (6, 6))
@@ -144,21 +144,21 @@ def test_a_pose_is_amcls() -> None:
 
 @pytest.mark.parametrize("unknown", [{"pose": None}, {"covariance": None}, {"state": "lost"}])
 def test_a_pose_that_is_not_known_is_not_said(unknown: dict[str, object]) -> None:
-    assert outgoing.pose(structs.replace(ESTIMATE, **unknown), STAMP_NS) is None
+    assert to_ros.pose(structs.replace(ESTIMATE, **unknown), STAMP_NS) is None
 
 
 def test_a_path_is_read_by_others_and_none_is_empty() -> None:
     rows = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, math.pi / 2]])
     line = Path(stamp_ns=5, frame="map", poses=floats_to_bytes(rows))
-    seen = ros2.read(cdr.PATH, cdr.write(outgoing.path(line, STAMP_NS)))
+    seen = ros2.read(cdr.PATH, cdr.write(to_ros.path(line, STAMP_NS)))
     assert [(one.pose.position.x, one.pose.position.y) for one in seen.poses] == [(0, 0), (1, 2)]
     empty = structs.replace(line, poses=memoryview(b""))
-    assert ros2.read(cdr.PATH, cdr.write(outgoing.path(empty, STAMP_NS))).poses == []
+    assert ros2.read(cdr.PATH, cdr.write(to_ros.path(empty, STAMP_NS))).poses == []
 
 
 def test_what_no_field_holds_is_said_and_not_written() -> None:
     with pytest.raises(cdr.NotWritten):
-        cdr.write(outgoing.laser_scan(structs.replace(SCAN, angle_min=1e300), STAMP_NS))
+        cdr.write(to_ros.laser_scan(structs.replace(SCAN, angle_min=1e300), STAMP_NS))
     # A stamp is no reason: its seconds stop at what a message can say.
-    last = cdr.write(outgoing.laser_scan(SCAN, 2**63 - 1))
-    assert ros2.read(cdr.LASER_SCAN, last).header.stamp.sec == outgoing.LAST_SECOND
+    last = cdr.write(to_ros.laser_scan(SCAN, 2**63 - 1))
+    assert ros2.read(cdr.LASER_SCAN, last).header.stamp.sec == to_ros.LAST_SECOND

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley_ros2 import cdr
-from trolley_ros2.incoming import Dropped, decoded, twist_of, where_of
+from trolley_ros2.from_ros import Dropped, decoded, twist_of, where_of
 
 TIME = cdr.make("builtin_interfaces/msg/Time", 1_700_000_000, 5)
 RVIZ = [0.25, 0.0, 0.0, 0.25, 0.06853892326654787]
