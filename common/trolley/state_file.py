@@ -181,7 +181,7 @@ def render(value: Struct) -> bytes:
 def _take_schema(plain: dict[str, Any], kind: type[Struct]) -> int:
     schema = plain.pop(_SCHEMA, _FIRST)
     if type(schema) is not int or schema < 1:
-        raise Unreadable(f"its schema {schema!r:.20} is no number that Trolley has given")
+        raise Unreadable(f"its schema {schema!r:.20} is not one that Trolley has used")
     _refuse_newer(schema, schema_of(kind))
     return schema
 

@@ -96,9 +96,7 @@ def check_keys(config: HostConfig | None, now: datetime) -> list[Finding]:
             ]
         return [ok("certificates", "None are set up here, and none are needed.")]
     if not os.access(folder, os.R_OK | os.X_OK):  # else it would look empty
-        return [
-            note("certificates", f"{folder} may not be read by you.", "Run this again with `sudo`.")
-        ]
+        return [note("certificates", f"You may not read {folder}.", "Run this again with `sudo`.")]
     found = read_validities(folder)
     if isinstance(found, Finding):
         return [found]

@@ -143,7 +143,7 @@ def _check_power(word: int | None) -> list[Finding]:
 
 def _check_temperature(celsius: float | None) -> list[Finding]:
     if celsius is None:
-        return [ok("temperature", "This computer does not tell how hot it is.")]
+        return [ok("temperature", "This computer does not report its temperature.")]
     text = f"The processor is at {celsius:.0f} °C."
     if celsius >= TOO_HOT_C:
         return [problem("temperature", text, "Cool it: heat sink, fan, air to its case.")]

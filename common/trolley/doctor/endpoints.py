@@ -109,7 +109,7 @@ def check_door(door: Door) -> list[Finding]:
         return [
             problem(
                 "router",
-                f"The router of ROS 2, {door.owner}, has the port of Trolley's and does not "
+                f"The router of ROS 2, {door.owner}, occupies the port of Trolley's and does not "
                 f"answer at {where}.",
                 "End it: nodes of ROS 2 use Trolley's router as well (docs/ros2.md).",
             )

@@ -160,7 +160,11 @@ def check_base(facts: RobotFacts) -> list[Finding]:
                 problem("base", text.strip(), "Check its cable; `trolley detect` looks for it.")
             )
     if base.may_still_move:
-        found.append(problem("base", why, "Then look at what the sentence names."))
+        found.append(
+            problem(
+                "base", why, "Switch the motors off first; docs/obedience.md says what to do then."
+            )
+        )
     elif base.mode == "fault":
         found.append(problem("base", f"The robot cannot drive: {why}", LOG))
     elif base.mode == "stopped":

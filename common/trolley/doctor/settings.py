@@ -39,7 +39,7 @@ def check_file(path: Path | None) -> list[Finding]:
             )
         ]
     if path.exists() and not os.access(path, os.R_OK):
-        return [note("settings", f"{path} may not be read by you.", "Run this again with `sudo`.")]
+        return [note("settings", f"You may not read {path}.", "Run this again with `sudo`.")]
     found = [
         problem("settings", f"{text}.", "Correct that line; docs/configuration.md lists every key.")
         for text in find_problems(path)
@@ -83,7 +83,7 @@ def check_kept(path: Path, state: Path) -> list[Finding]:
     folder = state / loaded.config.robot.name
     file = folder / KEPT_FILE
     if folder.exists() and not os.access(folder, os.R_OK | os.X_OK):
-        text = f"{file}, which may hold settings, may not be read by you."
+        text = f"You may not read {file}, which may contain settings."
         return [note("settings", text, "Run this again with `sudo`.")]
     found: list[Finding] = []
     if loaded.config.kept:

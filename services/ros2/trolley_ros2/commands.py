@@ -117,7 +117,7 @@ def import_bag(
     """
     if not names_robot(name):
         raise click.BadParameter(
-            f"{name!r} is no robot's name: a-z, 0-9, _ and -", param_hint="--name"
+            f"{name!r} cannot be a robot's name: use a-z, 0-9, _ and -", param_hint="--name"
         )
     from trolley_ros2.bag import BadBag, Bag
     from trolley_ros2.import_bag import Wishes, convert

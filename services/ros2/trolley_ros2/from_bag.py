@@ -111,7 +111,7 @@ def scan_of(message: Any, *, is_inverted: bool = False) -> Scan:
     strengths = np.asarray(message.intensities, dtype=np.float32)
     numbers = (first, step, delay_s, message.range_min, message.range_max)
     if not all(map(math.isfinite, numbers)) or step == 0.0 or not len(ranges):
-        raise NotTaken("scans without beams, or with angles or limits that are no numbers")
+        raise NotTaken("scans without beams, or with angles or limits that are not numbers")
     if len(strengths) != len(ranges):
         strengths = strengths[:0]
     far, near = ranges > message.range_max, ~(ranges >= message.range_min)  # NaN is near

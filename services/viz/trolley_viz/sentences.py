@@ -70,7 +70,7 @@ def refusal(reply: Refused) -> str:
     return said(reply.message, reply.code)
 
 
-UNCONFIRMED = "A stop holds, but the motor board is silent: whether the robot stands is not known."
+UNCONFIRMED = "The robot was told to stop, but the motor board is silent: it may still be moving."
 STOPPED = "The robot is stopped. Press “Drive on” first."
 AWAY = StatusLine("Away", "bad", "No contact with the robot. It is switched off or out of range.")
 

@@ -152,7 +152,7 @@ def test_every_sentence_of_the_wire_can_be_said(code: str) -> None:
     "text",
     [
         "The file of its body is broken, so its outline is shown.",
-        "Its body is 33 m long: glb files count in metres.",
+        "Its body is 33 m long in the file; glb files are in metres.",
         "There are too many markers; the last ones are not drawn.",
         "3 markers are not drawn: there are too many of their kind, or they are too long.",
         "One marker is not drawn. Frames 'a' and 'map' are not connected: nothing is known of 'a' "

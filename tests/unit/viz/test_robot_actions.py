@@ -85,7 +85,7 @@ def test_how_a_pose_was_corrected_is_told_once(stage: "Stage") -> None:
     stage.runtime.run(1.5)
     ((title, text),) = browser.notices
     assert title == "It knows where it is"
-    assert re.fullmatch(r"It took 0\.\d s\. It is 50 cm and 0° from where it was shown\.", text)
+    assert re.fullmatch(r"It took 0\.\d s\. It is 50 cm and 0° from where you set it\.", text)
 
 
 def test_after_a_restart_of_the_base_there_is_no_way_back(stage: "Stage", session: Session) -> None:

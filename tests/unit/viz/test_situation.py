@@ -106,7 +106,7 @@ CASES = [
     ),
     (
         known(base=silent("searching", "")),
-        "A stop holds, but the motor board is silent: whether the robot stands is not known.",
+        "The robot was told to stop, but the motor board is silent: it may still be moving.",
     ),
     (known(base=silent("up", "")), "Stopped. Press “Drive on” to let it drive again."),
     (
@@ -358,4 +358,4 @@ def test_a_stop_or_pause_that_somebody_wanted_is_not_among_what_went_wrong(
 ) -> None:
     record = Record(LATELY)
     record.say(1, situation(case))
-    assert (record.moments() == []) == is_wanted
+    assert (record.troubles() == []) == is_wanted

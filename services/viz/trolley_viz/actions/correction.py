@@ -58,7 +58,7 @@ class Correction:
                 turned = abs(math.degrees(off.yaw))
                 self._tell(
                     "It knows where it is",
-                    f"It took {took_s:.1f} s. It is {far_cm:.0f} cm and {turned:.0f}° from where it"
-                    " was shown.",
+                    f"It took {took_s:.1f} s. It is {far_cm:.0f} cm and {turned:.0f}° from where"
+                    " you set it.",
                     "good",
                 )

@@ -64,7 +64,7 @@ function welcome(hello) {
   if (hello.build !== build) {
     if (isFirstFor(hello.build)) location.reload();
     else notices.show({ title: t("This page is out of date"), tone: "warn",
-      text: t("The viewer is another release than the page. Reload it, without the cache if need be.") });
+      text: t("The page and the viewer are of different releases. Reload the page, bypassing the cache if necessary.") });
   }
   document.body.classList.toggle("only-looks", !hello.may_drive);
   sayLook();

@@ -59,7 +59,7 @@ export class Status {
 
   changed(state) {
     if (state === "refused") {
-      this.tell(t("This page may no longer look: open the link that you were given, or ask for a new one."));
+      this.tell(t("This page may no longer show the robot: open the link that you were given, or ask for a new one."));
     } else if (state === "loading") {
       this.tell(t("The viewer does not answer. Is it running?"));
     }
@@ -109,7 +109,7 @@ export class Status {
       : t("It last said: “{sentence}” {time} ago.", { sentence: this.state.sentence.headline, time }));
     say(this.lostDoes, isWaiting
       ? t("STOP will be sent first when the connection is back. If it must stop now, switch it off.")
-      : t("STOP can be pressed: it is sent first when the connection is back. Nothing else is sent."));
+      : t("You can still press STOP: it is sent first when the connection is back. Nothing else is sent."));
   }
 }
 

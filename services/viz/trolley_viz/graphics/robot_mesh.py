@@ -99,7 +99,7 @@ def mesh_problem(glb: bytes) -> str:
         document, data = _parts(glb)
         needed = [one for one in document.extensionsRequired if not one.startswith(HARMLESS)]
         if needed:
-            return f"Its body needs “{needed[0][:40]}”: export it without."
+            return f"Its body needs “{needed[0][:40]}”: export the file without it."
         if any(one.uri is not None for one in (*document.buffers, *document.images)):
             return "Its body is in several files: export it as one glb."
         _check_places(document, len(data))
@@ -110,7 +110,7 @@ def mesh_problem(glb: bytes) -> str:
         return BROKEN
     size_m = float(np.ptp(corners, axis=0).max())
     if not MIN_SIZE_M <= size_m <= MAX_SIZE_M:
-        return f"Its body is {size_m:.3g} m long: glb files count in metres."
+        return f"Its body is {size_m:.3g} m long in the file; glb files are in metres."
     return ""
 
 

@@ -10,7 +10,7 @@ from trolley_viz.session.session import Session
 STEP_M, STEP_RAD = 0.1, math.radians(15.0)
 """How far an arrow key moves what is pointed at, or turns it."""
 POINTING = [
-    ("← ↑ → ↓", "While something is to be shown on the map: move the point, from the robot on"),
+    ("← ↑ → ↓", "While you point on the map: move the point, starting at the robot"),
     ("⇧← ⇧→", "Turn the point"),
     ("Enter", "Take the point"),
 ]
@@ -55,7 +55,7 @@ def add_shortcuts(gui: Controls, session: Session) -> str:
         rows.append(("J", "Drive by hand: open and close the joystick"))
     rows.append(("Ctrl+K", "Search all commands"))
     return (
-        note("Without letter keys only Space, Esc and Ctrl+K do something.")
+        note("Without letter keys, only Space, Esc and Ctrl+K work.")
         + note("Keys do nothing while you are typing in a field.")
         + table(rows)
     )
