@@ -97,14 +97,6 @@ class FrameTree:
         """Return the names of all frames that any link mentions, sorted."""
         return sorted(self._links.keys() | {link.parent for link in self._links.values()})
 
-    def can_lookup(self, parent: str, child: str) -> bool:
-        """Say whether two frames are connected."""
-        try:
-            self.chain(parent, child)
-        except MissingLink:
-            return False
-        return True
-
     def lookup(self, parent: str, child: str) -> Pose2D:
         """Return `parent_T_child`, which maps points of frame `child` to frame `parent`.
 

@@ -54,7 +54,7 @@ NOT_STOPPED = "NOT STOPPED: the robot does not answer. Tell a person at once."
 
 @dataclasses.dataclass(frozen=True)
 class Call:
-    """What a tool has to work with."""
+    """What a tool is given: the robot, the settings, and how to report progress."""
 
     robot: RobotLink
     settings: McpConfig
@@ -67,12 +67,6 @@ class _Params(Struct, kw_only=True, forbid_unknown_fields=True):
 
 class NoParams(_Params):
     """Nothing."""
-
-
-class PlaceParams(_Params):
-    """A saved place."""
-
-    place: Annotated[Name, Meta(description="The name of a saved place.")]
 
 
 class NewPlaceParams(_Params):
@@ -129,7 +123,7 @@ class MapNameParams(_Params):
 
 @dataclasses.dataclass(frozen=True)
 class Tool:
-    """A row of the table."""
+    """A row of the table of tools: name, description, parameters, and what it calls."""
 
     name: str
     about: str
