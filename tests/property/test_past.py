@@ -176,7 +176,7 @@ def test_where_it_was_is_unknown_once_it_was_not_heard_of() -> None:
     assert record.at(2 * SECOND).pose is not None
     assert record.at(5 * SECOND).pose is None
     assert record.at(25 * SECOND).words == StatusLine("No contact.", "bad")
-    assert [one.at_ns for one in record.moments()] == [20 * SECOND]
+    assert [one.at_ns for one in record.troubles()] == [20 * SECOND]
     record.drop_before(10 * SECOND)
     assert record.at(11 * SECOND).words == StatusLine("Ready.", "good")
     record.drop_before(60 * SECOND)

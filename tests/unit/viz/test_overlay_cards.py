@@ -8,7 +8,7 @@ import pytest
 
 from trolley.geometry.relation import Relation
 from trolley.messages import Overlay, OverlayRule
-from trolley_viz.overlays.cards import Card, Moment, card_of, item_of
+from trolley_viz.overlays.cards import Card, CardContext, card_of, item_of
 from trolley_viz.overlays.figures import gauge_svg, number, ticks, value_range
 from trolley_viz.overlays.history import History
 from trolley_viz.overlays.markup import safe_markup
@@ -16,7 +16,7 @@ from trolley_viz.overlays.readings import Reading
 from trolley_viz.overlays.source import parse_source
 
 S = 10**9
-NOW = Moment(100 * S)
+NOW = CardContext(100 * S)
 ARTICLE = [
     OverlayRule(bearing_min=math.pi / 10, bearing_max=-math.pi / 10, text="OtherWayRound"),
     OverlayRule(distance_min=10.0, text="FarAway"),
@@ -191,12 +191,12 @@ def test_silence_is_told_with_its_age() -> None:
     assert "No data" not in made(Overlay(kind="gauge"), still).body
     assert (
         "No data for 100 s."
-        in card_of(Overlay(kind="gauge"), still, None, Moment(NOW.now_ns, is_away=True)).body
+        in card_of(Overlay(kind="gauge"), still, None, CardContext(NOW.now_ns, is_away=True)).body
     )
     of_goal = reading("goal:distance_remaining", 0.6)
     of_goal.arrived_ns = 0
     assert "No data" not in made(Overlay(kind="gauge"), of_goal).body
-    silent = Moment(NOW.now_ns, silent=frozenset({"planner"}))
+    silent = CardContext(NOW.now_ns, silent=frozenset({"planner"}))
     assert "No data for 100 s." in card_of(Overlay(kind="gauge"), of_goal, None, silent).body
 
 

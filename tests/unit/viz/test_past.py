@@ -584,7 +584,7 @@ def test_a_trip_is_written_also_where_the_next_begins_at_once(
 def test_nothing_goes_wrong_while_the_viewer_starts(stage: "Stage") -> None:
     stage.robot.publish(topics.GOAL, GoalStatus(stamp_ns=0, id=None, state="idle"))
     drive(stage, 6.0)
-    assert record(stage).moments() == []
+    assert record(stage).troubles() == []
 
 
 def test_a_robot_of_any_name_leads_to_no_other_folder(stage: "Stage", tmp_path: Path) -> None:

@@ -46,8 +46,8 @@ class Card(Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class Moment:
-    """When a card is made, and how."""
+class CardContext:
+    """What the card of an overlay depends on besides the overlay: the time, and what is silent."""
 
     now_ns: int
     """Local monotonic time."""
@@ -57,7 +57,9 @@ class Moment:
     """The services that are not running."""
 
 
-def card_of(overlay: Overlay, reading: Reading | None, chosen: int | None, when: Moment) -> Card:
+def card_of(
+    overlay: Overlay, reading: Reading | None, chosen: int | None, when: CardContext
+) -> Card:
     """Make the card of an overlay.
 
     Args:
@@ -127,7 +129,9 @@ def _head(overlay: Overlay) -> str:
     return f'<div class="ov-row">{title or "<span></span>"}{button}</div>'
 
 
-def _text(overlay: Overlay, reading: Reading | None, rule: OverlayRule | None, _: Moment) -> str:
+def _text(
+    overlay: Overlay, reading: Reading | None, rule: OverlayRule | None, _: CardContext
+) -> str:
     text = overlay.text if rule is None or not rule.text else rule.text
     if reading is None:
         return f'<div class="ov-text">{safe_markup(text)}</div>'
@@ -163,7 +167,7 @@ def _menu(
 
 
 def _gauge(
-    overlay: Overlay, reading: Reading | None, rule: OverlayRule | None, when: Moment
+    overlay: Overlay, reading: Reading | None, rule: OverlayRule | None, when: CardContext
 ) -> str:
     scale = scale_of(overlay, reading)
     value = None if reading is None or isinstance(reading.value, str) else reading.value
@@ -174,7 +178,9 @@ def _gauge(
     return gauge_svg(shown, low, high, text, "" if sign else overlay.unit) + _caption(overlay, rule)
 
 
-def _plot(overlay: Overlay, reading: Reading | None, rule: OverlayRule | None, when: Moment) -> str:
+def _plot(
+    overlay: Overlay, reading: Reading | None, rule: OverlayRule | None, when: CardContext
+) -> str:
     scale = scale_of(overlay, reading)
     if reading is None or (reading.problem and not len(reading.history)):
         return ""
@@ -198,7 +204,7 @@ def _caption(overlay: Overlay, rule: OverlayRule | None) -> str:
     return f'<div class="ov-text ov-caption">{text}</div>' if text else ""
 
 
-def _trouble(reading: Reading | None, when: Moment) -> str:
+def _trouble(reading: Reading | None, when: CardContext) -> str:
     """Why there is no value, or how long there has been none."""
     if reading is None:
         return ""

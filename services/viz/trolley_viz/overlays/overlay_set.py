@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from trolley import topics
 from trolley.geometry.relation import Frames
 from trolley.messages import Overlay
-from trolley_viz.overlays.cards import Card, Moment, card_of, scale_of
+from trolley_viz.overlays.cards import Card, CardContext, card_of, scale_of
 from trolley_viz.overlays.readings import Reading, Readings
 from trolley_viz.robots.frames import frames_of
 from trolley_viz.robots.view import View
@@ -51,7 +51,7 @@ class OverlaySet:
         if wanted and self._readings.is_sampling_due(now_ns):
             self._readings.sample(frames(wanted), now_ns)
 
-    def cards(self, when: Moment) -> dict[str, Card]:
+    def cards(self, when: CardContext) -> dict[str, Card]:
         """How the overlays look now, by name."""
         return {
             name: card_of(overlay, self._reading(overlay), self._chosen.get(name), when)

@@ -5,7 +5,7 @@ from msgspec import Struct, structs
 from trolley import topics
 from trolley.messages import Choice
 from trolley.runtime.service import Service
-from trolley_viz.overlays.cards import Card, Moment
+from trolley_viz.overlays.cards import Card, CardContext
 from trolley_viz.overlays.overlay_set import OverlaySet
 
 
@@ -39,7 +39,7 @@ class ShownOverlays(Struct, frozen=True):
 
     robot: str
     overlays: OverlaySet
-    when: Moment
+    when: CardContext
 
 
 class OverlayPages:

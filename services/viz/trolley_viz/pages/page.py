@@ -13,7 +13,7 @@ from trolley_viz.controls.controls import BadValue, Controls, NotThere
 from trolley_viz.joystick.joystick import Grip
 from trolley_viz.joystick.teleop import PadState, Teleop
 from trolley_viz.languages.translator import translator_of
-from trolley_viz.overlays.cards import Moment
+from trolley_viz.overlays.cards import CardContext
 from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
 from trolley_viz.pages.known import now_line, robot_state, state_lines, under_way
 from trolley_viz.pages.language import in_language
@@ -58,14 +58,14 @@ ROBOT_NAME = re.compile(r"[a-z0-9_-]{1,32}")
 
 @dataclass(frozen=True)
 class Shared:
-    """What pages share besides their hub."""
+    """What all pages share besides the hub: joysticks and overlays."""
 
     joystick: Teleop
     overlays: OverlayPages
 
 
 class Page:
-    """One page.
+    """An open page of one browser, from its first connection to 30 s after its last.
 
     Args:
         number: tells it from all others.
@@ -349,5 +349,5 @@ class Page:
         if scene is None:
             return None
         view = scene.view
-        moment = Moment(self._hub.service.monotonic_ns, view.is_away, view.silent)
-        return ShownOverlays(session.robot, scene.overlays, moment)
+        context = CardContext(self._hub.service.monotonic_ns, view.is_away, view.silent)
+        return ShownOverlays(session.robot, scene.overlays, context)

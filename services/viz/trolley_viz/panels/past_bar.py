@@ -5,16 +5,16 @@ import datetime
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import leads, note
 from trolley_viz.past.looking import FAST
-from trolley_viz.past.record import Moment
+from trolley_viz.past.record import Trouble
 from trolley_viz.sentences import StatusLine
 from trolley_viz.session.session import Session
 
-MAX_MOMENTS = 30
-"""Number of moments that are listed, the newest."""
+MAX_TROUBLES = 30
+"""Number of troubles that are listed, the newest."""
 
 
 class PastBar:
-    """The strip in one browser."""
+    """The strip on one page."""
 
     def __init__(self, gui: Controls, session: Session) -> None:
         self._past = session.past
@@ -29,13 +29,13 @@ class PastBar:
             self._close = gui.add_button("Close the past", icon="x")
             self._about = gui.add_html("")
             with gui.add_folder("What went wrong") as self._folder:
-                self._moments = gui.add_html("")
+                self._troubles = gui.add_html("")
         self._timeline.on_change(lambda at_s: self._past.look(self._base_ns + int(at_s * 1e9)))
         self._play.on_press(self._past.play_or_pause)
         self._fast.on_press(self._past.change_speed)
         self._now.on_press(self._past.return_to_now)
         self._close.on_press(self._past.close)
-        self._moments.on_press(self._go_to)
+        self._troubles.on_press(self._go_to)
         self.update()
 
     def update(self) -> None:
@@ -44,8 +44,8 @@ class PastBar:
         self._strip.visible = past.is_open
         if not past.is_open:
             return
-        moments = past.moments[-MAX_MOMENTS:]
-        self._show_times(moments)
+        troubles = past.troubles[-MAX_TROUBLES:]
+        self._show_times(troubles)
         is_playing, is_fast = past.speed > 0.0, past.speed == FAST
         self._play.label = "Stop playing" if is_playing else "Play"
         self._play.icon = "player-pause" if is_playing else "player-play"
@@ -54,11 +54,11 @@ class PastBar:
         self._fast.colour = "teal" if is_fast else "grey"
         self._now.disabled = not past.is_past
         self._about.content = note(self._words())
-        self._folder.visible = bool(moments)
-        self._moments.content = leads([(str(one.at_ns), self._line(one)) for one in moments])
+        self._folder.visible = bool(troubles)
+        self._troubles.content = leads([(str(one.at_ns), self._line(one)) for one in troubles])
 
     # Inside.
-    def _show_times(self, moments: list[Moment]) -> None:
+    def _show_times(self, troubles: list[Trouble]) -> None:
         past, window = self._past, self._past.window
         first = past.wall_time(window.first_ns)
         midnight = datetime.datetime.combine(first.date(), datetime.time(), first.tzinfo)
@@ -67,7 +67,7 @@ class PastBar:
         def of_day_s(at_ns: int) -> float:
             return (at_ns - self._base_ns) // 1_000_000_000
 
-        seen = [one for one in moments if window.first_ns <= one.at_ns <= window.last_ns]
+        seen = [one for one in troubles if window.first_ns <= one.at_ns <= window.last_ns]
         self._timeline.show(
             of_day_s(window.first_ns),
             of_day_s(window.last_ns),
@@ -84,11 +84,11 @@ class PastBar:
             return f"Recorded since {first:%H:%M:%S}, when the viewer began to watch this robot."
         return "The last 10 minutes. Past trips are in the “Tours” tab."
 
-    def _line(self, moment: Moment) -> StatusLine:
-        at = self._past.wall_time(moment.at_ns)
-        return StatusLine(f"{at:%H:%M:%S}", moment.words.tone, f" {moment.words.headline}")
+    def _line(self, trouble: Trouble) -> StatusLine:
+        at = self._past.wall_time(trouble.at_ns)
+        return StatusLine(f"{at:%H:%M:%S}", trouble.words.tone, f" {trouble.words.headline}")
 
     def _go_to(self, press: str) -> None:
-        """Look at a moment that is listed."""
-        if press in {str(one.at_ns) for one in self._past.moments}:
+        """Look at the time of a listed trouble."""
+        if press in {str(one.at_ns) for one in self._past.troubles}:
             self._past.look(int(press))

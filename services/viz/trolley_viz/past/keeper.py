@@ -15,7 +15,7 @@ GROWTH = 0.2
 
 
 class Keeper:
-    """What the viewer knows of the past.
+    """Keeps the record of each robot: its last ten minutes, and its trips on disk.
 
     Args:
         service: whose wire, clocks and files it uses.

@@ -10,7 +10,7 @@ from trolley.messages import PastTrip, StopResult
 from trolley.requests import Request
 from trolley.runtime.service import Service
 from trolley_viz.past.keeper import Keeper
-from trolley_viz.past.record import Moment, Picture, Record, Then
+from trolley_viz.past.record import PastView, Record, Then, Trouble
 from trolley_viz.past.recorder import KEPT_NS
 from trolley_viz.sentences import StatusLine, Tell, duration
 
@@ -50,7 +50,7 @@ class Window:
 
 
 class Looking:
-    """What one browser looks at.
+    """Which time one browser looks at, and the play button that moves it on.
 
     Args:
         service: whose clocks it uses.
@@ -75,7 +75,7 @@ class Looking:
         self._at_ns = self._ticked_ns = 0
         self._asked = 0
         """Counts the trips that were asked for: only the last one is shown."""
-        self._picture: Picture | None = None
+        self._picture: PastView | None = None
         self._drawn: tuple[Record, int] | None = None
 
     # What the panels and the scene read.
@@ -105,12 +105,12 @@ class Looking:
         return not self.trip and window.last_ns - window.first_ns < KEPT_NS - NEAR_END_NS
 
     @property
-    def moments(self) -> list[Moment]:
+    def troubles(self) -> list[Trouble]:
         """What went wrong in that time."""
-        return (self._record or self._keeper.lately(self._robot())).moments()
+        return (self._record or self._keeper.lately(self._robot())).troubles()
 
     @property
-    def picture(self) -> Picture | None:
+    def picture(self) -> PastView | None:
         """What there is to draw; None for what is now."""
         record = self._record
         if record is None:
@@ -119,7 +119,7 @@ class Looking:
         if self._picture is None or key != self._drawn:
             self._drawn, then = key, record.at(self._at_ns)
             since_ns = 0 if self.trip else self._at_ns - TRACK_NS
-            self._picture = Picture(then, record.track(self._at_ns, since_ns, then.map))
+            self._picture = PastView(then, record.track(self._at_ns, since_ns, then.map))
         return self._picture
 
     def wall_time(self, at_ns: int) -> datetime.datetime:

@@ -104,8 +104,8 @@ class Failure(Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class Moment:
-    """Something that went wrong."""
+class Trouble:
+    """A warning or a failure that the robot reported, and when."""
 
     at_ns: int
     words: StatusLine
@@ -126,8 +126,8 @@ class Then:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
-    """What there is to draw of a moment."""
+class PastView:
+    """What is drawn on the map for a time in the past."""
 
     then: Then
     track: NDArray[np.float32]
@@ -290,14 +290,14 @@ class Record:
         pairs = np.stack([points[:-1], points[1:]], axis=1)
         return pairs[piece[:-1] == piece[1:]]
 
-    def moments(self) -> list[Moment]:
+    def troubles(self) -> list[Trouble]:
         """What went wrong, oldest first: warnings that nobody asked for, and stops that failed."""
         said = [
-            Moment(one.at_ns, StatusLine(one.text, one.tone))
+            Trouble(one.at_ns, StatusLine(one.text, one.tone))
             for one in self.sentences
             if one.tone in ("warn", "bad") and not is_asked_for(one.text)
         ]
-        failed = [Moment(one.at_ns, StatusLine(one.text, "bad")) for one in self.failures]
+        failed = [Trouble(one.at_ns, StatusLine(one.text, "bad")) for one in self.failures]
         return sorted([*said, *failed], key=lambda one: one.at_ns)
 
     # Inside.

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.messages import Robot
 from trolley_viz.graphics.shapes import circle, closed_segments, place
-from trolley_viz.past.record import Picture
+from trolley_viz.past.record import PastView
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Z_LABEL, Z_PATH, Z_SCAN
 from trolley_viz.scene.map_layers import CostmapLayer, GlobalCostmapLayer
@@ -48,11 +48,11 @@ HIDDEN = frozenset(
 
 
 class PastDrawing:
-    """The moment in one browser's scene."""
+    """Draws the ghost, its echoes and its track in one browser's scene."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene
-        self._drawn: Picture | None = None
+        self._drawn: PastView | None = None
         self._ghost: viser.FrameHandle | None = None
         self._ghost_of: Robot | None = None
         self._track: viser.LineSegmentsHandle | None = None
@@ -65,7 +65,7 @@ class PastDrawing:
         """Where the robot was, None while it is not shown."""
         return self._ghost
 
-    def draw(self, picture: Picture | None, view: View) -> None:
+    def draw(self, picture: PastView | None, view: View) -> None:
         """Draw a moment, unless it was on another map; None: nothing."""
         grid = view.map
         if picture is not None and (grid is None or picture.then.map != grid.name):
