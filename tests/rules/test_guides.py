@@ -33,4 +33,3 @@ def test_every_file_that_a_guide_names_exists(
     there = [*paths, *folders]
     absent = {name for name in named if not any(path.endswith(f"/{name}") for path in there)}
     assert absent <= MADE
-

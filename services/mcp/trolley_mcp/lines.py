@@ -102,7 +102,7 @@ class Lines:
 
 
 class Written:
-    """Where answers go, written at once.
+    """A stream to stdout that writes each answer at once.
 
     The protocol's own writer hands each of them to another thread and waits, twice. An assistant
     that reads nothing holds up its own session, not a stop: that does not need the event loop.

@@ -11,7 +11,7 @@ MAX_KEPT = 2000
 
 
 class Announcements:
-    """The announcements of one robot."""
+    """Which entities have been announced to Home Assistant, and which are due."""
 
     def __init__(self, device: Device) -> None:
         self._device = device

@@ -79,7 +79,7 @@ class Broker:
 
 
 class Connection(Protocol):
-    """A connection that opens itself again."""
+    """A connection to a broker that reconnects by itself."""
 
     def start(self, subscriptions: Sequence[Subscription], wake: Callable[[], None]) -> None:
         """Begin to connect; `wake` is called, on any thread, when there is something to take."""
@@ -124,7 +124,7 @@ class NoConnection:
 
 
 class BrokerConnection:
-    """A connection by paho.
+    """The same by the library paho.
 
     Args:
         broker: Where, and how.

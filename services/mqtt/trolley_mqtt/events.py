@@ -31,7 +31,7 @@ EVENT_TYPES: tuple[EventType, ...] = get_args(EventType)
 
 
 class Happened(Struct, frozen=True, kw_only=True):
-    """One event."""
+    """One event, as it goes to the broker and to webhooks."""
 
     event_type: EventType
     message: str
@@ -44,7 +44,7 @@ class Happened(Struct, frozen=True, kw_only=True):
 
 
 class Events:
-    """Compares what is with what was.
+    """Finds events by comparing the robot's state with the one before.
 
     What is found at the beginning, or when the robot comes back, has not just happened.
     """

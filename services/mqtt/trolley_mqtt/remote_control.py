@@ -26,7 +26,7 @@ MAX_EACH_SECOND = 8
 
 
 class RemoteControl:
-    """The topics `do/<verb>`."""
+    """Handles the broker's topics `do/<verb>`."""
 
     def __init__(
         self,

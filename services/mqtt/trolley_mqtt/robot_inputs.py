@@ -22,14 +22,14 @@ from trolley_mqtt.robot_view import RobotView
 
 
 class Names(NamedTuple):
-    """What can be driven by name."""
+    """The names of the places and tours that a command may ask for."""
 
     places: list[str]
     tours: list[str]
 
 
 class RobotInputs:
-    """The newest messages, from `start` on."""
+    """Keeps the newest message of each stream that the bridge needs."""
 
     base: Watch[BaseState]
     pose: Watch[PoseEstimate]

@@ -38,7 +38,7 @@ from trolley_mqtt.webhook import Report, Webhook, endpoints_of, notification
 
 
 class MqttService(Service):
-    """Between the robot and an MQTT broker.
+    """The bridge between the robot and an MQTT broker, and to webhooks.
 
     Args:
         config: The robot's; it names the broker.

@@ -11,7 +11,7 @@ NOT_STOPPED = "NOT STOPPED: no connection to the robot."
 
 
 class StateReport:
-    """The topics `state` and `robot`."""
+    """Publishes the broker's topics `state`, `robot` and `vacuum`."""
 
     def __init__(self, robot: RobotInputs, outbox: Outbox) -> None:
         self._robot = robot

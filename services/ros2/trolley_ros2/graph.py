@@ -52,7 +52,7 @@ class Publisher:
 
 
 class Graph:
-    """One node.
+    """The robot's node in the ROS graph, and the other nodes that are seen there.
 
     Args:
         ros: a session at the nodes' router.

@@ -129,7 +129,7 @@ class Input:
 
 
 class Inputs:
-    """The robot's subscriptions."""
+    """Subscribes to what ROS 2 nodes publish, and passes it on to the robot."""
 
     def __init__(self, service: Service, graph: Graph) -> None:
         self._service = service

@@ -36,7 +36,9 @@ class Qos:
 
     @property
     def chunk(self) -> str:
-        """As in a token: reliability, durability, history, deadline, lifespan, liveliness.
+        """Return it as a chunk of a token.
+
+        In this order: reliability, durability, history, deadline, lifespan, liveliness.
 
         What is as in rmw_zenoh's default profile is left out; 1 is transient local.
         """
@@ -184,7 +186,7 @@ class Attachment:
     gid: bytes
 
     def pack(self) -> bytes:
-        """As it travels."""
+        """Return the attachment as bytes."""
         return _ATTACHED.pack(self.number, self.source_ns, GID_BYTES, self.gid)
 
 

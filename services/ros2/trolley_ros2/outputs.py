@@ -38,7 +38,7 @@ class _Output:
 
 
 class Outputs:
-    """The robot's publishers."""
+    """Publishes the robot's topics to ROS 2 nodes."""
 
     def __init__(self, service: Service, graph: Graph) -> None:
         self._service = service

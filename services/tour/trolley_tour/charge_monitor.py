@@ -54,7 +54,7 @@ class ChargeThreshold:
 
 
 class ChargeMonitor:
-    """What the battery says."""
+    """Decides from the battery's readings whether it is low or charging."""
 
     def __init__(self, params: BatteryParams) -> None:
         self._params = params

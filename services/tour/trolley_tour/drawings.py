@@ -106,7 +106,7 @@ def checked_marker(marker: Marker) -> Marker:
 
 
 class Drawings:
-    """The markers and overlays that are there."""
+    """Keeps the markers and overlays until they are deleted or their lifetime ends."""
 
     def __init__(self, service: Service) -> None:
         self._service = service

@@ -18,7 +18,7 @@ BYTES_OF_POSE = 12
 
 
 class Offers:
-    """What this robot offers."""
+    """Answers `tour/offer`: how soon this robot could be at a place, or why it cannot."""
 
     def __init__(
         self,

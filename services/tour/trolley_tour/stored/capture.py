@@ -38,7 +38,7 @@ class _Collection:
 
 
 class PoseCapture:
-    """Captures under way."""
+    """Answers `pose/capture`: averages estimates of a standing robot, and saves the place."""
 
     def __init__(self, service: Service, places: Places, robot: RobotState) -> None:
         self._service = service

@@ -23,7 +23,7 @@ TRIP_FILE = "trip.toml"
 
 
 class TripRunner:
-    """The present trip, or the last one.
+    """Runs one trip at a time: feeds it what the robot reports, and asks the planner.
 
     A trip that drives home because of a low battery carries the one that it interrupted in its
     record, and gives way to it, paused, at its end.

@@ -71,7 +71,7 @@ Phase = Held | Driving | Waiting | Dwelling | Paused | Over
 
 
 class Trip:
-    """A trip.
+    """The state machine of one trip: told of time, goal and base, it returns actions.
 
     Args:
         record: Where it stands; changed in place.

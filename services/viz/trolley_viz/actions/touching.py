@@ -25,7 +25,7 @@ OUT_OF_REACH = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP, codes.KEEPOUT, codes.NO_PA
 
 
 class Touching:
-    """One thing at a time.
+    """What one person has touched on the map (at most one thing), and the buttons of its card.
 
     Args:
         actions: ask the robot that is followed.

@@ -46,7 +46,7 @@ class Form:
 
 
 class ZoneEditor:
-    """One zone at a time.
+    """Draws or changes one zone at a time.
 
     Args:
         canvas: what the browser shows and takes.

@@ -29,7 +29,7 @@ class Change:
 
     @property
     def title(self) -> str:
-        """What it does, for people."""
+        """Name the change for the undo button, such as “Delete “hall””."""
         what = "Add" if self.before is None else "Delete" if self.after is None else "Change"
         return f"{what} “{self.name}”"
 

@@ -22,7 +22,7 @@ class QueuedGoal:
 
     @property
     def stop(self) -> Stop:
-        """It as a stop of a tour; if it cannot be reached the robot goes on to the next."""
+        """Return the goal as a stop of a tour that is skipped if it cannot be reached."""
         if self.name is not None:
             return Stop(name=self.name, on_failure="skip")
         return Stop(pose=self.pose, on_failure="skip")

@@ -34,7 +34,7 @@ class _Shown:
 
 
 class FoxgloveBridge:
-    """Foxglove's server; close it.
+    """The WebSocket server for Foxglove; whoever makes it has to close it.
 
     Args:
         service: Whose thread and subscriptions are used.

@@ -29,7 +29,7 @@ class PadState(Struct, frozen=True, kw_only=True):
 
 
 class _DrivenRobot:
-    """One robot and its joystick."""
+    """A robot that a joystick drives or may drive: who holds it, and the ramp of its speed."""
 
     def __init__(self) -> None:
         self.joystick = Joystick()

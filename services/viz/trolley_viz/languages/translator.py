@@ -44,7 +44,7 @@ MAX_CACHED = 4000
 
 
 class Found(NamedTuple):
-    """A text in the other language."""
+    """A translation, and how much of the text it covers."""
 
     text: str
     is_whole: bool = False

@@ -14,7 +14,7 @@ from trolley.messages import MapOp, Merge, Turn
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A map as it would be.
+    """A map with the edits so far applied.
 
     Attributes:
         ops: what was done.

@@ -28,7 +28,7 @@ STRAIGHT_RAD = math.radians(0.05)
 
 
 class MapEditor:
-    """One draft at a time.
+    """Edits one map at a time: begins, undoes steps, saves or discards.
 
     Args:
         canvas: what the browser takes.

@@ -23,7 +23,7 @@ def model_of(grid: GridMap) -> MapModel:
 
 
 class MapPreview:
-    """The nodes of one browser."""
+    """Draws the map being edited in one browser's scene, in place of the stored one."""
 
     def __init__(self, picture: Picture) -> None:
         self._picture = picture

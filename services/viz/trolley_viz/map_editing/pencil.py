@@ -23,7 +23,7 @@ _MAX_STROKE = 2000
 
 
 class Pencil:
-    """One tool at a time.
+    """The tool in one person's hand; turns its strokes into edits of the map.
 
     Args:
         canvas: what the browser takes.

@@ -26,7 +26,7 @@ class Branch:
 
 
 class FrameTreePanel:
-    """Rebuilt when frames come or go."""
+    """The tree with its switches; made again when frames come or go."""
 
     def __init__(self, gui: Controls, session: Session) -> None:
         self._gui = gui

@@ -12,7 +12,7 @@ CHOOSING = "Press places here or on the map, then press Start."
 
 
 class GoalQueuePanel:
-    """The list with its buttons."""
+    """The list of queued goals, and the buttons to add, remove and start them."""
 
     def __init__(self, gui: Controls, actions: RobotActions, aiming: Aiming) -> None:
         self._actions, self._aiming = actions, aiming

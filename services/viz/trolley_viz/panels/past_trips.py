@@ -20,7 +20,7 @@ HasRecord = Callable[[PastTrip], bool]
 
 
 class PastTripsPanel:
-    """A list that is asked for when it is opened.
+    """The list of past trips, requested from `tour` when it is opened.
 
     Args:
         has_record: whether it is recorded what the robot did on a trip.

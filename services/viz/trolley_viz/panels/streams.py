@@ -14,7 +14,7 @@ SILENT_S = 3.0
 
 
 class StreamPanel:
-    """Read-only."""
+    """Two lists that are only read: services with their health, streams with their rates."""
 
     def __init__(self, gui: Controls) -> None:
         self._services = gui.add_html("")

@@ -31,7 +31,7 @@ class Leads:
 
 
 class TouchCard:
-    """One card, for operators.
+    """The card over the map, for people who may drive.
 
     Args:
         leads: to other panels.

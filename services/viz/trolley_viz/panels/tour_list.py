@@ -17,7 +17,7 @@ START, EDIT, COPY, DELETE = "Start", "Edit", "Copy", "Delete"
 
 
 class TourChoices(Protocol):
-    """What people do with the stored tours."""
+    """The callbacks for the buttons of a stored tour's card."""
 
     def start(self, tour: Tour) -> None:
         """Start it."""

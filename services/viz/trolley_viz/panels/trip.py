@@ -13,7 +13,7 @@ MAX_STOP_ROWS = 30
 
 
 class TripPanel:
-    """One trip at a time.
+    """Shows the robot's present or last trip.
 
     Args:
         steer: does one of the actions; None where that is not the person's to do.

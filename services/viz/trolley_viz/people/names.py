@@ -94,5 +94,5 @@ def clean(text: str) -> str:
 
 
 def _as_read(name: str) -> str:
-    """The same for names that a person would take for the same."""
+    """Reduce a name to what tells it from others: names that look alike become equal."""
     return " ".join(unicodedata.normalize("NFKC", clean(name)).casefold().split())

@@ -8,7 +8,7 @@ from trolley.messages import BaseState
 
 @dataclass
 class _Stopped:
-    """A robot that has answered to Stop."""
+    """A stop that a robot has answered, and who had asked for it."""
 
     name: str
     stamp_ns: int

@@ -4,7 +4,7 @@ import viser
 
 
 class Picture:
-    """Where a page draws what is its own."""
+    """Viser's connection of one page: there the page draws what nobody else sees."""
 
     client: viser.ClientHandle | None = None
     """None while viser's part of the page loads, or is gone."""

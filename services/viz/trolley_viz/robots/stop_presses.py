@@ -26,7 +26,7 @@ class _Press:
 
 @dataclass(frozen=True)
 class StopLine:
-    """What to say about Stop."""
+    """The line that the page shows about a stop that is not confirmed."""
 
     text: str
     is_alarm: bool

@@ -16,7 +16,7 @@ ASIDE_M = 0.22
 
 
 class GoalPins:
-    """An arrow with its number for each of them."""
+    """Draws a numbered arrow for each queued goal in one browser's scene."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene

@@ -12,7 +12,7 @@ RADIUS_M = 0.16
 
 
 class TouchMark:
-    """The ring in one browser's scene."""
+    """Draws the ring in one browser's scene."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene

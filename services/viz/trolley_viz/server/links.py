@@ -15,7 +15,7 @@ OUT_OF_REACH = (
 
 @dataclass(frozen=True)
 class Links:
-    """Two links, each of which is a password."""
+    """The two links with a token; each is as good as a password."""
 
     operator: str = field(repr=False)
     """Lets its holder do everything."""

@@ -22,7 +22,7 @@ PAUSE_S = 0.02
 
 @dataclass(frozen=True)
 class Room:
-    """What a connection has to spare.
+    """How much of what was sent to a browser is still on its way, and how fast it arrives.
 
     Attributes:
         waiting: what was sent and has not arrived yet [B].

@@ -45,7 +45,7 @@ class OtherFormat(Exception):
 
 @dataclass
 class Thinner:
-    """What waits for one slow page."""
+    """The messages that wait for one slow page; what a newer one replaces is dropped."""
 
     rest: list[Part] = field(default_factory=list[Part])
     """What is sent in order, all of it."""

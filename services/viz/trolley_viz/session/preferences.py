@@ -15,7 +15,7 @@ FRAME = "frame:"
 
 
 class Preferences:
-    """What was chosen in a browser.
+    """One browser's choices (layers, look, language, folders), saved at each change.
 
     Args:
         choices: what was chosen there before.

@@ -66,7 +66,7 @@ class Window:
             self._viewport.look_at(x, y)
 
     def change_look(self, look: Look) -> None:
-        """See the map from elsewhere."""
+        """Turn the camera as a button of the view bar says."""
         self.look = look
         if self._viewport is not None:
             self._viewport.change(look, self._view())

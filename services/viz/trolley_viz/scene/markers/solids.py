@@ -45,7 +45,7 @@ def unit_mesh(kind: Solid, *, fine: bool = True) -> Mesh:
 
 @dataclass(frozen=True)
 class Placed:
-    """A marker, and what its motion adds just now."""
+    """A marker with the lift and turn that its animation adds at this moment."""
 
     marker: Marker
     lift: float = 0.0
