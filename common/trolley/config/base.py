@@ -106,6 +106,6 @@ class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     )
     """Priority of each source that may drive; the highest with a fresh command wins."""
     scans: dict[SenseName, SenseConfig] = {}
-    """Further senses by name, each a table `[base.scans.NAME]`: only those listed are used."""
+    """Sensors beside the lidar, each a table `[base.scans.NAME]`; only those listed are used."""
     stop_margin_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
     """Distance from an obstacle at which the stop field stops the robot [m]."""

@@ -24,7 +24,7 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """The lidar's model, if the driver is `hardware`; `ld19` also covers LD06 and STL-06P to 26,
     `ydlidar_x2` the X3."""
     port: str = ""
-    """The serial port; a name below /dev/serial/by-id or by-path stays the same. A device of the
+    """The serial port; a name below /dev/serial/by-id or by-path stays the same. A device on the
     network is `tcp://host:port` or `udp://host:port`; one that sends to this computer `udp://:port`."""
     baud: Baud | None = None
     """Baud rate of the line; the model's own if not given."""
@@ -46,7 +46,7 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     range_max_m: Annotated[float, Meta(gt=0.0, le=100.0)] | None = None
     """Farther echoes are ignored; the model's own limit if not given."""
     settings: dict[str, Any] = {}
-    """What only this model's driver knows; its page says what there is."""
+    """Settings that only this model has; its page lists them."""
 
     def __post_init__(self) -> None:
         """Refuse limits that leave nothing between them."""
@@ -119,7 +119,7 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     board: Board | None = None
     """The firmware it runs; without one only the lidar works and the robot cannot drive."""
     port: str = ""
-    """The serial port; a name below /dev/serial/by-id or by-path stays the same. A device of the
+    """The serial port; a name below /dev/serial/by-id or by-path stays the same. A device on the
     network is `tcp://host:port` or `udp://host:port`; one that sends to this computer `udp://:port`."""
     baud: Baud | None = None
     """Baud rate of the line; the board's own if not given."""
@@ -138,7 +138,7 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     wheels: WheelsConfig | None = None
     inputs: InputsConfig = InputsConfig()
     settings: dict[str, Any] = {}
-    """What only this board's driver knows; its page says what there is."""
+    """Settings that only this board has; its page lists them."""
 
     def __post_init__(self) -> None:
         """Refuse axes that do not make a right-handed frame."""
@@ -182,7 +182,7 @@ class OdometryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     source: Literal["wheels", "lidar", "both"] = "wheels"
     """`lidar` compares each scan with those before it, for a base without encoders; `both` corrects
-    by that what the wheels report. A gyro is used with each of them."""
+    the wheels with that. A gyro is used with any of them."""
     linear_scale: Scale = 1.0
     """True metres per reported metre, forwards and backwards."""
     sideways_scale: Scale = 1.0

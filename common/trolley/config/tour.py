@@ -15,6 +15,6 @@ class TourConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     history_days: Annotated[int, Meta(ge=1, le=3650)] = 365
     """How long past trips are kept."""
     photos_mb: Annotated[int, Meta(ge=0, le=10_000)] = 100
-    """Room for the photos of past trips [MB], the oldest make room for new ones; 0 to take none."""
+    """Space for photos of past trips [MB]; the oldest are deleted for new ones; 0 to take none."""
     low_battery: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.2
     """Charge below which a robot on its way drives to the place `home`; 0 for never."""
