@@ -140,7 +140,7 @@ SENTENCES: dict[str, str] = {
     SHUTDOWN: "The base service is shutting down.",
     DOES_NOT_OBEY: "The motor board does not obey.",
     NOT_SAVED: "It could not be written to disk.",
-    ONLY_IN_FILE: "That setting is changed only in robot.toml itself, on the robot.",
+    ONLY_IN_FILE: "That setting can only be changed in robot.toml itself, on the robot.",
     FILE_CHANGED: "Somebody has edited robot.toml meanwhile, so nothing was changed.",
 }
 """One plain sentence per code."""

@@ -19,7 +19,7 @@ SOURCES = {
     "default": "It is the default.",
     "not_saved": "It was set while the robot ran, and is not saved.",
     "robot_toml": "robot.toml says so.",
-    "settings_toml": "It was set while the robot ran, and counts in place of robot.toml.",
+    "settings_toml": "It was set while the robot ran, and overrides robot.toml.",
 }
 FROM = {
     "default": "",

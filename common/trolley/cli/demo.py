@@ -183,7 +183,9 @@ def _scene(
         try:
             kept.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ConfigError(f"--state: {kept} is no folder and cannot be made one") from error
+            raise ConfigError(
+                f"--state: {kept} is not a folder, and none can be made there"
+            ) from error
         config = write_settings(with_recorded(choices, folder), folder)
         load_config(config)
         environment = {

@@ -137,7 +137,7 @@ def _simulated(choices: Choices) -> tuple[dict[str, Any], Path, Pose2D | None]:
         plain = read_toml(world)
         if choices.map_file is None and not isinstance(plain.get("map"), str):
             raise ConfigError(
-                f"--world: {world}: is no world: it names no map (worlds/README.md says what a "
+                f"--world: {world}: is not a world: it names no map (worlds/README.md says what a "
                 "world file holds)"
             )
         map_file = choices.map_file or worlds.find(plain["map"], beside=world.parent)
@@ -223,7 +223,7 @@ def first_reference(recording: Path) -> Pose2D | None:
     try:
         return None if rows is None or not len(rows) else Pose2D.from_array(rows[0])
     except (ValueError, TypeError) as error:
-        raise ConfigError(f"{recording}: its reference is no list of x, y, yaw") from error
+        raise ConfigError(f"{recording}: its reference is not a list of x, y, yaw") from error
 
 
 def _plain(pose: Pose2D) -> dict[str, float]:

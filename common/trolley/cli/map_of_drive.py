@@ -33,7 +33,9 @@ def map_of_drive(name: str, source: Path, *, as_json: bool) -> None:
         ConfigError: The drive cannot be used, the map is there already or cannot be written.
     """
     if not MAP_NAME.fullmatch(name):
-        raise click.BadParameter(f"{name!r} is no name of a map: A-Z, a-z, 0-9, _, - and dots")
+        raise click.BadParameter(
+            f"{name!r} is not a valid map name: use A-Z, a-z, 0-9, _, - and dots"
+        )
     path = Path(f"{name}.yaml")
     if path.exists():
         raise ConfigError(f"{path} already exists; choose another name")

@@ -75,7 +75,7 @@ def robot_name_option(_context: click.Context, _parameter: click.Parameter, name
 
     if not names_robot(name):
         raise click.BadParameter(
-            f"{name!r} is no robot's name: use 1 to 32 characters of a-z, 0-9, _ and -"
+            f"{name!r} is not a valid robot name: use 1 to 32 characters of a-z, 0-9, _ and -"
         )
     return name
 

@@ -50,14 +50,14 @@ def _problem_of(url: str) -> str:
     """What is wrong with a URL, without a word of it: it may hold a secret."""
     example = "write one such as https://house.example/robot"
     if len(url) > MAX_URL or not _CHARACTERS.fullmatch(url):
-        return f"is no web address: {example}"
+        return f"is not a web address: {example}"
     try:
         parts = urllib.parse.urlsplit(url)
         port = parts.port
     except ValueError:
-        return f"is no web address: {example}"
+        return f"is not a web address: {example}"
     if parts.scheme not in ("http", "https") or not parts.hostname or port == 0:
-        return f"is no web address: {example}"
+        return f"is not a web address: {example}"
     if parts.username is not None:
         return "has a user name or password in it: use `token_file`"
     return ""

@@ -143,7 +143,7 @@ class SettingsKeeper:
             if acts(name) == "file":
                 raise Refused(
                     codes.ONLY_IN_FILE,
-                    f"{name} is changed only in robot.toml itself, on the robot.",
+                    f"{name} can only be changed in robot.toml itself, on the robot.",
                 )
         try:
             after = with_values(self._next, params.section, params.values)

@@ -173,7 +173,7 @@ def _sentence(change: Change, resolution: float) -> str:
     minutes = max(1, round(change.seconds / 60))
     since = "1 minute" if minutes == 1 else f"{minutes} minutes"
     what = "Something has come" if change.kind == "appeared" else "Something is gone"
-    return f"{what}: about {size}, seen so for {since}."
+    return f"{what}: about {size}, seen for {since}."
 
 
 def _point(point: NDArray[np.float64]) -> tuple[float, float]:

@@ -299,6 +299,6 @@ def endpoints_of(config: RobotConfig) -> list[Endpoint]:
         token = read_secret(config, "[webhook] token_file", webhook.token_file)
         if not token.isascii() or not token.isprintable() or not token:
             path = config.path(webhook.token_file)
-            raise ConfigError(f"[webhook] token_file {path}: its first line is no token")
+            raise ConfigError(f"[webhook] token_file {path}: its first line is not a token")
     tls = trust(config, "[webhook] tls_ca", webhook.tls_ca)
     return [Endpoint(url=url, token=token, tls=tls) for url in webhook.urls]

@@ -132,7 +132,7 @@ def test_a_world_or_map_that_is_none_is_refused_by_its_name(tmp_path: Path) -> N
     for data, why in (
         (b"a = [1", "world.toml: is not valid TOML"),
         (b"\xff\xfe", "world.toml: is not UTF-8 text"),
-        (b"[robot]\n", "world.toml: is no world: it names no map"),
+        (b"[robot]\n", "world.toml: is not a world: it names no map"),
     ):
         world.write_bytes(data)
         with pytest.raises(ConfigError, match=why):

@@ -41,7 +41,9 @@ def test_only_a_resume_ends_it() -> None:
     assert not BaseState(stamp_ns=1, mode="fault", reason="collision").is_halted
 
 
-UNKNOWN = "A stop holds, but whether the robot stands is not known: the cable is unplugged."
+UNKNOWN = (
+    "A stop holds, but it is not known whether the robot stands still: the cable is unplugged."
+)
 UNCONFIRMED = BaseState(
     stamp_ns=1,
     mode="stopped",

@@ -180,7 +180,7 @@ def test_base_is_told_in_words() -> None:
         "yellow",
     )
     assert base_line(BaseState(stamp_ns=0, mode="ok")) == ("Ready.", None)
-    why = "The lidar sees nothing behind, so it moves there at a creep."
+    why = "The lidar sees nothing behind, so it creeps there."
     creeping = BaseState(stamp_ns=0, mode="ok", reason="blind", message=why)
     assert base_line(creeping) == (why, "yellow")
     assert "R lets it drive" in base_line(BaseState(stamp_ns=0, mode="stopped"))[0]

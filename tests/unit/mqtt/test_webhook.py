@@ -239,7 +239,8 @@ def test_closing_does_not_wait_for_a_server_that_hangs(make_server: MakeServer) 
     ],
 )
 def test_what_is_no_web_address_is_refused_without_repeating_it(url: str) -> None:
-    with pytest.raises(ValueError, match=r"^urls\[1\] (is no web address|has a user name)") as why:
+    why_not = r"^urls\[1\] (is not a web address|has a user name)"
+    with pytest.raises(ValueError, match=why_not) as why:
         WebhookConfig(urls=["http://house.example/ok", url])
     assert SECRET not in str(why.value)
 
@@ -257,7 +258,7 @@ def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
     (tmp_path / "token").write_text(f"{SECRET}\nsomething else\n")
     for settings, words in (
         ({"token_file": "nowhere"}, "token_file .*nowhere cannot be read"),
-        ({"token_file": "empty"}, "token_file .*: its first line is no token"),
+        ({"token_file": "empty"}, "token_file .*: its first line is not a token"),
         ({"tls_ca": "token"}, "tls_ca .* cannot be used"),
     ):
         with pytest.raises(ConfigError, match=words) as why:

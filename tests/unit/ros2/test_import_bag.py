@@ -320,7 +320,7 @@ def test_of_what_is_no_drive_no_map_is_made(
     for words, why in (
         (["room", "--from", "cut.mcap"], "ends before its first message"),
         (["room", "--from", "photo.jpg"], "photo.jpg"),
-        (["a/b", "--from", "cut.mcap"], "is no name of a map"),
+        (["a/b", "--from", "cut.mcap"], "is not a valid map name"),
         (["room", "--from", "cut.mcap", "--explore"], "give one of them"),
     ):
         done = CliRunner().invoke(cli, ["map", "new", *words])

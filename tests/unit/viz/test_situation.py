@@ -101,8 +101,10 @@ CASES = [
         "Stopped: a wheel came off. Press “Drive on” to let it drive again.",
     ),
     (
-        known(base=silent("down", "A stop holds, but whether the robot stands is not known.")),
-        "A stop holds, but whether the robot stands is not known.",
+        known(
+            base=silent("down", "A stop holds, but it is not known whether the robot stands still.")
+        ),
+        "A stop holds, but it is not known whether the robot stands still.",
     ),
     (
         known(base=silent("searching", "")),

@@ -11,7 +11,7 @@ SCAN_SILENCE_NS = 500_000_000
 """Without a scan for this long the robot stands [ns]."""
 
 STOPPED_MESSAGE = "Stopped. `trolley resume` lets it drive."
-UNKNOWN_MESSAGE = "A stop holds, but whether the robot stands is not known: {why}"
+UNKNOWN_MESSAGE = "A stop holds, but it is not known whether the robot stands still: {why}"
 FIRST_SCAN_MESSAGE = "The robot is waiting for the lidar's first scan."
 
 

@@ -202,7 +202,7 @@ class VelocityLimiter:
         if sight.scale < free:
             if not around.by_hand and self._sight.is_coming_softly(self._twist):
                 return None
-            ending = "so it does not move there" if is_standing else "so it moves there at a creep"
+            ending = "so it does not move there" if is_standing else "so it creeps there"
             message = f"The lidar sees nothing {sight.where}, {ending}."
             return _Hindrance("held" if is_standing else "ok", codes.BLIND, message)
         if is_standing and free < 1.0:

@@ -418,7 +418,7 @@ class SetupDrive:
             raise SetupRefused(
                 f"The wheels counted a turn by {math.degrees(turn):.0f}°, and the lidar saw "
                 f"{math.degrees(turned):.0f}°: the wheels slip, a wheel's size or the track is "
-                "set quite wrongly, or somebody moved the robot."
+                "far from what is set, or somebody moved the robot."
             )
         if abs(turn) > 0.4:
             return
@@ -426,7 +426,7 @@ class SetupDrive:
         if abs(seen_m - abs(way)) > PARAMS.differ * abs(way) + PARAMS.differ_m + 0.4 * abs(turn):
             raise SetupRefused(
                 f"The wheels counted {abs(way):.2f} m, and the lidar saw {seen_m:.2f} m: the "
-                "wheels slip, their size is set quite wrongly, or somebody moved the robot."
+                "wheels slip, their size is far from what is set, or somebody moved the robot."
             )
         if abs(way) > 0.5 * PARAMS.trial_m:
             share = abs(way) / (abs(way) + PARAMS.bend_m)

@@ -75,8 +75,8 @@ GROUPS: Mapping[str, Sequence[Words]] = {
 AT_ONCE = "What you change here counts at once."
 AT_START = "It counts the next time the robot is started."
 UNKNOWN = "The settings are being fetched …"
-ONLY_IN_FILE = "It is changed only in robot.toml, on the robot."
-KEPT = "It was set while the robot ran, and counts in place of robot.toml."
+ONLY_IN_FILE = "It can only be changed in robot.toml, on the robot."
+KEPT = "It was set while the robot ran, and overrides robot.toml."
 SEARCH, PLACE, COORDINATES = "searches the map", "is at a place", "is at these coordinates"
 
 
