@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Literal
 
+import msgspec
 import numpy as np
 import pytest
 from support.flatland import RANGE_MAX, Flatland, empty_room, two_rooms, with_block
@@ -122,6 +123,20 @@ def test_gives_way_to_who_comes_towards_it(ride) -> None:
     assert max(abs(pose.y - 3.0) for pose in meeting.poses) > 0.27
     meeting.walk(0.1, None)
     assert meeting.arrives()
+
+
+def test_a_robot_that_obeys_late_meets_people_where_they_will_be_then(ride) -> None:
+    def met_at(delay_s: float) -> float:
+        meeting = Meeting(ride, "mppi")
+        inputs = meeting.drive.navigator.inputs
+        inputs.robot = msgspec.structs.replace(inputs.robot, delay=delay_s)
+        meeting.walk(1.5, lambda t: (6.3 - 0.8 * t, 3.0))
+        context = meeting.drive.navigator.costmap_manager.require_context()
+        x, _, vx = context.local_costmap.walkers_now()[0, :3]
+        assert vx == pytest.approx(-0.8, abs=0.15)
+        return float(x)
+
+    assert met_at(0.0) - met_at(0.4) == pytest.approx(0.4 * 0.8, abs=0.1)
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)

@@ -6,7 +6,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
-from trolley_planner.context.commanded_velocity import CommandedVelocity
+from trolley_planner.context.commanded_velocity import VELOCITY, CommandedVelocity
 from trolley_planner.context.planning_context import CostmapManager
 from trolley_planner.control.controller import Motion, limits_of
 from trolley_planner.control.robot_motion import Limits
@@ -32,7 +32,8 @@ class ControlInput:
 
     Attributes:
         now_ns: robot time.
-        motion: in `grid`, when it obeys this command, with the velocity that was commanded last.
+        obeyed_ns: robot time when it obeys this command.
+        motion: in `grid`, then, with the velocity that was commanded last.
         steady: the same pose without the noise of the localizer, for the final approach.
         odom_T_base: by the wheels alone.
         limits: of the robot at the moment.
@@ -40,6 +41,7 @@ class ControlInput:
     """
 
     now_ns: int
+    obeyed_ns: int
     motion: Motion
     steady: Pose2D
     odom_T_base: Pose2D
@@ -100,12 +102,14 @@ class MotionState:
         context, odometry = self._costmap_manager.context, self._inputs.odometry
         if motion is None or steady is None or context is None or odometry is None:
             return None
-        ahead = self._until_obeyed(now_ns)
+        delay_s = self._delay_s
+        ahead = self._until_obeyed(now_ns, delay_s)
         here = motion.pose
         if ahead != Pose2D.identity():
             motion = Motion(here @ ahead, motion.twist, here)
         return ControlInput(
             now_ns,
+            now_ns + round(delay_s * 1e9),
             motion,
             context.costmap.to_grid(steady) @ ahead,
             odometry.pose,
@@ -113,13 +117,18 @@ class MotionState:
             elapsed_s,
         )
 
-    def _until_obeyed(self, now_ns: int) -> Pose2D:
+    @property
+    def _delay_s(self) -> float:
+        """Time until the robot obeys a command, as far as it is reckoned with [s]."""
+        robot = self._inputs.robot
+        return min(robot.delay, VELOCITY.lag_s) if robot is not None and robot.delay else 0.0
+
+    def _until_obeyed(self, now_ns: int, delay_s: float) -> Pose2D:
         """Return how the robot moves until it obeys a command that is given now."""
-        robot, here = self._inputs.robot, Pose2D.identity()
-        if robot is None or not robot.delay:
+        here = Pose2D.identity()
+        if delay_s == 0.0:
             return here
-        twist = self._inputs.twist()
-        return self._commanded.pose_when_obeyed(here, twist, now_ns, robot.delay)
+        return self._commanded.pose_when_obeyed(here, self._inputs.twist(), now_ns, delay_s)
 
     def limits(self, goal_speed: float | None) -> Limits:
         """Return the robot's present limits: the lowest of all except those of the place.

@@ -123,10 +123,10 @@ class LocalCostmap:
         self._price_of_path = 1.0
         self._moving = NOBODY, NO_ROBOTS
 
-    def update_moving(self, now_ns: int) -> None:
-        """Predict people and other robots to the present."""
+    def update_moving(self, stamp_ns: int) -> None:
+        """Predict people and other robots to a moment: now, or when the robot obeys."""
         moving = self._costmap.moving
-        self._moving = moving.walkers_at(now_ns), moving.robots_at(now_ns)
+        self._moving = moving.walkers_at(stamp_ns), moving.robots_at(stamp_ns)
 
     def leave_people_out(self) -> None:
         """Ignore people until `update_moving`."""

@@ -91,7 +91,7 @@ class GoalExecution:
 
     def command(self, now: ControlInput) -> Twist2D:
         """Return the velocity to drive now; sets `outcome` when it is over."""
-        self.context.local_costmap.update_moving(now.now_ns)
+        self.context.local_costmap.update_moving(now.obeyed_ns)
         self.route.update_position(now.motion.pose)
         twist = self._recover(now) if self.is_recovering else self._follow_route(now)
         if self._progress.must_stand(now.now_ns):
@@ -169,7 +169,7 @@ class GoalExecution:
             if local_costmap.known_floor.looks_behind(now.motion.pose):
                 limits = limits._replace(max_reverse=min(HURRIED_REVERSE, limits.max_speed))
         found = context.controller.command(now.motion, local_costmap, limits, target, now.elapsed_s)
-        local_costmap.update_moving(now.now_ns)
+        local_costmap.update_moving(now.obeyed_ns)
         if found is None:
             return Twist2D.zero()
         closer_m = ROLLOUT.same_clearance_m
