@@ -99,6 +99,7 @@ def draw_case(seed: int, is_busy: bool) -> Case:
                 WALKING_MPS * np.sin(heading),
                 np.full(PEOPLE, 0.25),
                 np.full(PEOPLE, 0.05),
+                np.full(PEOPLE, np.inf),
             ]
         )
         line = np.linspace(0.0, 2.5, 60)[:, None] * (math.cos(heading[0]), math.sin(heading[0]))

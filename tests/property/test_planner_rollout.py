@@ -104,7 +104,8 @@ def test_side_by_side_they_cost_what_each_costs_alone(seed, place, busy, goes_on
     field = local.field
     if busy:
         walkers = np.column_stack([rng.uniform(1.0, 4.5, (3, 2)), rng.normal(0.0, 0.7, (3, 2))])
-        walkers = np.column_stack([walkers, np.full((3, field.walkers.shape[1] - 4), 0.2)])
+        alone_s = np.array([0.5, 2.0, np.inf])
+        walkers = np.column_stack([walkers, np.full((3, 2), 0.2), alone_s])
         discs = np.concatenate([rng.uniform(1.0, 4.5, (2, 9, 2)), np.full((2, 9, 1), 0.2)], axis=2)
         zones = np.full(RIG.costmap.shape, np.inf, dtype=np.float32)
         zones[:50] = 0.2
@@ -168,7 +169,7 @@ def test_getting_out_of_the_way_early_costs_less_than_late() -> None:
     local = room.local_costmap
     local.update(3.0, 3.0)
     local.compute_cost_to_go(np.array([[3.0, 3.0], [6.0, 3.0]]), np.array([3.0, 0.0]))
-    comes = np.array([[7.5, 3.0, -0.8, 0.0, 0.25, 0.05]])
+    comes = np.array([[7.5, 3.0, -0.8, 0.0, 0.25, 0.05, np.inf]])
     scene = Scene(
         local.field._replace(walkers=comes), local.body, limits_of(CONFIG, 0.5, 1.5, 0.9),
         Target(6.5, 3.0, 0.2, True),
@@ -183,3 +184,14 @@ def test_getting_out_of_the_way_early_costs_less_than_late() -> None:
     rollouts_into(alone, controls.copy(), start, scene._replace(field=local.field))
     assert alone[0] == pytest.approx(alone[1], abs=0.05)
     assert costs[0] < costs[1] - 0.3
+
+
+def test_who_comes_upon_somebody_else_before_hardly_counts() -> None:
+    body = FOOTPRINT.body.few_points, FOOTPRINT.inscribed_m, FOOTPRINT.circumscribed_m
+    costs = []
+    for alone_s in (np.inf, 6.0, 2.0, 0.0):
+        comes = np.array([[4.0, 0.0, -1.0, 0.0, 0.25, 0.05, alone_s]])
+        costs.append(standing_cost(comes, body, (0.0, 0.0), (1.0, 0.0), 1.2))
+    assert costs[0] == costs[1] > 1.0
+    assert costs[2] < 0.1 * costs[0]
+    assert costs[3] < costs[2]

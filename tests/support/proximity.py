@@ -63,7 +63,7 @@ def proximity_cost(
     """Return the cost of being near people and other robots.
 
     Args:
-        walkers: (n, 6) see `Field.walkers`.
+        walkers: (n, 7) see `Field.walkers`.
         robots: (n, steps, 3) see `Field.robots`.
         body: points of the outline (n, 2), inscribed and circumscribed radius.
         then: place, cosine and sine of the heading, and the time from now [s].

@@ -37,6 +37,7 @@ from trolley_planner.paths.corridor import Terrain
 from trolley_planner.paths.cost_to_go import CostToGo
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.hybrid_astar.pose_search import Task
+from trolley_planner.people.encounters import times_of_encounters
 from trolley_planner.people.free_space import were_passed
 from trolley_planner.people.tracker import PeopleTracker, TrackedPerson, person_discs
 
@@ -71,6 +72,7 @@ def warm_up() -> None:
     context = navigator.costmap_manager.require_context()
     context.costmap.obstacle_layer.forget_around(1.0, 1.0, 0.5)
     walker = TrackedPerson(np.array([[1.0, 1.0], [1.1, 1.0]]), np.ones(2), np.array([0.5, 0.0]))
+    times_of_encounters(person_discs([walker]))
     context.costmap.obstacle_layer.remove_people(person_discs([walker]))
     SocialLayer(context.costmap.shape, EDGE_M, 0.1).update(
         [walker], context.costmap.obstacle_layer.grid

@@ -133,7 +133,7 @@ class LocalCostmap:
         self._moving = NOBODY, self._moving[1]
 
     def walkers_now(self) -> NDArray[np.float64]:
-        """Return the discs (n, 6) of walking people, see `Field.walkers`; a copy."""
+        """Return the discs (n, 7) of walking people, see `Field.walkers`; a copy."""
         return self._moving[0].copy()
 
     def is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:

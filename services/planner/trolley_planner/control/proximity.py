@@ -58,6 +58,8 @@ class ProximityParams(NamedTuple):
     sides the robot chooses the one that people expect [m]."""
     sure_later_s: float = 8.0
     """Time after which a person who comes later counts 1/e as much [s]."""
+    astray_s: float = 0.5
+    """Time after coming upon somebody else from which on a person counts 1/e as much [s]."""
     brake_dt_s: float = 0.05
     """Time step of the braking check [s]."""
     longest_brake_s: float = 10.0
@@ -133,7 +135,7 @@ def people_proximity_cost(
     It is infinite for a collision that the robot is to blame for.
 
     Args:
-        walkers: (n, 6) see `Field.walkers`.
+        walkers: (n, 7) see `Field.walkers`.
         body: points of the outline (n, 2), inscribed and circumscribed radius.
         place: of the robot then.
         turned: cosine and sine of its heading.
@@ -167,10 +169,12 @@ def standing_cost(
 ) -> float:
     """Return the cost of standing from some time on where people come along, as seconds near them.
 
-    Standing is no excuse for being in the way. Each counts once, where they come nearest.
+    Standing is no excuse for being in the way. Each counts once, where they come nearest; the less,
+    the longer before that they have come upon somebody else: in a crowd nobody walks on as now, and
+    a robot that fled from all their straight lines would not get through.
 
     Args:
-        walkers: (n, 6) see `Field.walkers`.
+        walkers: (n, 7) see `Field.walkers`.
         body: points of the outline (n, 2), inscribed and circumscribed radius.
         place: of the robot.
         turned: cosine and sine of its heading.
@@ -189,7 +193,8 @@ def standing_cost(
         there = place[0] - right * vy, place[1] + right * vx
         one = walkers[index : index + 1]
         near = people_proximity_cost(one, body, there, turned, 0.0, time_s + later)
-        total += near * math.exp(-later / PROXIMITY.sure_later_s)
+        astray = max(time_s + later - walkers[index, 6], 0.0) / PROXIMITY.astray_s
+        total += near * math.exp(-later / PROXIMITY.sure_later_s - astray)
     return total * PROXIMITY.pass_s
 
 
@@ -255,7 +260,7 @@ def would_meet_people(
 
     Args:
         start: (5,) with the velocity that is about to be commanded.
-        walkers: (n, 6) see `Field.walkers`.
+        walkers: (n, 7) see `Field.walkers`.
         body: the outline.
         deceleration: of the robot [m/s^2].
         delay_s: until it brakes.

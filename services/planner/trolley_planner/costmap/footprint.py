@@ -44,8 +44,8 @@ class Field(NamedTuple):
     cell_m: float
     """Edge of a cell of the costmap."""
     walkers: NDArray[np.float64] = NOBODY
-    """(n, 6) people: x, y now [m], velocity [m/s], radius [m], its growth [m/s]; they are not in
-    the distances."""
+    """(n, 7) people: x, y now [m], velocity [m/s], radius [m], its growth [m/s], time until they
+    come upon somebody else [s]; they are not in the distances."""
     robots: NDArray[np.float64] = NO_ROBOTS
     """(n, steps, 3) discs of other robots that drive: x, y, radius [m], 0.1 s apart from now on."""
 

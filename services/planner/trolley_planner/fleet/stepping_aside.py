@@ -345,7 +345,7 @@ def walk_into(
     Args:
         out_tracks: (n, steps, 2) x, y [m] every `ASIDE.step_s`, NaN outside the cells; overwritten.
         walls_m: (rows, cols) distance to the nearest wall.
-        walkers: (n, 6) see `Field.walkers`, from the corner of the cells on.
+        walkers: (n, 7) see `Field.walkers`, from the corner of the cells on.
         edge_m: of a cell.
     """
     rows, cols = walls_m.shape

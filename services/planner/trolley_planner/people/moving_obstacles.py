@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley_planner.people.encounters import times_of_encounters
 from trolley_planner.people.tracker import PeopleTracker, Track, TrackedPerson, person_discs
 
 Floats = NDArray[np.float64]
@@ -16,7 +17,7 @@ MAX_AGE_S = 0.5
 """Longest time after the last scan for which people are extrapolated [s]."""
 ROBOT_DT_S = 0.1
 """Time between two positions of a robot's predicted trajectory [s]."""
-NOBODY = np.empty((0, 6))
+NOBODY = np.empty((0, 7))
 """Nobody walks."""
 NO_ROBOTS = np.empty((0, 1, 3))
 """No other robot drives."""
@@ -40,7 +41,8 @@ class MovingObstacles:
         self._walkers = NOBODY
         if self.people:
             growth = np.clip([one.velocity_std for one in self.people], *GROWTH_MPS)
-            self._walkers = np.column_stack([person_discs(self.people), growth])
+            discs = person_discs(self.people)
+            self._walkers = np.column_stack([discs, growth, times_of_encounters(discs)])
         self._scanned_ns = now_ns
 
     @property
@@ -64,10 +66,11 @@ class MovingObstacles:
         self.people, self._walkers = [], NOBODY
 
     def walkers_at(self, now_ns: int) -> Floats:
-        """Return the discs (n, 6) of people where they are now; see `Field.walkers`."""
+        """Return the discs (n, 7) of people where they are now; see `Field.walkers`."""
         walkers = self._walkers[~self._are_robots(self._walkers)]
         age_s = min(max((now_ns - self._scanned_ns) * 1e-9, 0.0), MAX_AGE_S)
         walkers[:, :2] += age_s * walkers[:, 2:4]
+        walkers[:, 6] -= age_s
         return walkers
 
     def robots_at(self, now_ns: int) -> Floats:
@@ -77,7 +80,7 @@ class MovingObstacles:
         return np.ascontiguousarray(self._robots[:, passed:]) if len(self._robots) else NO_ROBOTS
 
     def _are_robots(self, walkers: Floats) -> NDArray[np.bool_]:
-        """Say for discs (n, 6) whether each is a robot, which knows better where it will be."""
+        """Say for discs (n, 7) whether each is a robot, which knows better where it will be."""
         gaps = walkers[:, None, :2] - self._robots[None, :, 0, :2]
         near = self._robots[None, :, 0, 2] + SAME_M
         return np.asarray((np.hypot(gaps[..., 0], gaps[..., 1]) < near).any(axis=1))
