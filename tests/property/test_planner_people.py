@@ -141,9 +141,9 @@ def test_who_stands_or_leaves_meets_nobody() -> None:
     assert not would_meet_people(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), NOBODY, BODY, 0.9, 0.15)
 
 
-def standing_at(x: float, y: float, walker: list[float]) -> float:
+def standing_at(x: float, y: float, walker: list[float], alone_s: float = math.inf) -> float:
     body = BODY.edge_points, BODY.inscribed_m, BODY.circumscribed_m
-    return standing_cost(np.array([walker]), body, (x, y), (1.0, 0.0), 2.4)
+    return standing_cost(np.array([[*walker, alone_s]]), body, (x, y), (1.0, 0.0), 2.4)
 
 
 def test_standing_is_no_excuse_for_being_in_the_way() -> None:
@@ -158,3 +158,11 @@ def test_standing_is_no_excuse_for_being_in_the_way() -> None:
     assert standing_at(-0.6, 0.0, comes) > 0.75 * in_the_way
     assert standing_at(0.0, 0.0, [5.0, 0.0, 0.8, 0.0, 0.25, 0.05]) == 0.0
     assert standing_at(0.0, 0.0, [5.0, 0.0, 0.0, 0.0, 0.25, 0.05]) == 0.0
+
+
+def test_who_comes_upon_somebody_else_before_hardly_counts() -> None:
+    comes = [5.0, 0.0, -0.8, 0.0, 0.25, 0.05]
+    in_the_way = standing_at(0.0, 0.0, comes)
+    assert standing_at(0.0, 0.0, comes, alone_s=7.0) == in_the_way, "they pass before"
+    assert 0.0 < standing_at(0.0, 0.0, comes, alone_s=5.0) < 0.2 * in_the_way
+    assert standing_at(0.0, 0.0, comes, alone_s=0.0) < 1e-3 * in_the_way

@@ -184,14 +184,3 @@ def test_getting_out_of_the_way_early_costs_less_than_late() -> None:
     rollouts_into(alone, controls.copy(), start, scene._replace(field=local.field))
     assert alone[0] == pytest.approx(alone[1], abs=0.05)
     assert costs[0] < costs[1] - 0.3
-
-
-def test_who_comes_upon_somebody_else_before_hardly_counts() -> None:
-    body = FOOTPRINT.body.few_points, FOOTPRINT.inscribed_m, FOOTPRINT.circumscribed_m
-    costs = []
-    for alone_s in (np.inf, 6.0, 2.0, 0.0):
-        comes = np.array([[4.0, 0.0, -1.0, 0.0, 0.25, 0.05, alone_s]])
-        costs.append(standing_cost(comes, body, (0.0, 0.0), (1.0, 0.0), 1.2))
-    assert costs[0] == costs[1] > 1.0
-    assert costs[2] < 0.1 * costs[0]
-    assert costs[3] < costs[2]
