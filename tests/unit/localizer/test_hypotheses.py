@@ -18,7 +18,7 @@ from trolley_localizer.matching.hypotheses import (
 )
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
-from trolley_localizer.matching.seen_surface import SeenSurface
+from trolley_localizer.matching.seen_surface import NewSurface, SeenSurface
 
 from .conftest import at, make_house, make_scan
 
@@ -257,6 +257,23 @@ def test_views_of_the_same_walls_add_up_to_no_more_than_the_best_of_them() -> No
     proof = Proof(seen=SeenSurface(View(make_house()).field))
     drive_on(proof, PROOF.between + 0.6 * PROOF.bound, 50)
     assert not proof.is_right
+
+
+def test_after_a_metre_without_a_proof_the_walls_of_a_room_alike_prove_nothing() -> None:
+    """A room of another floor between the same outer walls had a support of 0.87."""
+    proof = Proof(unproven_m=2.4, seen=SeenSurface(View(make_house()).field))
+    drive_on(proof, 0.87, 50)
+    assert not proof.is_right
+
+
+def test_one_look_at_a_wall_that_is_where_the_map_says_proves_no_place() -> None:
+    """On the map of another floor of the house a wall that comes into view may be right, too."""
+    proof = Proof(seen=SeenSurface(View(make_house()).field))
+    drive_on(proof, PROOF.between, 1)
+    proof.add_new(NewSurface(amount=1.0, agreement=1.0))
+    assert not proof.is_right
+    proof.add_new(NewSurface(amount=1.0, agreement=1.0))
+    assert proof.is_right
 
 
 def test_views_that_do_not_pin_the_pose_prove_nothing_and_do_not_hurry() -> None:
