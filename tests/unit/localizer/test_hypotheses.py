@@ -241,6 +241,16 @@ def test_the_right_place_passes_though_furniture_was_moved() -> None:
     assert proof.has_passed
 
 
+def test_one_look_at_what_is_not_as_the_map_says_takes_no_place_back() -> None:
+    """Furniture that was moved shows behind it what none has seen."""
+    house = make_house()
+    proof = on_probation(house, sights(house, house))
+    proof.inspect_new(NewSurface(amount=0.2, agreement=0.0))
+    assert not proof.is_taken_back
+    proof.inspect_new(NewSurface(amount=0.2, agreement=0.0))
+    assert proof.is_taken_back
+
+
 def test_who_stands_in_front_of_a_wall_that_was_seen_shows_nothing_new() -> None:
     house = make_house()
     crowded = GridMap("crowded", house.resolution, house.origin, house.cells.copy())

@@ -96,9 +96,10 @@ class ProofParams:
     new_weight: float = 3.0
     """Weight of what new surface says, as against views."""
     most_new: float = 0.7
-    """Most that the new surface of one look says for a place, as a share of the bound: it may be a
-    single wall that another floor of the house has as well. One look said as much as it took for
-    such a place, while the views said nothing, and the robot was sure of it for 1.6 s."""
+    """Most that the new surface of one look says for or against a place, as a share of the bound.
+    It may be a single wall that another floor of the house has as well: one look said as much as it
+    took for such a place, while the views said nothing, and the robot was sure of it for 1.6 s. Or
+    it lies behind furniture that is gone: one look took the right place back."""
     probation: float = 0.5
     """New surface, as a share of what was seen first, that must fit after the proof until the place
     is as good as one that was tracked all along."""
@@ -197,7 +198,7 @@ class Proof:
 
     def add_new(self, new: NewSurface) -> None:
         """Take what the new surface of one look says for the place into account."""
-        self._new += min(_evidence_of_new(new), PROOF.most_new * self._bound)
+        self._new += _evidence_of_new(new, self._bound)
 
     def add(self, evidence: float, pinned: float) -> None:
         """Take what a new view says for the place into account.
@@ -250,9 +251,12 @@ class Proof:
     def inspect(self, sight: Sight) -> None:
         """Take in what a new view says about a place on probation."""
         assert self._seen is not None
-        new = sight.new_to(self._seen)
+        self.inspect_new(sight.new_to(self._seen))
+
+    def inspect_new(self, new: NewSurface) -> None:
+        """Take in what the new surface of one look says about a place on probation."""
         # What spoke for it before is no excuse for what speaks against it now.
-        self._new = min(self._new + _evidence_of_new(new), 0.0)
+        self._new = min(self._new + _evidence_of_new(new, PROOF.probation_bound), 0.0)
         self._passed += new.amount
         self._since_view = Pose2D.identity()
 
@@ -271,9 +275,16 @@ class Proof:
         self._sum = self._best = self._driven_m = 0.0
 
 
-def _evidence_of_new(new: NewSurface) -> float:
-    """Return what new surface says for a place; negative against it."""
-    return PROOF.new_weight * new.amount * (new.agreement - PROOF.agreement)
+def _evidence_of_new(new: NewSurface, bound: float) -> float:
+    """Return what the new surface of one look says for a place; negative against it.
+
+    Args:
+        new: what came into view.
+        bound: what it takes.
+    """
+    evidence = PROOF.new_weight * new.amount * (new.agreement - PROOF.agreement)
+    most = PROOF.most_new * bound
+    return min(max(evidence, -most), most)
 
 
 @dataclass(slots=True)
