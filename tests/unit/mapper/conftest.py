@@ -41,6 +41,8 @@ class Drive:
         self.odom = Pose2D.identity()
         self.stamp_ns = 0
         self.odometry_scale = 1.0
+        # Besides, of turns alone.
+        self.odometry_turn_scale = 1.0
         # What the wheels tell of the time of a scan, in which the robot stands still.
         self.told_in_scan = Pose2D.identity()
         self.is_covered = False
@@ -50,7 +52,9 @@ class Drive:
     def scan(self, vx: float = 0.0, wz: float = 0.0, seconds: float = 0.1) -> MapEstimate:
         """Move on, take a scan, run the job if there is one."""
         self.pose = integrate_twist(self.pose, Twist2D(vx, 0.0, wz), seconds)
-        told = Twist2D(self.odometry_scale * vx, 0.0, self.odometry_scale * wz)
+        told = Twist2D(
+            self.odometry_scale * vx, 0.0, self.odometry_scale * self.odometry_turn_scale * wz
+        )
         self.odom = integrate_twist(self.odom, told, seconds)
         return self.look(seconds)
 

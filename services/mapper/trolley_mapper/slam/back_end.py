@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
-from trolley_mapper.slam.join_watch import CutJob
+from trolley_mapper.slam.join_watch import CutJob, JoinWatch
 from trolley_mapper.slam.joining import JoinJob, Joint, places_to_try
 from trolley_mapper.slam.keyframe_map import KeyframeMap
 from trolley_mapper.slam.keyframe_store import KeyframeStore
@@ -41,8 +41,8 @@ class BackEnd:
         self._joint: Joint | None = None
         # Edges that joined parts where they do not belong.
         self._refuted: list[Edge] = []
-        # A part that is to be cut off again, and what joined it.
-        self._cut: tuple[Joint, list[Edge]] | None = None
+        # Over a part that is to be cut off again.
+        self._cut: JoinWatch | None = None
         # Places that were not searched yet from the loose part, and whether they all were once.
         self._places: list[Place] = []
         self._is_searched = False
@@ -56,9 +56,9 @@ class BackEnd:
         self._joint, self._places, self._is_searched = joint, [], False
         self._pending, self._job, self._cut = [], None, None
 
-    def cut(self, joint: Joint, edges: list[Edge]) -> None:
+    def cut(self, refuted: JoinWatch) -> None:
         """Cut a part off the map at the next chance, and never join it there again."""
-        self._job, self._cut = None, (joint, edges)
+        self._job, self._cut = None, refuted
 
     def map_turned(self, new_map_T_old_map: NDArray[np.float64]) -> None:
         """Take note that the whole map has moved by a motion (3,): a job that is out is void."""
@@ -71,9 +71,8 @@ class BackEnd:
         if self._job is not None or made.is_empty:
             return None
         if self._cut is not None:
-            joint, edges = self._cut
-            store = made.store.copy()
-            self._job = CutJob(store, self._config, made.prior, joint, edges)
+            cut, store = self._cut, made.store.copy()
+            self._job = CutJob(store, self._config, made.prior, cut.joint, cut.edges, cut.sentence)
         elif self._joint is not None and made.store.is_loose(made.store.newest.number):
             self._job = self._join(made, self._joint, pose)
         else:

@@ -1,4 +1,8 @@
-"""Whether what is seen after a part was joined to the map bears the join out; if not, the cut."""
+"""Whether what is seen bears out that it belongs where it lies on the map; if not, the cut.
+
+That is doubted after a part was joined to the map, and after the robot stood: it may have been in a
+lift, and from the door other floors look alike.
+"""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -12,6 +16,7 @@ from trolley.gridmap import GridMap
 from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
 from trolley.scan_matching.sweep import Sweep
+from trolley_mapper.slam import sentences
 from trolley_mapper.slam.joining import PARAMS as JOINS
 from trolley_mapper.slam.joining import Joint
 from trolley_mapper.slam.keyframe_store import KeyframeStore
@@ -35,6 +40,9 @@ class WatchParams:
     """Share of these points on surfaces of the other side below which a join is refuted: in
     generated buildings right joins had 0.97 and more, a wrong one between rooms alike 0.97 in the
     room, 0.8 before its door and 0.6 farther on. In between lies furniture that was moved."""
+    moved_share: float = 0.6
+    """The same after the robot stood, where the odometry bears its place out: another floor, behind
+    a corridor like that of the first, had 0.4."""
     min_keyframes: int = 3
     """Number of keyframes that must have been compared."""
     over_m: float = 2.0
@@ -56,12 +64,14 @@ class JoinWatch:
     has shown explains them wherever it was joined.
 
     Args:
-        joint: of the part that was joined.
+        joint: of the part that was joined, or begins where the robot stood.
         edges: that joined it.
+        has_stood: whether the latter.
     """
 
-    def __init__(self, joint: Joint, edges: list[Edge]) -> None:
+    def __init__(self, joint: Joint, edges: list[Edge], *, has_stood: bool = False) -> None:
         self.joint, self.edges = joint, edges
+        self._has_stood = has_stood
         self._driven_m = 0.0
         self._last: int | None = None
         # The last comparisons: where along the drive [m], points that are known, and explained.
@@ -74,13 +84,19 @@ class JoinWatch:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether the part was joined where it does not belong."""
+        """Whether the part lies where it does not belong."""
         if len(self._seen) < PARAMS.min_keyframes:
             return False
         if self._seen[-1][0] - self._seen[0][0] < PARAMS.over_m:
             return False
         known, explained = (sum(one[k] for one in self._seen) for k in (1, 2))
-        return explained < PARAMS.wrong_share * known
+        share = PARAMS.moved_share if self._has_stood else PARAMS.wrong_share
+        return explained < share * known
+
+    @property
+    def sentence(self) -> str:
+        """What is the matter if it is refuted."""
+        return sentences.OTHER_FLOOR if self._has_stood else sentences.CUT
 
     def see(self, store: KeyframeStore, config: MapperConfig) -> None:
         """Take the newest keyframe into account."""
@@ -104,9 +120,10 @@ class JoinWatch:
         is free: nothing is known of what lies behind its walls.
         """
         pose = store.poses[-1]
-        away = np.hypot(*(store.poses[:, :2] - pose[:2]).T)
-        near = np.flatnonzero((away < PARAMS.around_m) & ~store.loose).tolist()
-        numbers = [store.keyframes[row].number for row in near]
+        part = store.part_of(store.newest.number)
+        poses = store.poses[[store.rows[n] for n in part]]
+        away = np.hypot(*(poses[:, :2] - pose[:2]).T)
+        numbers = [n for n, away_m in zip(part, away, strict=True) if away_m < PARAMS.around_m]
         before = [n for n in numbers if n < self.joint.number and n != store.prior]
         since = [n for n in numbers if n >= self.joint.number]
         always = [] if store.prior is None else [store.prior]
@@ -157,6 +174,7 @@ class CutJob:
         prior: the map that is extended, if one is.
         joint: of the part.
         refuted: edges that joined it.
+        sentence: what is the matter.
         occupancy: the map drawn anew.
         found: nothing.
         accepted: edges that hold the part together now.
@@ -167,6 +185,7 @@ class CutJob:
     prior: GridMap | None
     joint: Joint
     refuted: list[Edge]
+    sentence: str
     occupancy: LogOddsGrid | None = None
     found: list[Closure] = field(default_factory=list[Closure], init=False)
     accepted: list[Edge] = field(default_factory=list[Edge], init=False)

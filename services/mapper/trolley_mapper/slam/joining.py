@@ -179,7 +179,13 @@ class JoinJob:
 
     def run(self) -> "JoinJob":
         """Search, judge, join; returns itself."""
-        self._wrong = [self._edge_leads_to(edge) for edge in self.refuted if self.store.has(edge)]
+        store = self.store
+        part = set(store.part_of(store.newest.number))
+        self._wrong = [
+            self._edge_leads_to(edge)
+            for edge in self.refuted
+            if store.has(edge) and edge.second in part and not store.is_loose(edge.first)
+        ]
         for place in self._places():
             closure = self._close(place)
             if closure is not None and not (self._is_known(closure) or self._is_wrong(closure)):

@@ -63,6 +63,8 @@ class MapperParams:
     """Number of scans below which a loose part is forgotten when the next one begins."""
     slip_patience: float = 2.0
     """Factor on the distance between keyframes while wheels slip."""
+    stood_s: float = 10.0
+    """Time between two keyframes in which the robot may have been in a lift [s]."""
 
 
 PARAMS = MapperParams()
@@ -93,9 +95,10 @@ class Mapper:
         self._back_end = BackEnd(config)
         self._latest: ScanInput | None = None
         self._is_blind = False
-        # Over the part that was joined last, as long as that is doubted.
+        # Over the part that was joined last, or begun where the robot stood, as long as it is
+        # doubted; and why one was cut off.
         self._watch: JoinWatch | None = None
-        self._is_cut = False
+        self._cut_message = ""
         # Covariance (3, 3) of the odometry since the newest keyframe; None where the two are not
         # connected.
         self._odometry_covariance: NDArray[np.float64] | None = None
@@ -199,8 +202,8 @@ class Mapper:
 
     def _message(self) -> str:
         """What is the matter, in one sentence; empty when all is well."""
-        if self._is_cut and self._tracking.is_lost:
-            return sentences.CUT
+        if self._cut_message and self._tracking.is_lost:
+            return self._cut_message
         if self._tracking.message:
             return self._tracking.message
         return sentences.PAUSED if self._is_paused else self._matcher.slip.message
@@ -225,7 +228,7 @@ class Mapper:
     def _begin_part(self, scan: ScanInput, sweep: Sweep) -> None:
         """Begin a part of which only the odometry says how it lies to the map, if that."""
         joint = self._joint()
-        self._watch, self._is_cut = None, False
+        self._watch, self._cut_message = None, ""
         self._drop_small_part()
         self._tracking = TrackingState.lost()
         self._matcher.reset(joint.pose, PARAMS.origin_devs)
@@ -262,6 +265,9 @@ class Mapper:
         """Add a scan to the map, with edges to what it was matched with and driven from."""
         pose, number = self._matcher.pose, self._map.next_number
         edges = self._edges(number, match)
+        if edges and self._watch is None and self._has_stood(scan):
+            joint = Joint(number, pose.copy(), self._matcher.covariance.copy(), None)
+            self._watch = JoinWatch(joint, edges, has_stood=True)
         self._map.add(Keyframe.of(number, scan.stamp_ns, sweep), pose, edges)
         self._odometry_model.restart()
         self._odometry_covariance = np.zeros((3, 3))
@@ -270,13 +276,17 @@ class Mapper:
             self._back_end.keyframe_added()
             self._watch_join()
 
+    def _has_stood(self, scan: ScanInput) -> bool:
+        """Say whether the robot stood since the newest keyframe, perhaps in a lift."""
+        return (scan.stamp_ns - self._map.store.newest.stamp_ns) * 1e-9 >= PARAMS.stood_s
+
     def _watch_join(self) -> None:
         """See whether the newest keyframe bears the last join out."""
         watch, store = self._watch, self._map.store
-        if watch is not None and not store.is_loose(store.newest.number):
+        if watch is not None:
             watch.see(store, self._config)
             if watch.is_refuted:
-                self._back_end.cut(watch.joint, watch.edges)
+                self._back_end.cut(watch)
             if watch.is_refuted or watch.is_over:
                 self._watch = None
 
@@ -336,11 +346,10 @@ class Mapper:
         self._neighbourhood.invalidate()
         self.num_loops += 0 if isinstance(job, CutJob) else len(loops)
         self._closed_loop = True
-        self._is_cut = isinstance(job, CutJob) or (self._is_cut and self._tracking.is_lost)
         if isinstance(job, CutJob):
-            self._tracking = TrackingState.lost()
+            self._cut_message, self._tracking = job.sentence, TrackingState.lost()
         if isinstance(job, JoinJob):
-            self._is_cut, self._tracking = False, TrackingState()
+            self._cut_message, self._tracking = "", TrackingState()
             self._watch = JoinWatch(job.joint, job.accepted)
         if isinstance(job, JoinJob) and self._is_paused:
             self._remove([self._map.store.rows[number] for number in part])
