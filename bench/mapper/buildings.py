@@ -48,6 +48,8 @@ class Plan:
     """All blocks have the same walls; what stands in them is their own."""
     is_identical: bool = False
     """All rooms are the same, and so is what stands in them."""
+    is_solid: bool = False
+    """There are no rooms: blocks are solid, such as the shelves of a store."""
     glass_share: float = 0.1
     """Share of the rooms with a glass front."""
     clutter_per_m2: float = 0.12
@@ -105,6 +107,9 @@ def draw_building(plan: Plan, seed: int) -> Building:
                 walls_seed if plan.is_alike or plan.is_identical else rng.integers(1 << 31)
             )
             block = cells[row : row + height, col : col + width]
+            if plan.is_solid:
+                block[:] = OCCUPIED
+                continue
             _draw_block(
                 block, plan, own, own if plan.is_identical else rng, (panes, rooms, row, col)
             )
@@ -121,7 +126,7 @@ def draw_building(plan: Plan, seed: int) -> Building:
     house = inhabited(grid, seed, LidarSpec(), 0.0, 0, start)
     # A pane lies in the middle of its cells.
     segments[:, [1, 3]] += 0.5 * RESOLUTION
-    return Building(house, solid, segments, crossings, np.array(rooms), plan.people)
+    return Building(house, solid, segments, crossings, np.array(rooms).reshape(-1, 2), plan.people)
 
 
 def _draw_block(

@@ -2,11 +2,11 @@
 
     python -m bench.mapper.random_buildings FILE [--seeds 1 100] [--pictures FOLDER]
 
-Each seed draws a plan (blocks, widths of rooms, glass, furniture, people, wings alike) and a drive
-(length, scans per metre, field and reach of the lidar, errors of the wheels, turns missed) within
-the ranges of `draw_case`, and judges the map as `sparse_drives` does. Results are appended to FILE,
-a line of JSON for each seed; seeds that are in it already are not driven again. Two programs must
-not write to one file.
+Each seed draws a plan (blocks of rooms or of shelves, glass, furniture, people, wings or rooms
+alike) and a drive (direction, length, scans per metre, field and reach of the lidar, errors of the
+wheels, turns missed) within the ranges of `draw_case`, and judges the map as `sparse_drives` does.
+Results are appended to FILE, a line of JSON for each seed; seeds that are in it already are not
+driven again. Two programs must not write to one file.
 """
 
 import argparse
@@ -21,6 +21,7 @@ from bench.harness.figures import at_least, at_most, show, table
 from bench.mapper.buildings import Drive, Plan, draw_building, record
 from bench.mapper.sparse_drives import HEADS, Result, draw, follow, row
 
+from trolley.geometry import Pose2D
 from trolley_mapper.warmup import warm_up
 
 MAX_METRES = 600.0
@@ -33,11 +34,16 @@ def draw_case(seed: int) -> tuple[Plan, Drive]:
     blocks = (int(rng.integers(1, 5)), int(rng.integers(1, 4)))
     block_m = (float(rng.uniform(10.0, 24.0)), float(rng.uniform(7.0, 14.0)))
     narrow_m = float(rng.uniform(2.6, 4.0))
+    kind = rng.choice(["rooms", "alike", "identical", "shelves"], p=[0.5, 0.2, 0.15, 0.15])
+    if kind == "shelves":
+        block_m = (block_m[0], float(rng.uniform(0.8, 3.0)))
     plan = Plan(
         blocks,
         block_m,
         (narrow_m, narrow_m + float(rng.uniform(0.2, 4.0))),
-        is_alike=bool(rng.random() < 0.25),
+        is_alike=kind == "alike",
+        is_identical=kind == "identical",
+        is_solid=kind == "shelves",
         glass_share=float(rng.choice([0.0, 0.1, 0.3, 0.6])),
         clutter_per_m2=float(rng.uniform(0.03, 0.22)),
         people=int(rng.integers(0, 7)),
@@ -62,7 +68,10 @@ def draw_case(seed: int) -> tuple[Plan, Drive]:
 def through(seed: int) -> Result:
     """Draw a building and map a drive through it."""
     plan, drive = draw_case(seed)
-    return follow(f"random {seed}", record(draw_building(plan, seed), drive, seed))
+    recording = record(draw_building(plan, seed), drive, seed)
+    # The map lies askew to the walls, as most do.
+    turned = Pose2D(0.0, 0.0, float(np.random.default_rng([seed, 8]).uniform(-math.pi, math.pi)))
+    return follow(f"random {seed}", recording, start=turned)
 
 
 def line(seed: int, one: Result) -> dict[str, Any]:

@@ -121,10 +121,16 @@ class Result:
         return self.revisits.unsaid_share(self.is_sure)
 
 
-def follow(name: str, recording: Recording, peer: str = "", prior: GridMap | None = None) -> Result:
+def follow(
+    name: str,
+    recording: Recording,
+    peer: str = "",
+    prior: GridMap | None = None,
+    start: Pose2D | None = None,
+) -> Result:
     """Map a drive, a new map or one that begins lost on a map that is there."""
     begin_mb = _forget_peak_mb()
-    mapper = Mapper(MapperConfig(), prior=prior)
+    mapper = Mapper(MapperConfig(), start, prior)
     drive = map_drive(mapper, (recording.scan(row) for row in range(len(recording.stamps))))
     grown_mb = _memory_mb("VmHWM") - begin_mb
     return Result(name, recording, mapper.grid(), drive, mapper.num_loops, grown_mb, peer)

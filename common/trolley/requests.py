@@ -119,9 +119,9 @@ POSES_DELETE = Request(
 )
 TOURS_PUT = Request("tours/put", m.Tour, m.Tour, "tour", (codes.NOT_SAVED,))
 TOURS_DELETE = Request("tours/delete", request_params.Named, m.Tour, "tour", (codes.NOT_SAVED,))
-ZONES_PUT = Request("zones/put", m.Zone, m.Zone, "localizer", (codes.NOT_SAVED, codes.MAPPING))
+ZONES_PUT = Request("zones/put", m.Zone, m.Zone, "localizer", (codes.NOT_SAVED,))
 ZONES_DELETE = Request(
-    "zones/delete", request_params.Named, m.Zone, "localizer", (codes.NOT_SAVED, codes.MAPPING)
+    "zones/delete", request_params.Named, m.Zone, "localizer", (codes.NOT_SAVED,)
 )
 CHANGES_DISMISS = Request(
     "changes/dismiss",
@@ -179,6 +179,10 @@ MAP_UNDO = Request(
 )
 MAP_CANCEL = Request(
     "map/cancel", request_params.Nothing, m.MappingStatus, "mapper", (codes.NOT_MAPPING,)
+)
+MAP_ZONES_PUT = Request("map/zones/put", m.Zone, m.Zone, "mapper", (codes.NOT_MAPPING,))
+MAP_ZONES_DELETE = Request(
+    "map/zones/delete", request_params.Named, m.Zone, "mapper", (codes.NOT_MAPPING,)
 )
 MAP_EDIT = Request(
     "map/edit",

@@ -1,16 +1,24 @@
-"""What the kinds of zones are, the file they are kept in, and which room a point lies in."""
+"""Which zones are allowed, the file they are kept in, and which room a point lies in."""
 
+import unicodedata
 from collections.abc import Iterable
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, structs
 
-from trolley.geometry.polygon import polygon_contains, signed_area
+from trolley import codes
+from trolley.codes import Refused
+from trolley.geometry.polygon import check_polygon, polygon_contains, signed_area
 from trolley.messages.mapping import PoseEstimate, Zone, ZoneKind, Zones
+from trolley.messages.types import name_problem
 
 LINE_KINDS: Final[tuple[ZoneKind, ...]] = ("mirror", "glass")
 """These are lines, all others are areas."""
+MAX_ZONES = 500
+"""Number of zones on one map above which more are refused."""
+_SAME_POINT_M = 1e-3
+"""Length that a line must exceed [m]."""
 
 
 class ZoneFile(Struct, frozen=True, kw_only=True):
@@ -25,6 +33,66 @@ class ZoneFile(Struct, frozen=True, kw_only=True):
         """Return the content of a file of schema 1: it knew no rooms."""
         del schema
         return plain
+
+
+def check_zone(zone: Zone, name: str) -> Zone:
+    """Return a zone as it may be stored under a name.
+
+    Args:
+        zone: as it came.
+        name: from the key; it rules.
+
+    Raises:
+        Refused: `bad_request` with the reason.
+    """
+    name = unicodedata.normalize("NFC", name)
+    problem = name_problem(name)
+    if problem is not None:
+        raise Refused(codes.BAD_REQUEST, f"{problem[:1].upper()}{problem[1:]}.")
+    if zone.name and unicodedata.normalize("NFC", zone.name) != name:
+        raise Refused(
+            codes.BAD_REQUEST, f"The zone calls itself {zone.name!r} but its key says {name!r}."
+        )
+    points = np.array(zone.points, dtype=np.float64)
+    if zone.kind in LINE_KINDS:
+        if np.hypot(*np.diff(points, axis=0).T).sum() < _SAME_POINT_M:
+            raise Refused(codes.BAD_REQUEST, f"The {zone.kind} line {name!r} has no length.")
+    else:
+        try:
+            check_polygon(points)
+        except ValueError as error:
+            raise Refused(codes.BAD_REQUEST, f"Zone {name!r}: {error}.") from error
+    if (zone.kind == "speed") != (zone.speed is not None):
+        raise Refused(
+            codes.BAD_REQUEST,
+            "A speed zone needs its speed in m/s, and no other kind of zone has one.",
+        )
+    return structs.replace(zone, name=name)
+
+
+def with_zone(zones: list[Zone], zone: Zone) -> list[Zone]:
+    """Return the list with a zone added, or replaced under its name.
+
+    Raises:
+        Refused: there are too many.
+    """
+    kept = [one for one in zones if one.name != zone.name]
+    if len(kept) >= MAX_ZONES:
+        raise Refused(codes.TOO_LARGE, f"A map can have {MAX_ZONES} zones.")
+    return sorted([*kept, zone], key=lambda one: one.name)
+
+
+def without_zone(zones: list[Zone], name: str) -> tuple[list[Zone], Zone]:
+    """Return the list without a zone, and that zone.
+
+    Raises:
+        Refused: `unknown_name`.
+    """
+    name = unicodedata.normalize("NFC", name)
+    for zone in zones:
+        if zone.name == name:
+            return [one for one in zones if one is not zone], zone
+    raise Refused(codes.UNKNOWN_NAME, f"There is no zone {name!r} on this map.")
 
 
 def room_at(zones: Iterable[Zone], x: float, y: float) -> str | None:

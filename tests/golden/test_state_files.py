@@ -259,7 +259,7 @@ def test_the_unfinished_map_of_before_is_read(folder: StateFolder):
     [
         (b"", "broken"),
         (b"\x80", "broken"),
-        (msgspec.msgpack.encode({"schema": 3, "anything": 1}), "newer"),
+        (msgspec.msgpack.encode({"schema": 4, "anything": 1}), "newer"),
         (msgspec.msgpack.encode({"songs": ["a"]}), "broken"),
     ],
 )

@@ -1,24 +1,23 @@
 """The zones of the map in use: store, publish, and let mirrors and panes count."""
 
+from functools import partial
+
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.messages import Zone, Zones
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Later, Service, answers, gets, on, on_delete
-from trolley.zones import ZoneFile
+from trolley.zones import ZoneFile, check_zone, with_zone, without_zone
 from trolley_localizer.map_server import LoadedMap, MapServer
 from trolley_localizer.mapper_lease import MapperLease
-from trolley_localizer.zone_rules import (
-    check_zone,
-    mirror_lines,
-    state_file,
-    with_zone,
-    without_zone,
-)
+from trolley_localizer.zone_rules import mirror_lines, state_file
 
 
 class ZoneStore:
-    """Keeps the zones of one map at a time, each map's in a file of its own."""
+    """Keeps the zones of one map at a time, each map's in a file of its own.
+
+    While a map is made, wishes are passed on to the mapper: zones move with that map.
+    """
 
     def __init__(self, service: Service, maps: MapServer, lease: MapperLease) -> None:
         self._service = service
@@ -73,13 +72,29 @@ class ZoneStore:
         return reply
 
     def _put(self, zone: Zone, reply: Later[Zone] | None) -> None:
+        if self._lease.is_held:
+            self._service.request(requests.MAP_ZONES_PUT, zone, partial(self._answered, reply))
+            return
         loaded = self._maps.ready()
         self._change(loaded, with_zone(self.zones, zone), zone, reply)
 
     def _delete(self, name: str, reply: Later[Zone] | None) -> None:
+        if self._lease.is_held:
+            named = Named(name=name)
+            self._service.request(requests.MAP_ZONES_DELETE, named, partial(self._answered, reply))
+            return
         loaded = self._maps.ready()
         zones, zone = without_zone(self.zones, name)
         self._change(loaded, zones, zone, reply)
+
+    def _answered(self, reply: Later[Zone] | None, result: Zone | Refused) -> None:
+        """Pass on what the mapper has answered."""
+        if isinstance(result, Refused):
+            self._service.log.warning("The mapper refused a zone", why=result.message)
+            if reply is not None:
+                reply.refuse(result)
+        elif reply is not None:
+            reply.reply(result)
 
     def _change(
         self, loaded: LoadedMap, zones: list[Zone], zone: Zone, reply: Later[Zone] | None

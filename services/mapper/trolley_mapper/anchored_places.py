@@ -47,7 +47,7 @@ class AnchoredPlaces:
             del self.anchors[name]
         for name, place in self._stored.items():
             known = before.get(name)
-            was_moved = known is not None and _differ(known.pose, place.pose)
+            was_moved = known is not None and differ(known.pose, place.pose)
             if name not in self.anchors or was_moved:
                 self.anchors[name] = core.anchor(place.pose)
 
@@ -74,7 +74,7 @@ class AnchoredPlaces:
         changed: list[SavedPose] = []
         for name, place in self._stored.items():
             pose = core.moved(self.anchors[name]).wrapped()
-            if not _differ(place.pose, pose):
+            if not differ(place.pose, pose):
                 pose = place.pose
             right = structs.replace(place, pose=pose, map=map_name or place.map)
             if right != place:
@@ -83,6 +83,7 @@ class AnchoredPlaces:
         return changed
 
 
-def _differ(one: Pose2D, other: Pose2D) -> bool:
+def differ(one: Pose2D, other: Pose2D) -> bool:
+    """Say whether two poses are far enough apart for what lies there to be moved."""
     turned = abs(angle_difference(one.yaw, other.yaw))
     return one.distance_to(other) > MOVED_M or turned > MOVED_RAD

@@ -12,6 +12,7 @@ from trolley.messages import Zone
 from trolley.messages.mapping import MapName
 from trolley.runtime.service import Service
 from trolley.state_file import Unreadable, keep_unreadable, read_encoded, reason_of
+from trolley_mapper.anchored_zones import ZoneTie
 from trolley_mapper.slam.estimate import Anchor
 
 FILE = "mapping.bin"
@@ -23,11 +24,13 @@ PERIOD_NS = 30_000_000_000
 class Checkpoint(Struct, frozen=True, kw_only=True):
     """A map in the making as it is stored."""
 
-    schema: int = 2
+    schema: int = 3
     """Version of the file's format. Files of the first version have none."""
     name: MapName
     extends: str | None = None
     zones: list[Zone] = []
+    zone_ties: dict[str, ZoneTie] = {}
+    zones_deleted: list[str] = []
     anchors: dict[str, Anchor] = {}
     seconds: float = 0.0
     loops: int = 0

@@ -220,7 +220,7 @@ class ExploreService:
         is_lost, is_unsure = estimate.state == "lost", estimate.state == "unsure"
         home = core.moved(self._home)
         barriers = [] if session.explorer is None else session.explorer.barriers
-        zones = [*session.zones, *barriers]
+        zones = [*session.zones.all, *barriers]
         return Scene(core.grid(), pose, is_lost, is_unsure, zones, home)
 
     @property

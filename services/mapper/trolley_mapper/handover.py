@@ -5,15 +5,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from trolley import codes, requests
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import MapInfo, MappingStatus, PoseEstimate, Zone
-from trolley.messages.request_params import LoadMap, SaveMap, Yield
+from trolley.messages.request_params import LoadMap, Named, SaveMap, Yield
 from trolley.runtime.service import Later, Service, answers, every
+from trolley_mapper.edit.map_transform import moved_zones
 from trolley_mapper.edit.map_versions import write_map
 from trolley_mapper.map_names import check_name_is_free, configured_name
 from trolley_mapper.map_session import MapSession
@@ -99,6 +100,9 @@ class Handover:
         self._done(f"The map {self._name} is saved and in use.")
 
 
+_Wish = tuple[requests.Request[Any, Zone], Zone | Named]
+
+
 @dataclass(frozen=True, slots=True)
 class _PendingReply:
     """Who waits for a save, and until when on the local clock."""
@@ -129,7 +133,9 @@ class MapSaver:
         core = session.core
         if core is None or (core.num_keyframes == 0 and session.extends is None):
             raise Refused(codes.NOT_READY, "Nothing has been mapped yet.")
-        zones = session.zones if name != session.extends else ()
+        session.zones.follow(core)
+        # What is extended has its zones at the localizer; what was drawn since follows.
+        zones = list(session.zones.all) if name != session.extends else []
         job = core.finishing()
         write = partial(_finish, job, self._service.maps.path, name, zones)
         self._mapping.begin_saving()
@@ -163,7 +169,7 @@ class MapSaver:
             self._pending = None
             self._mapping.saving_failed(problem)
             return
-        turned_deg = round(math.degrees(job.turned_rad), 2)
+        turned_deg = round(math.degrees(job.new_T_old.yaw), 2)
         self._service.log.info("Map saved", map=name, turned_deg=turned_deg)
         self._mapping.saved(session, name, job)
         self._handover = Handover(self._service, name, self._mapping.pose_now, self._handed_over)
@@ -172,7 +178,26 @@ class MapSaver:
 
     def _handed_over(self, note: str) -> None:
         self._handover = None
-        self._mapping.end(note)
+        session = self._mapping.session
+        wishes: list[_Wish] = []
+        if session is not None and session.name == session.extends:
+            wishes += [(requests.ZONES_DELETE, Named(name=n)) for n in session.zones.deleted]
+            wishes += [(requests.ZONES_PUT, zone) for zone in session.zones.drawn]
+        self._hand_zones_over(wishes, note)
+
+    def _hand_zones_over(self, wishes: list[_Wish], note: str) -> None:
+        """Let the localizer store what has become of an extended map's zones, then end."""
+        if not wishes:
+            self._mapping.end(note)
+            return
+        (request, params), *rest = wishes
+        self._service.request(request, params, partial(self._zone_stored, params.name, rest, note))
+
+    def _zone_stored(self, name: str, rest: list[_Wish], note: str, result: Zone | Refused) -> None:
+        if isinstance(result, Refused) and result.code != codes.UNKNOWN_NAME:
+            self._service.log.error("A zone was not kept", zone=name, why=result.message)
+            note += f" The zone {name} was not kept: {result.message}"
+        self._hand_zones_over(rest, note)
 
     def _answer(self) -> None:
         if self._pending is not None:
@@ -183,4 +208,5 @@ class MapSaver:
 def _finish(job: "FinishJob", folder: Path, name: str, zones: Sequence[Zone]) -> str | None:
     """Straighten, tidy and write a map; returns why it could not be written, in a sentence."""
     job.run()
-    return write_map(folder, name, job.grid, zones, job.start)
+    lying = moved_zones(zones, job.new_T_old.inverse())
+    return write_map(folder, name, job.grid, lying, job.start)

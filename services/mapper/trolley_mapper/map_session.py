@@ -13,6 +13,7 @@ from trolley.gridmap.wire import map_message
 from trolley.messages import OccupancyGrid, Zone
 from trolley.scanning import Reject, ScanInput
 from trolley_mapper.anchored_places import AnchoredPlaces
+from trolley_mapper.anchored_zones import AnchoredZones
 from trolley_mapper.checkpoint import Checkpoint
 from trolley_mapper.slam.estimate import MapEstimate
 
@@ -36,7 +37,7 @@ class MapSession:
     def __init__(self, config: MapperConfig, name: str, extends: str | None = None) -> None:
         self.name = name
         self.extends = extends
-        self.zones: Sequence[Zone] = ()
+        self.zones = AnchoredZones()
         self.core: Mapper | None = None
         self.explorer: Explorer | None = None
         self.places = AnchoredPlaces()
@@ -49,7 +50,7 @@ class MapSession:
 
     def extend(self, prior: GridMap, map_T_odom: Pose2D, zones: Sequence[Zone]) -> None:
         """Continue a map: its grid, where the odometry began on it, and its zones."""
-        self._prior, self.zones = (prior, map_T_odom), zones
+        self._prior, self.zones = (prior, map_T_odom), AnchoredZones(zones)
 
     @classmethod
     def restore(cls, config: MapperConfig, checkpoint: Checkpoint) -> "MapSession":
@@ -61,7 +62,9 @@ class MapSession:
         from trolley_mapper.slam.mapper import Mapper
 
         session = cls(config, checkpoint.name, checkpoint.extends)
-        session.zones = checkpoint.zones
+        session.zones = AnchoredZones(
+            checkpoint.zones, checkpoint.zone_ties, checkpoint.zones_deleted
+        )
         session.places = AnchoredPlaces(checkpoint.anchors)
         session.seconds, session.loops = checkpoint.seconds, checkpoint.loops
         session.core = Mapper.from_bytes(config, checkpoint.core)
@@ -153,7 +156,8 @@ class MapSession:
         """Differs from the previous one whenever a checkpoint would."""
         core = self.core
         grown = (0, 0) if core is None else (core.version, core.num_keyframes)
-        return (self, *grown, self.is_paused, self.is_exploring)
+        zones = tuple((one.name, *one.points) for one in self.zones.all)
+        return (self, *grown, self.is_paused, self.is_exploring, zones)
 
     def checkpoint(self) -> Callable[[], Checkpoint] | None:
         """Return what makes a checkpoint of the map as it is now; None while there is nothing.
@@ -168,7 +172,9 @@ class MapSession:
         checkpoint = Checkpoint(
             name=self.name,
             extends=self.extends,
-            zones=list(self.zones),
+            zones=list(self.zones.all),
+            zone_ties=dict(self.zones.ties),
+            zones_deleted=sorted(self.zones.deleted),
             anchors=dict(self.places.anchors),
             seconds=self.seconds,
             loops=self.loops,

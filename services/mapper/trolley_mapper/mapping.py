@@ -147,8 +147,7 @@ class Mapping:
         self._published_version = _NOTHING_PUBLISHED
         self._checkpointer.restart()
         self._places = SavedPlaces(self._service, session)
-        zones = Zones(stamp_ns=self._service.stamp_ns, map=session.name, zones=list(session.zones))
-        self._service.publish(topics.ZONES, zones)
+        self.publish_zones(session)
         self._service.log.info("Mapping", map=session.name, extends=session.extends or "nothing")
         self.publish_status()
 
@@ -208,7 +207,7 @@ class Mapping:
 
     def saved(self, session: MapSession, name: str, job: "FinishJob") -> None:
         """Turn the session and its places as the map was, and give them the name it has now."""
-        if job.turned_rad != 0.0:
+        if job.new_T_old.yaw != 0.0:
             # A goal under way is a pose on the map as it lay before. A refusal means there is none.
             self._service.request(requests.GOAL_CANCEL, WhichGoal(), lambda _: None)
             session.turn(job)
@@ -216,6 +215,7 @@ class Mapping:
         if self._places is not None:
             self._places.store_moved(name)
         session.rename(name)
+        self.publish_zones(session)
         self._note = f"The map {name} is saved; the localizer takes over."
 
     # Scans.
@@ -265,11 +265,18 @@ class Mapping:
         if self.phase != "idle":
             self.publish_status()
 
+    def publish_zones(self, session: MapSession) -> None:
+        """Publish the zones of the map."""
+        zones = Zones(stamp_ns=self._service.stamp_ns, map=session.name, zones=session.zones.all)
+        self._service.publish(topics.ZONES, zones)
+
     def _publish_map(self, session: MapSession) -> None:
-        """Publish the map if it has changed."""
+        """Publish the map if it has changed, and zones that have moved with it."""
         if session.core is None or session.core.version == self._published_version:
             return
         self._published_version = session.core.version
+        if session.zones.follow(session.core):
+            self.publish_zones(session)
         message = session.map_message(self._service.stamp_ns)
         if message is None or len(message.cells) + _ENVELOPE_BYTES > topics.MAP.max_bytes:
             self._note = "The map has become too large to be shown; save it."

@@ -12,6 +12,7 @@ from trolley_mapper.explore_service import ExploreService
 from trolley_mapper.handover import MapSaver
 from trolley_mapper.mapping import Mapping
 from trolley_mapper.preconditions import MapStarter
+from trolley_mapper.zone_wishes import ZoneWishes
 
 IDLE_NS = 30_000_000_000
 """Local time after a map or an edit until memory is given back: often another follows [ns]."""
@@ -37,7 +38,8 @@ class MapperService(Service):
             explore=self._explore.begin_when_ready,
         )
         saver = MapSaver(self, config, self._mapping)
-        self.parts = (self._starter, saver, self._explore, self._mapping, self._editor)
+        wishes = ZoneWishes(self._mapping)
+        self.parts = (self._starter, saver, wishes, self._explore, self._mapping, self._editor)
 
     def start(self) -> None:
         """Finish what the last run left: a map, an edit, a goal that was driven to."""

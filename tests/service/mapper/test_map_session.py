@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from trolley import codes, requests, topics
@@ -103,9 +104,6 @@ def test_while_a_map_is_made_the_localizer_owns_nothing(stage: Stage) -> None:
         assert len(answers_to(stage, topic)) == 1
     assert stage.refusal(requests.POSE_SET, SetPose(pose=Pose2D.identity())).code == codes.MAPPING
     assert stage.refusal(requests.POSE_FIND).code == codes.MAPPING
-    zone = Zone(name="stairs", kind="mirror", points=[(0.0, 0.0), (1.0, 0.0)])
-    assert stage.refusal(requests.ZONES_PUT, zone).code == codes.MAPPING
-    assert stage.refusal(requests.ZONES_DELETE, Named(name="stairs")).code == codes.MAPPING
     assert stage.refusal(requests.MAP_LOAD, LoadMap(name="home")).code == codes.MAPPING
     assert stage.refusal(requests.MAP_NEW, MapNamed(name="other")).code == codes.MAPPING
 
@@ -164,6 +162,63 @@ def test_an_extended_map_is_saved_under_another_name_with_its_zones_and_places(
     assert [one.name for one in answers_to(stage, topics.ZONES)[0].zones] == ["stairs"]
     assert [one.map for one in answers_to(stage, topics.POSES)[0].poses] == ["home2"]
     assert stage.ask(requests.MAP_LIST) == ["home", "home2"]
+
+
+STAIRS = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+MIRROR = Zone(name="mirror", kind="mirror", points=[(2.0, 0.0), (2.0, 1.0)])
+
+
+def zones_of(stage: Stage) -> dict[str, Zone]:
+    (zones,) = answers_to(stage, topics.ZONES)
+    assert zones.map == stage.pose.map
+    return {one.name: one for one in zones.zones}
+
+
+def test_zones_drawn_while_a_map_is_made_are_saved_and_turned_with_it(stage: Stage) -> None:
+    true_T_map = stage.map()
+    assert stage.ask(requests.ZONES_PUT, STAIRS) == STAIRS
+    stage.ask(requests.ZONES_PUT, MIRROR)
+    assert zones_of(stage) == {"stairs": STAIRS, "mirror": MIRROR}
+    bow = Zone(name="bow", kind="keepout", points=[(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)])
+    assert stage.refusal(requests.ZONES_PUT, bow).code == codes.BAD_REQUEST
+    assert stage.ask(requests.ZONES_DELETE, Named(name="mirror")) == MIRROR
+    assert stage.refusal(requests.ZONES_DELETE, Named(name="mirror")).code == codes.UNKNOWN_NAME
+    stage.ask(requests.MAP_SAVE, SaveMap(name="flat"))
+    stage.bus.run(3.0)
+    assert (stage.pose.state, stage.pose.map) == ("localized", "flat")
+    (kept,) = zones_of(stage).values()
+    true_T_flat = stage.straightened(true_T_map, "flat")
+    assert abs(true_T_flat.yaw - true_T_map.yaw) > 0.1
+    there = true_T_flat.transform_points(np.array(kept.points))
+    assert np.abs(there - true_T_map.transform_points(np.array(STAIRS.points))).max() < 0.03
+
+
+def test_zones_drawn_before_anything_is_mapped_are_refused(stage: Stage) -> None:
+    stage.base.silent.add("scan")
+    stage.ask(requests.MAP_NEW, MapNamed(name="home"))
+    stage.bus.run(2.0)
+    assert stage.refusal(requests.MAP_ZONES_PUT, STAIRS).code == codes.NOT_READY
+    stage.ask(requests.MAP_CANCEL)
+    assert stage.refusal(requests.MAP_ZONES_PUT, STAIRS).code == codes.NOT_MAPPING
+
+
+@pytest.mark.parametrize("is_saved", [True, False])
+def test_zones_drawn_while_a_map_is_extended_are_its_own_once_it_is_saved(
+    stage: Stage, is_saved: bool
+) -> None:
+    stage.map(seconds=3.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    stage.ask(requests.ZONES_PUT, STAIRS)
+    stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
+    stage.drive(2.0, 0.2)
+    stage.ask(requests.ZONES_PUT, MIRROR)
+    stage.ask(requests.ZONES_DELETE, Named(name="stairs"))
+    assert zones_of(stage) == {"mirror": MIRROR}
+    stage.ask(requests.MAP_SAVE, SaveMap()) if is_saved else stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(2.0)
+    assert stage.status.state == "idle"
+    assert list(zones_of(stage)) == (["mirror"] if is_saved else ["stairs"])
 
 
 def test_a_canceled_map_leaves_the_one_of_before(stage: Stage) -> None:

@@ -7,14 +7,8 @@ import pytest
 from trolley import codes
 from trolley.codes import Refused
 from trolley.messages import Zone
-from trolley_localizer.zone_rules import (
-    MAX_ZONES,
-    check_zone,
-    mirror_lines,
-    read_seeds,
-    with_zone,
-    without_zone,
-)
+from trolley.zones import MAX_ZONES, check_zone, with_zone, without_zone
+from trolley_localizer.zone_rules import mirror_lines, read_seeds
 
 MIRROR = Zone(name="hall", kind="mirror", points=[(0.0, 0.0), (1.0, 0.0)])
 SQUARE = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]

@@ -58,7 +58,7 @@ def test_a_new_map_is_turned_along_its_walls_with_all_that_lies_on_it(
     assert after.state == "mapping"
     assert (true_T_map @ after.pose).distance_to(drive.pose) < 0.03
     # A mapper that is restored from what is stored then has it straight, too.
-    assert abs(mapper.finishing().run().turned_rad) < math.radians(0.2)
+    assert abs(mapper.finishing().run().new_T_old.yaw) < math.radians(0.2)
 
 
 @pytest.mark.drives
@@ -68,7 +68,7 @@ def test_an_extended_map_stays_as_it_lies(make_drive: MakeDrive, flat: GridMap) 
     drive = make_drive(Mapper(MapperConfig(), crooked @ START, prior))
     drive_a_bit(drive)
     job = drive.mapper.finishing().run()
-    assert job.turned_rad == 0.0
+    assert job.new_T_old == Pose2D.identity()
     assert job.occupancy is None
     assert job.start is None
     assert drive.mapper.turn(job) == Pose2D.identity()

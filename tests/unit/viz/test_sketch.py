@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from trolley.geometry import Pose2D
 from trolley.messages import OccupancyGrid, Zone
-from trolley_localizer.zone_rules import check_zone
+from trolley.zones import check_zone
 from trolley_viz.drawing.sketch import SNAP_M, Sketch, free_name, snap_to_wall, zone_at
 from trolley_viz.drawing.suspected_mirrors import dashes, is_same
 from trolley_viz.drawing.zone_editor import as_zone

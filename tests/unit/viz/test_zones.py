@@ -15,7 +15,7 @@ from trolley.messages import SuspectLine, Suspects, Zone, Zones
 from trolley.messages.mapping import ZoneKind
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Service, answers
-from trolley_localizer.zone_rules import check_zone, with_zone, without_zone
+from trolley.zones import check_zone, with_zone, without_zone
 from trolley_viz.browser_choices import Dismissed
 from trolley_viz.editing.undo import History
 from trolley_viz.server.visitors import Visitor

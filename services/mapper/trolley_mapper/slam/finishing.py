@@ -28,7 +28,7 @@ class FinishJob:
         config: settings.
         prior: the map that is extended, if one is.
         grid: the map as it is; afterwards as it is to be saved.
-        turned_rad: by how much it was turned, counter-clockwise [rad].
+        new_T_old: the motion by which it was turned.
         occupancy: what it was drawn from, if it was turned.
     """
 
@@ -36,7 +36,7 @@ class FinishJob:
     config: MapperConfig
     prior: GridMap | None
     grid: GridMap
-    turned_rad: float = field(default=0.0, init=False)
+    new_T_old: Pose2D = field(default_factory=Pose2D.identity, init=False)
     occupancy: LogOddsGrid | None = field(default=None, init=False)
 
     def run(self) -> "FinishJob":
@@ -77,7 +77,7 @@ class FinishJob:
         x, y = store.poses[0, :2].tolist()
         about = Pose2D(x, y, angle) @ Pose2D(-x, -y, 0.0)
         store.poses = compose(about.as_array(), store.poses)
-        self.turned_rad = angle
+        self.new_T_old = about
         self.occupancy = draw_map(self.config.resolution_m, None, store)
         self.grid = self.occupancy.grid()
 
