@@ -132,6 +132,9 @@ CHANGES_DISMISS = Request(
 )
 BASE_STOP = Request("base/stop", request_params.Nothing, m.BaseState, "base", always=True)
 BASE_RESUME = Request("base/resume", request_params.Nothing, m.BaseState, "base")
+PROPOSALS_DISMISS = Request(
+    "proposals/dismiss", request_params.WhichProposal, m.Proposal, "base", (codes.NOT_SAVED,)
+)
 CONFIG_GET = Request("config/get", request_params.WhichConfig, m.Settings, "base")
 CONFIG_SET = Request(
     "config/set",

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.processes import Process, own_router, write_config
+from support.upkeep import save_turned_lidar
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics, worlds
@@ -58,6 +59,19 @@ def running_robot(folder: Path) -> Iterator[Path]:
         finally:
             for service in services:
                 service.kill()
+
+
+@contextmanager
+def running_base(robot_file: Path) -> Iterator[Process]:
+    """Base alone."""
+    folder = robot_file.parent
+    environment = {"TROLLEY_STATE": str(folder / "state")}
+    arguments = ["-m", "trolley_base", "--config", str(robot_file)]
+    base = Process(arguments, folder / "base.log", environment)
+    try:
+        yield base
+    finally:
+        base.kill()
 
 
 def connected(robot_file: Path) -> Connection:
@@ -141,3 +155,55 @@ def test_nothing_is_driven_before_somebody_says_yes(standing_robot_file: Path) -
     assert process.returncode != 0
     assert "2 squares" not in printed
     assert "6 squares of 0.8 m" in printed
+
+
+def run(robot_file: Path, *arguments: str) -> str:
+    with start(robot_file, *arguments) as process:
+        printed, problem = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, problem
+    return printed
+
+
+def test_what_is_accepted_counts_once_base_is_restarted(tmp_path: Path) -> None:
+    room = worlds.find("room.yaml")
+    (tmp_path / "wrong.toml").write_text(WORLD.format(map=room))
+    with own_router() as endpoint:
+        path = write_config(tmp_path / "robot.toml", endpoint, more=REST.format(map=room))
+        name = load_config(path).robot.name
+        save_turned_lidar(load_config(path), tmp_path / "state" / name, 0.05)
+
+        def lidar_yaw() -> float | None:
+            with connected(path) as connection:
+                laser = connection.latest("tester", topics.TF, "laser")
+                return None if laser is None else round(laser.pose.yaw, 3)
+
+        with running_base(path) as base:
+            wait_until(lambda: lidar_yaw() == 0.0, "base uses what the file says")
+            assert "turned by 2.9°" in run(path, "proposed")
+            printed = run(path, "proposed", "--accept", "lidar")
+            assert "Restart base for it to take effect" in printed
+            # It has said the truth: nothing has changed so far.
+            assert lidar_yaw() == 0.0
+            assert "turned by 2.9°" in run(path, "proposed")
+            assert base.terminate() == 0
+        assert "# by the ruler" in path.read_text()
+        with running_base(path):
+            wait_until(lambda: lidar_yaw() == 0.05, "base uses what was accepted")
+            assert "Nothing is proposed" in run(path, "proposed")
+
+
+def test_what_is_dismissed_is_no_longer_listed(tmp_path: Path) -> None:
+    room = worlds.find("room.yaml")
+    (tmp_path / "wrong.toml").write_text(WORLD.format(map=room))
+    with own_router() as endpoint:
+        path = write_config(tmp_path / "robot.toml", endpoint, more=REST.format(map=room))
+        name = load_config(path).robot.name
+        save_turned_lidar(load_config(path), tmp_path / "state" / name, 0.05)
+        before = path.read_text()
+        with running_base(path), connected(path) as connection:
+            wait_until(
+                lambda: connection.latest("tester", topics.PROPOSALS) is not None, "base proposes"
+            )
+            assert "lidar will not be proposed again" in run(path, "proposed", "--dismiss", "lidar")
+            assert "Nothing is proposed" in run(path, "proposed")
+        assert path.read_text() == before

@@ -178,6 +178,12 @@ class WhichChange(Struct, frozen=True, kw_only=True):
     id: str
 
 
+class WhichProposal(Struct, frozen=True, kw_only=True):
+    """A proposed correction of `robot.toml`, by its `id` in `proposals`."""
+
+    id: str
+
+
 class WhichConfig(Struct, frozen=True, kw_only=True):
     """The settings of a section such as `base.limits`, or one of them; without either, all."""
 

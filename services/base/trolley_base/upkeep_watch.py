@@ -1,16 +1,19 @@
 """Watches while the robot drives whether wheels and lidar still are as robot.toml says."""
 
+from collections.abc import Callable
 from typing import Annotated
 
 import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
-from trolley import topics
+from trolley import codes, requests, topics
+from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import Odometry, PoseEstimate, Proposal, Proposals
+from trolley.messages.request_params import WhichProposal
 from trolley.messages.types import NonNegative, StampNs
-from trolley.runtime.service import Service, every, on
+from trolley.runtime.service import Later, Service, answers, every, on
 from trolley_base.drivers import MotionSample
 from trolley_base.upkeep.comparison import Comparison
 from trolley_base.upkeep.evidence import Upkeep
@@ -32,6 +35,7 @@ class SavedUpkeep(Struct, frozen=True, kw_only=True):
     num_legs: NonNegative
     misfit: NonNegative
     right_until: dict[str, StampNs] = {}
+    dismissed: list[str] = []
 
 
 class UpkeepWatch:
@@ -49,6 +53,8 @@ class UpkeepWatch:
         self._comparison = Comparison()
         self._odom_T_base = Pose2D.identity()
         self._right_until: dict[str, int] = {}
+        self._found: list[Proposal] = []
+        self._dismissed: set[str] = set()
         self._proposed: list[Proposal] = []
         self._saved_ns = 0
 
@@ -65,7 +71,9 @@ class UpkeepWatch:
                 saved.misfit,
             )
             self._right_until = dict(saved.right_until)
-        self._publish([])
+            self._dismissed = set(saved.dismissed)
+            self._find()
+        self._publish()
 
     def add(self, motions: tuple[tuple[MotionSample, float | None], ...]) -> None:
         """Take what the wheels alone have measured."""
@@ -86,26 +94,63 @@ class UpkeepWatch:
         legs, self._comparison.legs = self._comparison.legs, []
         for leg in legs:
             self._upkeep.update(leg)
-        errors = self._upkeep.errors()
-        if not legs or errors is None:
+        if not legs or not self._find():
             return
-        found = find_proposals(errors, self._in_force, [one.id for one in self._proposed])
-        for kind in set(KINDS).difference(one.id for one in found):
+        right = set(KINDS).difference(one.id for one in self._found)
+        self._dismissed -= right
+        for kind in right:
             self._right_until[kind] = self._service.stamp_ns
-        found = [
-            msgspec.structs.replace(one, right_until=self._right_until.get(one.id)) for one in found
-        ]
-        if [one.id for one in found] != [one.id for one in self._proposed]:
-            for one in found:
+        before = {one.id for one in self._proposed}
+        open_ = self._open()
+        for one in open_:
+            if one.id not in before:
                 self._service.log.warning("Proposed a correction of robot.toml", what=one.message)
-            self._publish(found)
+        if before != {one.id for one in open_}:
+            self._publish()
         if self._service.monotonic_ns - self._saved_ns >= SAVE_PERIOD_NS:
             self.save()
-            if found != self._proposed:  # the figures become better as it drives
-                self._publish(found)
+            if open_ != self._proposed:  # the figures become better as it drives
+                self._publish()
 
-    def save(self) -> None:
-        """Keep what was seen."""
+    @answers(requests.PROPOSALS_DISMISS)
+    def dismiss(self, params: WhichProposal) -> Later[Proposal]:
+        """Do not propose a correction again, until what it is about was right in between."""
+        proposal = next((one for one in self._open() if one.id == params.id), None)
+        if proposal is None:
+            raise Refused(codes.UNKNOWN_NAME, f"No correction {params.id!r} is proposed.")
+        reply: Later[Proposal] = self._service.later()
+        self._dismissed.add(proposal.id)
+
+        def saved(error: OSError | None) -> None:
+            if error is None:
+                self._publish()
+                reply.reply(proposal)
+                return
+            self._dismissed.discard(proposal.id)
+            why = f"That could not be written to disk: {error.strerror}."
+            reply.refuse(Refused(codes.NOT_SAVED, why))
+
+        self.save(saved)
+        return reply
+
+    def _find(self) -> bool:
+        """Find what is wrong by what was seen; False while that is too little."""
+        errors = self._upkeep.errors()
+        if errors is None:
+            return False
+        known = self._dismissed.union(one.id for one in self._found)
+        self._found = [
+            msgspec.structs.replace(one, right_until=self._right_until.get(one.id))
+            for one in find_proposals(errors, self._in_force, known)
+        ]
+        return True
+
+    def _open(self) -> list[Proposal]:
+        """Return what is found and nobody has dismissed."""
+        return [one for one in self._found if one.id not in self._dismissed]
+
+    def save(self, then: Callable[[OSError | None], None] | None = None) -> None:
+        """Keep what was seen; `then` hears whether that went well."""
         self._saved_ns = self._service.monotonic_ns
         upkeep = self._upkeep
         self._service.save(
@@ -118,13 +163,15 @@ class UpkeepWatch:
                 num_legs=upkeep.num_legs,
                 misfit=upkeep.misfit,
                 right_until=self._right_until,
+                dismissed=sorted(self._dismissed),
             ),
+            then,
         )
 
-    def _publish(self, found: list[Proposal]) -> None:
-        self._proposed = found
+    def _publish(self) -> None:
+        self._proposed = self._open()
         self._service.publish(
-            topics.PROPOSALS, Proposals(stamp_ns=self._service.stamp_ns, proposals=found)
+            topics.PROPOSALS, Proposals(stamp_ns=self._service.stamp_ns, proposals=self._proposed)
         )
 
     def _of(self) -> list[float]:

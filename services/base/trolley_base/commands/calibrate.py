@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from trolley import codes, topics
+from trolley import codes, requests, topics
 from trolley.cli import exits
 from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say, say_block
@@ -20,6 +20,7 @@ from trolley.codes import Refused
 from trolley.config import ConfigError, find_config, load_config
 from trolley.geometry import Pose2D
 from trolley.messages import Proposal, Proposals
+from trolley.messages.request_params import WhichProposal
 from trolley_base.calibration import (
     CalibrationDrive,
     Comparison,
@@ -163,19 +164,27 @@ def compare_command(seconds: float, as_json: bool, **result: Any) -> None:
 
 @calibrate_command.command(name="proposed")
 @click.option("--accept", metavar="ID", help="Set what is proposed in the file of --config.")
+@click.option("--dismiss", metavar="ID", help="Do not propose that again.")
 @where_options
 @json_option
 @reports_errors
-def proposed_command(accept: str | None, as_json: bool) -> None:
-    """List what base has found wrong with robot.toml while the robot drove, and accept it.
+def proposed_command(accept: str | None, dismiss: str | None, as_json: bool) -> None:
+    """List what base has found wrong with robot.toml while the robot drove, and decide on it.
 
     Base compares wheels, lidar and localizer all the time. What is accepted is written into
-    robot.toml, whose comments stay, and counts once base is restarted.
+    robot.toml, whose comments stay, and counts once base is restarted. What is dismissed is not
+    proposed again, unless it was right in between or robot.toml says something else.
     """
+    if accept is not None and dismiss is not None:
+        raise click.UsageError("Give either --accept or --dismiss.")
     with one_robot() as robot:
         heard = robot.latest(topics.PROPOSALS)
-    if heard is None:
-        raise Refused(codes.NOT_READY, "Base is not running, or its wheels do not count.")
+        if heard is None:
+            raise Refused(codes.NOT_READY, "Base is not running, or its wheels do not count.")
+        if dismiss is not None:
+            robot.ask(requests.PROPOSALS_DISMISS, WhichProposal(id=dismiss))
+            say(f"{dismiss} will not be proposed again.")
+            return
     if accept is not None:
         _accept(robot.name, heard, accept)
     elif as_json:
@@ -203,7 +212,10 @@ def _accept(name: str, heard: Proposals, wanted: str) -> None:
     if config.robot.name != name:
         raise ConfigError(f"{path} is the file of robot {config.robot.name}, not of {name}")
     write_proposed(path, chosen.settings)
-    say(f"Set {', '.join(chosen.settings)} in {path}. Restart base for it to take effect.")
+    say(
+        f"Set {', '.join(chosen.settings)} in {path}. Restart base for it to take effect; until "
+        "then it goes on as before, and proposes this."
+    )
 
 
 def _until(proposal: Proposal) -> str:
