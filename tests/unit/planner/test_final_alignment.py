@@ -39,3 +39,14 @@ def test_the_approach_ends_on_the_goal_and_stays(start, yaw, noise_m) -> None:
     assert abs(twist.wz) < 0.05
     assert math.hypot(pose.x, pose.y) <= 0.05 + 3.0 * noise_m
     assert abs(wrap_angle(pose.yaw - yaw)) <= 0.05
+
+
+def test_a_robot_that_stops_at_once_does_not_stop_at_the_edge_of_the_tolerance() -> None:
+    approach = FinalAlignment(Tolerances(0.05, 0.05))
+    pose, twist = Pose2D(-0.3, 0.0, 0.0), Twist2D.zero()
+    while (
+        wanted := approach.command(Motion(pose, twist), Pose2D.identity(), LIMITS, 0.05)
+    ) is not None:
+        twist = limited_change(twist, wanted, LIMITS, 0.05)
+        pose = integrate_twist(pose, twist, 0.05)
+    assert abs(pose.x) < 0.01

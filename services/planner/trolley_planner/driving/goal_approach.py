@@ -30,6 +30,8 @@ class AlignmentParams:
     """The robot faces the goal first if it looks farther past it than this."""
     reverse_m: float = 0.25
     """A goal behind the robot and nearer than this is reached backwards."""
+    close_m: float = 0.005
+    """A robot that still comes nearer drives on until so little is left ahead of it [m]."""
     settle_s: float = 6.0
     """After this time a place within the full tolerances is good enough."""
 
@@ -75,7 +77,8 @@ class FinalAlignment:
             # Noise of the pose must not send it back to driving.
             self._is_turning = distance <= max(0.9 * self._tolerances.xy, near)
         else:
-            self._is_turning = distance <= near
+            is_done = aim == 1.0 or not self._comes_nearer(motion, goal)
+            self._is_turning = distance <= near and is_done
         if not self._is_turning:
             return self._drive(motion, goal, distance, limits)
         if turned:
@@ -87,6 +90,18 @@ class FinalAlignment:
         """Return the distance [m] and the turn that is left [rad]."""
         turn = 0.0 if self._tolerances.any_heading else wrap_angle(goal.yaw - motion.pose.yaw)
         return motion.pose.distance_to(goal), turn
+
+    def _comes_nearer(self, motion: Motion, goal: Pose2D) -> bool:
+        """Say whether driving straight on brings the robot nearer to the goal.
+
+        Where it stops at once, it stands at the edge of the tolerance.
+        """
+        ahead = motion.pose.inverse() @ goal
+        return (
+            ahead.x * motion.twist.vx > 0.0
+            and abs(ahead.x) > ALIGNMENT.close_m
+            and abs(ahead.y) < ALIGNMENT.face_rad * abs(ahead.x)
+        )
 
     def _drive(self, motion: Motion, goal: Pose2D, distance: float, limits: Limits) -> Twist2D:
         """Return the velocity towards the goal's position."""
