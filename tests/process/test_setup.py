@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -231,3 +231,28 @@ def test_swapped_sides_are_told_by_a_person_and_nothing_drives_on(rig: Rig) -> N
         assert person.end() == 1
     assert "Left and right are swapped" in person.said
     assert rig.config.read_text() == rig.before
+
+
+def test_what_only_the_owner_knows_is_asked(tmp_path: Path) -> None:
+    world = load_world(make_hall(tmp_path))
+    ports, path = tmp_path / "ports", tmp_path / "robot.toml"
+    with EmulatedRobot(["arduino_bridge", "ld19"], RobotInWorld(world, 3), ports):
+        devices = [str(ports / name) for name in ("arduino_bridge", "ld19")]
+        with closing(Person(path, *devices)) as person:
+            person.answer("Name", "Karl")
+            person.answer("Error: 1 to 32 of a-z", "karl")
+            person.answer("Length", "0.3")
+            person.answer("Width", "0.24")
+            person.answer("ticks_per_revolution:", "0")
+            person.answer("Error: 0.0 is not in the range", "1550")
+            person.answer("diameter_m:", "0.1")
+            person.answer("track_m:", "0.2")
+            person.answer("Do the wheels hang free?", "n")
+            assert person.end() == 1, person.said
+    chassis = load_config(path).base.chassis
+    assert chassis.board == "arduino_bridge"
+    assert chassis.wheels is not None
+    assert chassis.wheels.ticks_per_revolution == 1550.0
+    with closing(Person(path, "--undo")) as person:
+        assert person.end() == 0
+    assert not path.exists()

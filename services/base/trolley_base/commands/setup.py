@@ -4,7 +4,7 @@ import math
 import tomllib
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import click
 import msgspec
@@ -15,8 +15,9 @@ from trolley.cli.options import given, where_options
 from trolley.cli.printing import say, say_block
 from trolley.cli.robots import reports_errors
 from trolley.config import ConfigError, find_config, load_config, robot_toml
-from trolley.config.describe import to_toml
+from trolley.config.describe import Key, to_toml
 from trolley.files import write_atomically
+from trolley.messages.motion import RobotName
 from trolley_base.commands.detect import look_at_ports
 from trolley_base.commands.setup_robot import OpenRobot
 from trolley_base.description import footprint_of, half_track_of, limits_of
@@ -96,7 +97,11 @@ def setup_command(ports: tuple[str, ...], undo: bool, again: bool, short: bool) 
         _save(notes, state)
     except SetupRefused as refusal:
         say(str(refusal), err=True, fg="red")
-        say("Nothing of this step was written. `trolley setup` tries it again.", err=True)
+        say(
+            "`trolley setup` tries this step again, `trolley setup --undo` takes back what was "
+            "written before.",
+            err=True,
+        )
         return exits.FAILED
     except KeyboardInterrupt:
         say("Stopped. `trolley setup` goes on with this step.", err=True)
@@ -176,22 +181,52 @@ def _find_devices(path: Path, ports: tuple[str, ...], notes: Path, state: Progre
     seen = look_at_ports(ports)
     text = robot_toml.read_text(path)
     proposal = detected.propose(seen, tomllib.loads(text))
-    new = robot_toml.with_values(text, proposal.values, proposal.waiting, proposal.appendix)
+    values = proposal.values | proposal.waiting
+    board = values.get((*detected.CHASSIS, "board"), chassis.board)
+    model = values.get((*detected.LIDAR, "model"), lidar.model)
+    if not (board and model):
+        missing = "lidar" if board else "motor board"
+        said = " ".join([f"No {missing} was found; `trolley detect` says more.", *proposal.notes])
+        raise SetupRefused(said)
+    new = robot_toml.with_values(text, values | _ask_owner(proposal), {}, "")
     if new != text:
         robot_toml.replace_text(path, new)
     now = load_config(path).base
-    if proposal.waiting:
-        raise SetupRefused(" ".join(proposal.notes[:1]))
-    if not (now.chassis.board and now.lidar.model):
-        missing = "motor board" if not now.chassis.board else "lidar"
-        said = " ".join([f"No {missing} was found; `trolley detect` says more.", *proposal.notes])
-        raise SetupRefused(said)
     say(f"Found {now.chassis.board} at {now.chassis.port}, {now.lidar.model} at {now.lidar.port}.")
+
+
+def _ask_owner(proposal: detected.Proposal) -> detected.Settings:
+    """Ask for what the devices need to know of the robot."""
+    answers: detected.Settings = {}
+    for table, keys in proposal.missing.items():
+        say(f"[{'.'.join(table)}] must say about the robot:")
+        for key in keys:
+            say_block(f"  {key.meaning} ({key.allowed})")
+            answers[*table, key.name] = click.prompt(f"  {key.name}", type=_type_of(key))
+    return answers
+
+
+def _type_of(key: Key) -> "click.ParamType[Any, Any]":
+    """Return what may be answered; the file's own check comes after that."""
+    if key.choices:
+        return click.Choice(key.choices)
+    if key.allowed.startswith("whole number"):
+        return click.INT
+    if key.allowed.startswith("number"):
+        return click.FloatRange(key.least, key.greatest, min_open="above" in key.allowed)
+    return click.STRING
+
+
+def _name(typed: str) -> str:
+    try:
+        return msgspec.convert(typed, RobotName)
+    except msgspec.ValidationError as error:
+        raise click.BadParameter("1 to 32 of a-z, 0-9, _ and -") from error
 
 
 def _make_file(path: Path) -> None:
     say(f"{path} is not there yet. It needs a name and the size of the robot.")
-    name = click.prompt("Name (a-z, 0-9, _ and -)", default="trolley")
+    name = click.prompt("Name (a-z, 0-9, _ and -)", default="trolley", value_proc=_name)
     length = click.prompt("Length in metres", type=click.FloatRange(0.05, 3.0))
     width = click.prompt("Width in metres", type=click.FloatRange(0.05, 3.0))
     chosen = {

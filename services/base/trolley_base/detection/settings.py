@@ -34,12 +34,16 @@ class Proposal:
     Attributes:
         values: by their keys.
         waiting: what must be commented out until a person has completed it.
+        missing: the settings that a device needs and only its owner knows, by their tables.
         appendix: comments that say what to add.
         notes: sentences for the person.
     """
 
     values: Settings = field(default_factory=Settings)
     waiting: Settings = field(default_factory=Settings)
+    missing: dict[tuple[str, ...], list[Key]] = field(
+        default_factory=dict[tuple[str, ...], list[Key]]
+    )
     appendix: str = ""
     notes: list[str] = field(default_factory=list[str])
 
@@ -130,6 +134,7 @@ def _propose(
         proposal.values[key] = name
         return
     proposal.waiting[key] = name
+    proposal.missing |= {(*key[:-1], table): keys for table, keys in missing.items()}
     proposal.appendix += _template(key, name, missing)
     where = ".".join(key[:-1])
     tables = " and ".join(f"[{where}.{table}]" for table in missing)
