@@ -129,7 +129,10 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     """Longest time from a command until odometry shows that the wheels follow it, if you have
     measured it; 0.35 s if not given. The stop field brakes that much earlier; the shorter it is,
-    the sooner an ignored stop is found. The planner steers from where the robot will be by then."""
+    the sooner an ignored stop is found."""
+    usual_delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
+    """Usual time until then, if you have measured it; `delay_s` if not given. The planner steers
+    from where the robot will be by then."""
     use_imu: bool = True
     """Fuse the turn rate of the board's gyro, if it has one."""
     imu_axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
@@ -141,7 +144,9 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Settings that only this board has; its page lists them."""
 
     def __post_init__(self) -> None:
-        """Refuse axes that do not make a right-handed frame."""
+        """Refuse axes that do not make a right-handed frame, and delays that cannot be."""
+        if (self.usual_delay_s or 0.0) > (1.0 if self.delay_s is None else self.delay_s):
+            raise ValueError("usual_delay_s is longer than delay_s, the longest one")
         if not _is_right_handed(self.imu_axes):
             raise ValueError(
                 "imu_axes must name x, y and z once each and be right-handed, such as "

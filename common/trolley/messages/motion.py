@@ -26,7 +26,7 @@ class Robot(Struct, frozen=True, kw_only=True):
 
     `footprint` is a polygon in `base_link` [m]; `max_speed` [m/s], `max_wz` [rad/s] and
     `deceleration` [m/s^2] are the limits that `base` enforces; `mesh` is a glb body or null.
-    `delay` is the longest time from a command until odometry shows that the wheels follow it [s],
+    `delay` is the usual time from a command until odometry shows that the wheels follow it [s],
     null if nobody has measured it.
     """
 

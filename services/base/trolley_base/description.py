@@ -90,7 +90,7 @@ def describe_robot(
         config: of the robot.
         footprint: (n, 2) corners [m] in `base_link`.
         limits: that are enforced.
-        delay_s: longest time until the wheels follow a command, None if it was not measured.
+        delay_s: usual time until the wheels follow a command, None if it was not measured.
         is_simulated: whether it drives in a simulated world.
 
     Raises:

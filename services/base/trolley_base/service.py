@@ -58,9 +58,9 @@ class BaseService(Service):
         self._device = device = choose_device(config, footprint)
         limits = limits_of(config, device.watchdog_s)
         is_simulated = device.world is not None
-        # What base assumes of a real robot that was not measured is too long to predict with.
-        delay_s = device.delay_s if is_simulated else config.base.chassis.delay_s
-        self._robot = describe_robot(config, footprint, limits, delay_s, is_simulated=is_simulated)
+        self._robot = describe_robot(
+            config, footprint, limits, device.usual_delay_s, is_simulated=is_simulated
+        )
         field = StopField(footprint, limits, config.base.stop_margin_m, device.delay_s)
         sight = SightDistance(footprint, limits, device.delay_s)
         limiter = self._limiter = VelocityLimiter(config.base.sources, limits, field, sight)

@@ -66,6 +66,11 @@ class Device(Protocol):
         ...
 
     @property
+    def usual_delay_s(self) -> float | None:
+        """Usual time until the wheels follow a command [s], None if it was not measured."""
+        ...
+
+    @property
     def delay_s(self) -> float:
         """Longest time from a command until odometry shows that the wheels follow it [s]."""
         ...

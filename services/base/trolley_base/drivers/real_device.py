@@ -48,6 +48,9 @@ class RealDevice:
         self.base_T_laser = lidar.pose.as_pose()
         self.cannot_drive = NO_BOARD if chassis.board is None else ""
         self.delay_s = LONGEST_DELAY_S if chassis.delay_s is None else chassis.delay_s
+        # What is assumed where nobody has measured is too long to predict with.
+        usual_s = chassis.usual_delay_s
+        self.usual_delay_s = chassis.delay_s if usual_s is None else usual_s
         if config.base.imu is not None and find_spec("smbus2") is None:
             raise ConfigError(
                 '[base.imu] needs smbus2, which is not installed: pip install "trolley-robot[i2c]"'

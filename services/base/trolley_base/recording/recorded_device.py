@@ -20,6 +20,7 @@ class RecordedDevice:
     is_stepped = True
     cannot_drive = "A recorded drive is being played, so commands have no effect."
     delay_s = 0.0
+    usual_delay_s: float | None = None
     watchdog_s = 0.5
 
     def __init__(self, config: RobotConfig) -> None:

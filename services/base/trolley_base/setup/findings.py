@@ -100,6 +100,7 @@ def settings_of(findings: Findings, config: RobotConfig) -> Settings:
         (*ODOMETRY, "linear_scale"): round(geometry.linear.value, 4),
         (*ODOMETRY, "angular_scale"): round(geometry.angular.value, 4),
         (*CHASSIS, "delay_s"): round(response.longest_delay_s, 3),
+        (*CHASSIS, "usual_delay_s"): round(max(0.0, response.delay.value), 3),
     }
     masks = base.lidar.masks_deg
     if geometry.is_mirrored:

@@ -44,6 +44,7 @@ class SimulatedDevice:
         self.world: str | None = self._world.name
         motors = self._world.spec.motors
         self.delay_s = motors.delay_s + motors.jitter_s
+        self.usual_delay_s = motors.delay_s + 0.5 * motors.jitter_s
 
     def open(
         self,

@@ -58,3 +58,24 @@ def test_a_board_that_drives_on_is_driven_slowly_unless_its_owner_knows_better(
     device = RealDevice(config)
     assert device.watchdog_s == watchdog_s
     assert limits_of(config, device.watchdog_s).speed == speed
+
+
+@pytest.mark.parametrize(
+    ("chassis", "longest_s", "usual_s"),
+    [
+        ({}, 0.35, None),
+        ({"delay_s": 0.2}, 0.2, 0.2),
+        ({"delay_s": 0.2, "usual_delay_s": 0.05}, 0.2, 0.05),
+        ({"usual_delay_s": 0.0}, 0.35, 0.0),
+    ],
+)
+def test_brakes_reckon_with_the_longest_delay_and_the_planner_with_the_usual_one(
+    tmp_path: Path, chassis: dict[str, Any], longest_s: float, usual_s: float | None
+) -> None:
+    device = RealDevice(config_of(tmp_path, "ttyUSB0", "ttyUSB1", **chassis))
+    assert (device.delay_s, device.usual_delay_s) == (longest_s, usual_s)
+
+
+def test_a_usual_delay_is_not_longer_than_the_longest(tmp_path: Path) -> None:
+    with pytest.raises(msgspec.ValidationError, match="usual_delay_s is longer"):
+        config_of(tmp_path, "ttyUSB0", "ttyUSB1", delay_s=0.1, usual_delay_s=0.2)
