@@ -3,8 +3,11 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from trolley.geometry import Pose2D, angle_difference
 from trolley.messages import Odometry, PoseEstimate
+from trolley_base.upkeep.correction import Correction
 from trolley_base.upkeep.legs import Leg, OdometryLog
 
 
@@ -24,6 +27,10 @@ class ComparisonParams:
     """Standard deviation of the heading above which a pose is not compared [rad]."""
     most_messages: int = 6000
     """A window of more messages of odometry is given up: the robot stands [messages]."""
+    held_least: float = 0.5
+    """A robot that the wheels bring less far, in metres and radians, may stand where it was."""
+    held_share: float = 0.3
+    """A robot that moves by less than this share of what its wheels count is held."""
     error_m: float = 0.025
     """Standard deviation of the position of a moving robot [m]."""
     error_rad: float = 0.015
@@ -79,12 +86,23 @@ class Comparison:
             return
         begin_ns, begin = self._begin
         steps = self._log.steps(begin_ns, stamp_ns)
-        self.legs.append(Leg(steps, begin.inverse() @ pose, PARAMS.error_m, PARAMS.error_rad))
+        leg = Leg(steps, begin.inverse() @ pose, PARAMS.error_m, PARAMS.error_rad)
+        if not _is_held(leg):
+            self.legs.append(leg)
         self._begin_at(stamp_ns, pose)
 
     def _begin_at(self, stamp_ns: int, pose: Pose2D) -> None:
         self._begin, self._distance_m, self._turned_rad = (stamp_ns, pose), 0.0, 0.0
         self._log.forget_before(stamp_ns)
+
+
+def _is_held(leg: Leg) -> bool:
+    """Say whether the wheels turned on the spot: something holds the robot, or it is lifted."""
+    counted, seen = Correction().integrate(leg.steps), leg.start_T_end
+    turned = float(np.sum(leg.steps[:, 2]))  # more than half a turn is not seen as such
+    reach = math.hypot(counted.x, counted.y) + abs(turned)
+    moved = math.hypot(seen.x, seen.y) + abs(seen.yaw)
+    return reach > PARAMS.held_least and moved < PARAMS.held_share * reach
 
 
 def _is_sure(estimate: PoseEstimate) -> bool:

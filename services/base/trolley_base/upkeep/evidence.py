@@ -44,8 +44,11 @@ class UpkeepParams:
     """The same as `memory`, for how badly stretches fit at present."""
     loose: float = 4.0
     """Stretches that miss by so many deviations, whatever is corrected, are counted wrongly."""
-    most_miss: float = 12.0
+    most_miss: float = 8.0
     """No single stretch counts for more in that."""
+    outlier: float = 12.0
+    """A stretch that misses by so many deviations, as where the robot scraped along something or
+    its pose leapt, says nothing of scales and lidar."""
 
 
 PARAMS = UpkeepParams()
@@ -111,12 +114,14 @@ class Upkeep:
         excess = self._excess
         weight = min(1.0, PARAMS.huber * math.sqrt(excess) / max(size, 1e-9))
         fading = 1.0 - 1.0 / PARAMS.memory
+        now = min(size, PARAMS.most_miss)
+        self.misfit += (now - self.misfit) / PARAMS.loose_memory
+        if size > PARAMS.outlier:
+            return
         self.information = fading * self.information + weight * slopes.T @ slopes
         self.gradient = fading * self.gradient - weight * slopes.T @ misses
         self.squares = fading * self.squares + weight * size**2
         self.num_legs = fading * self.num_legs + 1.0
-        now = min(size, PARAMS.most_miss)
-        self.misfit += (now - self.misfit) / PARAMS.loose_memory
 
     def errors(self) -> Errors | None:
         """Return what is wrong, None while too little was driven."""

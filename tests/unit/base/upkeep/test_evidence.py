@@ -94,3 +94,19 @@ def test_too_short_a_drive_says_nothing() -> None:
     upkeep = Upkeep(MOUNT)
     drive(upkeep, 20, 7)
     assert upkeep.errors() is None
+
+
+def test_a_robot_that_scraped_along_something_is_not_measured_by_that() -> None:
+    upkeep = Upkeep(MOUNT)
+    drive(upkeep, 150, 8)
+    before = upkeep.errors()
+    steps = np.tile([0.0, 0.0, 0.04], (50, 1))
+    for _ in range(6):  # the wheels turn it by 2 radians, and it comes round by 0.8
+        upkeep.update(Leg(steps, Pose2D(0.0, 0.0, 0.8), ERROR_M, ERROR_RAD))
+        errors = upkeep.errors()
+        assert errors is not None
+        assert before is not None
+        assert find_proposals(errors, IN_FORCE) == []
+        assert errors.values == pytest.approx(before.values)
+    drive(upkeep, 30, 9)
+    assert proposed(upkeep) == {}
