@@ -22,7 +22,9 @@ class FindingParams:
     lidar_m: float = 0.02
     """Its place must be off by this [m]."""
     wheel: float = 0.02
-    """A wheel's size must be off by this share: rugs hold wheels back by one or two per cent."""
+    """The wheels' sizes must differ by this share more or less than they should."""
+    both: float = 0.05
+    """Both wheels must be off by this share: rugs hold them back by some per cent as well."""
     track: float = 0.03
     """The same of the track."""
     stays: float = 0.7
@@ -84,19 +86,15 @@ def find_proposals(
     left = errors.combined((LINEAR, 1.0), (BEND, -half_m))
     right = errors.combined((LINEAR, 1.0), (BEND, half_m))
     track = errors.combined((LINEAR, 1.0), (ANGULAR, -1.0))
-    off = [
-        (what, figure)
-        for what, figure, least in (
-            ("left wheel", left, FINDING.wheel),
-            ("right wheel", right, FINDING.wheel),
-            ("track", track, FINDING.track),
-        )
-        if is_off("wheels", figure, least)
-    ]
-    # How much they differ is known far better than how large each of them is.
     uneven = errors.combined((BEND, 2.0 * half_m))
-    if not off and is_off("wheels", uneven, FINDING.wheel):
-        off = [max(("left wheel", left), ("right wheel", right), key=lambda one: abs(one[1][0]))]
+    wheels = ("left wheel", left), ("right wheel", right)
+    off: list[tuple[str, tuple[float, float]]] = []
+    if is_off("wheels", errors.combined((LINEAR, 1.0)), FINDING.both):
+        off += wheels
+    elif is_off("wheels", uneven, FINDING.wheel):
+        off.append(max(wheels, key=lambda one: abs(one[1][0])))
+    if is_off("wheels", track, FINDING.track):
+        off.append(("track", track))
     if off:
         found.append(_of_wheels(off, errors.correction, in_force))
     return found

@@ -110,3 +110,21 @@ def test_a_robot_that_scraped_along_something_is_not_measured_by_that() -> None:
         assert errors.values == pytest.approx(before.values)
     drive(upkeep, 30, 9)
     assert proposed(upkeep) == {}
+
+
+def test_rugs_that_hold_both_wheels_back_are_no_worn_tyres() -> None:
+    upkeep = Upkeep(MOUNT)
+    for part in range(4):
+        drive(upkeep, 60, 20 + part, wheels=Correction(0.965, 0.965))
+        assert proposed(upkeep) == {}
+
+
+def test_wheels_of_quite_another_size_are_proposed_both() -> None:
+    upkeep = Upkeep(MOUNT)
+    drive(upkeep, 200, 50, wheels=Correction(0.92, 0.92))
+    errors = upkeep.errors()
+    assert errors is not None
+    (proposal,) = find_proposals(errors, IN_FORCE)
+    assert "The left wheel is" in proposal.message
+    assert "The right wheel is" in proposal.message
+    assert proposal.settings["base.odometry.linear_scale"] == pytest.approx(0.92, abs=0.01)
