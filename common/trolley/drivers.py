@@ -84,6 +84,24 @@ class DriverUnusable(Exception):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BoardSense:
+    """A sensor of a motor board: it leaves echoes once robot.toml lists it.
+
+    Attributes:
+        name: of its table `[base.scans.NAME]`.
+        meaning: what it is and what its echoes are good for, as sentences.
+        settings: what the table says, as `SenseConfig` reads it.
+        is_usual: `trolley detect --write` lists it; else it writes the table as a comment, for its
+            owner to decide or to fill in.
+    """
+
+    name: str
+    meaning: str
+    settings: Mapping[str, Any]
+    is_usual: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Driver:
     """What every driver declares; those of boards and lidars say more.
 
@@ -95,6 +113,7 @@ class Driver:
             name.
         example: tables of `[base.chassis]` or `[base.lidar]` that fit the emulated device.
         emulator: what emulates it, such as "trolley_acme.emulator:EMULATORS": a dict by name.
+        senses: bumpers, cliff sensors and the like that a board always has, or may have.
     """
 
     group: ClassVar[str] = ""
@@ -103,6 +122,7 @@ class Driver:
     settings: type[Struct] = NoSettings
     example: Mapping[str, Any] = field(default_factory=dict[str, Any])
     emulator: str = ""
+    senses: tuple[BoardSense, ...] = ()
 
 
 D = TypeVar("D", bound=Driver)

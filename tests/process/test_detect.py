@@ -113,6 +113,8 @@ def test_recognises_every_other_board_and_moves_none(tmp_path: Path, trolley: Tr
             assert models(report) == {name: name for name in (board, "ld19", "rplidar_a1")}
             assert robot.truth().pose == before
             assert all(one.twist.is_zero for one in robot.commands())
+            feels = any(name.startswith("base.scans.") for name in report["settings"])
+            assert feels == (board == "create2")
 
 
 def test_wakes_a_sleeping_lidar_and_lets_it_sleep_again(tmp_path: Path, trolley: Trolley) -> None:

@@ -10,11 +10,17 @@ from trolley.cli.options import json_option, robot_name_option
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import print_json
-from trolley.config.describe import Key, Section, driver_sections, sections, to_toml
+from trolley.config.describe import (
+    COMMENT_WIDTH,
+    Key,
+    Section,
+    driver_sections,
+    sections,
+    sense_tables,
+    to_toml,
+)
 from trolley.config.robot_toml import check_text
 from trolley.drivers import Driver, Drivers
-
-WIDTH = 96
 
 
 @click.command(name="init")
@@ -80,7 +86,8 @@ def render(chosen: Mapping[str, str]) -> str:
     """
     head = "# One robot. Settings that are commented out have the value shown, or none.\n"
     own = [_render_section(section, chosen) for section in sections()]
-    return head + "".join([*own, *(_render_driver(*one) for one in driver_sections())])
+    of_drivers = [_render_driver(*one) for one in driver_sections()]
+    return head + "".join([*own, *of_drivers, *(f"\n{table}" for table in sense_tables())])
 
 
 def _render_driver(name: str, section: Section) -> str:
@@ -113,4 +120,4 @@ def _render_key(key: Key, value: str | None) -> list[str]:
 
 
 def _comment(text: str) -> list[str]:
-    return [f"# {line}" for line in textwrap.wrap(text.replace("`", ""), WIDTH - 2)]
+    return [f"# {line}" for line in textwrap.wrap(text.replace("`", ""), COMMENT_WIDTH)]

@@ -17,15 +17,17 @@ from msgspec import inspect as shapes
 from trolley.config.base import SenseConfig
 from trolley.config.load import RobotConfig
 from trolley.config.robot import FootprintConfig, PoseConfig
-from trolley.drivers import BOARDS, BUILT_IN, LIDARS, Driver, Drivers
+from trolley.drivers import BOARDS, BUILT_IN, LIDARS, BoardSense, Driver, Drivers
 
 INLINE: dict[type[msgspec.Struct], str] = {
     FootprintConfig: "{length_m, width_m}, {radius_m} or {polygon_m = [[x, y], ...]}",
-    SenseConfig: "{pose, z_m, uses}",
+    SenseConfig: "{pose, z_m, uses, kept_s}",
     PoseConfig: "{x, y, yaw} or {x, y, orientation = [x, y, z, w]}",
 }
 """Structs that stand on one line of the file, and how."""
 DRIVER_TABLES = {BOARDS: "base.chassis.settings", LIDARS: "base.lidar.settings"}
+COMMENT_WIDTH = 94
+"""Of the text of a comment."""
 _LARGE = 1e15
 
 
@@ -82,6 +84,25 @@ def driver_sections() -> list[tuple[str, Section]]:
                 meaning = inspect.cleandoc(driver.settings.__doc__ or "").split("\n\n", 1)[0]
                 found.append((name, Section(table, meaning.replace("\n", " "), keys)))
     return found
+
+
+def sense_tables() -> list[str]:
+    """The tables of the boards' own senses, all commented out; imports all drivers of boards."""
+    drivers = Drivers(Driver, BOARDS).items()
+    return [as_comment(sense_table(name, one)) for name, driver in drivers for one in driver.senses]
+
+
+def sense_table(board: str, sense: BoardSense) -> str:
+    """The lines that list a sense of a board, with its meaning as comments above them."""
+    lines = textwrap.wrap(f"With {board}: {sense.meaning}", COMMENT_WIDTH)
+    table = [f"{key} = {to_toml(value)}" for key, value in sense.settings.items()]
+    return "\n".join([*(f"# {line}" for line in lines), f"[base.scans.{sense.name}]", *table, ""])
+
+
+def as_comment(text: str) -> str:
+    """Comment out what is no comment yet."""
+    lines = text.splitlines(keepends=True)
+    return "".join(line if line[0] in "#\n" else f"# {line}" for line in lines)
 
 
 def keys_of(struct: type[msgspec.Struct]) -> list[Key]:

@@ -6,15 +6,16 @@ import re
 import stat
 import tempfile
 import tomllib
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Mapping, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import InlineTable
 
 from trolley.config import ConfigError, load_config
-from trolley.config.describe import to_toml
+from trolley.config.describe import as_comment, to_toml
 from trolley.files import READABLE_BY_ALL, write_atomically
 
 Values = Mapping[tuple[str, ...], Any]
@@ -38,7 +39,9 @@ def read_text(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def with_values(text: str, values: Values, waiting: Values, appendix: str) -> str:
+def with_values(
+    text: str, values: Values, waiting: Values | None = None, tables: Sequence[str] = ()
+) -> str:
     """Return the text with these settings, everything else as it was, comments included.
 
     A new setting takes the place of the line that explains it (`# port = ""`, as `trolley init`
@@ -48,7 +51,9 @@ def with_values(text: str, values: Values, waiting: Values, appendix: str) -> st
         text: a file that TOML can read.
         values: the settings.
         waiting: settings to write as comments, for a person to take the # away.
-        appendix: comments for the file's end, if it does not have them yet.
+        tables: whole tables with the comments above them, for the file's end or in place of the
+            same lines commented out, as `trolley init` writes them; also such that stay comments.
+            What the file has already is not written again.
 
     Raises:
         ConfigError: the file is written in a way that cannot be changed without changing more.
@@ -57,11 +62,12 @@ def with_values(text: str, values: Values, waiting: Values, appendix: str) -> st
     try:
         for keys, value in values.items():
             changed = _with_value(changed, keys, value)
-        for keys, value in waiting.items():
+        for keys, value in (waiting or {}).items():
             changed = _with_line(changed, keys, f"# {keys[-1]} = {to_toml(value)}") or changed
-        if appendix and appendix not in changed:
-            changed += f"\n{appendix}"
-        is_right = tomllib.loads(changed) == _expected(tomllib.loads(text), values)
+        for table in tables:
+            changed = _with_table(changed, table)
+        wanted = {**values, **_settings_in("\n".join(tables))}
+        is_right = tomllib.loads(changed) == _expected(tomllib.loads(text), wanted)
     except (TOMLKitError, TypeError, AttributeError, ValueError) as error:
         raise ConfigError(f"these settings cannot be put into the file: {error}") from error
     if not is_right:
@@ -138,6 +144,36 @@ def _with_value(text: str, keys: tuple[str, ...], value: Any) -> str:
     return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
 
 
+def _with_table(text: str, table: str) -> str:
+    """Return the text with a whole table, which may be commented out."""
+    if table in text:
+        return text
+    commented = as_comment(table)
+    changed = text.replace(commented, table, 1) if commented in text else f"{text}\n{table}"
+    try:
+        tomllib.loads(changed)
+    except tomllib.TOMLDecodeError:  # its outer table stands there in another form
+        for keys, value in _settings_in(table).items():
+            text = _with_value(text, keys, value)
+        return text
+    return changed
+
+
+def _settings_in(text: str) -> dict[tuple[str, ...], Any]:
+    """Return the settings of tables by their keys."""
+    found: dict[tuple[str, ...], Any] = {}
+
+    def collect(table: Mapping[str, Any], keys: tuple[str, ...]) -> None:
+        for key, value in table.items():
+            if isinstance(value, dict):
+                collect(cast("dict[str, Any]", value), (*keys, key))
+            else:
+                found[*keys, key] = value
+
+    collect(tomllib.loads(text), ())
+    return found
+
+
 def _on_one_line(value: Any) -> Any:
     """Return a value so that a table is written on one line."""
     if not isinstance(value, dict):
@@ -171,7 +207,8 @@ def _table(document: MutableMapping[str, Any], keys: tuple[str, ...]) -> Mutable
     table = document
     for key in keys:
         if key not in table:
-            table[key] = tomlkit.table()
+            is_inline = isinstance(table, InlineTable)
+            table[key] = tomlkit.inline_table() if is_inline else tomlkit.table()
         table = cast("MutableMapping[str, Any]", table[key])
     return table
 

@@ -140,7 +140,7 @@ class SettingsFiles:
             ConfigError: They cannot be put into it.
         """
         chunks = tuple(section.split("."))
-        new = with_values(old, {(*chunks, key): value for key, value in values.items()}, {}, "")
+        new = with_values(old, {(*chunks, key): value for key, value in values.items()})
         if new == old:
             return False
         if not self._path.stat().st_mode & WRITABLE:

@@ -64,7 +64,7 @@ def detect_command(
     text = robot_toml.read_text(path) if path is not None else ""
     seen = look_at_ports(ports)
     proposal = settings.propose(seen, tomllib.loads(text))
-    proposal.notes += what_is_left_out()
+    proposal.notes += [*proposal.sense_notes, *what_is_left_out()]
     if as_json:
         print_json(_plain(seen, proposal))
     else:
@@ -151,7 +151,8 @@ def _show_settings(proposal: Proposal) -> None:
 
 
 def _write(path: Path, old: str, proposal: Proposal, *, quiet: bool) -> None:
-    new = robot_toml.with_values(old, proposal.values, proposal.waiting, proposal.appendix)
+    tables = [*proposal.templates, *proposal.tables]
+    new = robot_toml.with_values(old, proposal.values, proposal.waiting, tables)
     if new != old:
         robot_toml.replace_text(path, new)
     if quiet:
@@ -207,7 +208,7 @@ def _plain(seen: Sequence[PortResult], proposal: Proposal) -> dict[str, Any]:
             }
             for one in seen
         ],
-        "settings": {".".join(keys): value for keys, value in proposal.values.items()},
+        "settings": settings.by_name(proposal),
         "notes": proposal.notes,
         "toml": settings.render(proposal) if proposal.values else "",
         "udev_rule": udev_rules.render(seen),

@@ -56,4 +56,4 @@ def write_proposed(path: Path, settings: Mapping[str, float]) -> None:
 
 
 def _write(path: Path, values: Values) -> None:
-    replace_text(path, with_values(read_text(path), values, {}, ""))
+    replace_text(path, with_values(read_text(path), values))

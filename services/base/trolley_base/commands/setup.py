@@ -149,7 +149,7 @@ def _undo(path: Path, notes: Path) -> int:
 def _write(path: Path, values: Settings, appendix: str = "") -> None:
     old = robot_toml.read_text(path)
     text = without_measured(old) if appendix else old
-    new = robot_toml.with_values(text, values, {}, appendix)
+    new = robot_toml.with_values(text, values, tables=[appendix] if appendix else [])
     robot_toml.replace_text(path, new)
     if new != old:
         say(f"Changed in {path}:")
@@ -188,11 +188,13 @@ def _find_devices(path: Path, ports: tuple[str, ...], notes: Path, state: Progre
         missing = "lidar" if board else "motor board"
         said = " ".join([f"No {missing} was found; `trolley detect` says more.", *proposal.notes])
         raise SetupRefused(said)
-    new = robot_toml.with_values(text, values | _ask_owner(proposal), {}, "")
+    new = robot_toml.with_values(text, values | _ask_owner(proposal), tables=proposal.tables)
     if new != text:
         robot_toml.replace_text(path, new)
     now = load_config(path).base
     say(f"Found {now.chassis.board} at {now.chassis.port}, {now.lidar.model} at {now.lidar.port}.")
+    for note in proposal.sense_notes:
+        say(note)
 
 
 def _ask_owner(proposal: detected.Proposal) -> detected.Settings:

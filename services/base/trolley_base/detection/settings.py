@@ -1,19 +1,22 @@
 """The `[base]` part of a `robot.toml` that uses what was found."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 from msgspec import Struct
 
-from trolley.config.describe import Key, keys_of, table_of, to_toml
+from trolley.config.describe import Key, as_comment, keys_of, sense_table, table_of, to_toml
 from trolley.config.hardware import ChassisConfig
+from trolley.drivers import BoardSense
 from trolley.network_ports import is_network
 from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port
 from trolley_base.detection.results import FoundDevice, PortResult
-from trolley_base.drivers.boards import BOARDS
+from trolley_base.drivers.boards import BOARDS, BoardDriver
+from trolley_base.drivers.boards.inputs import wired_senses
 from trolley_base.drivers.lidars import MODELS
 
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
@@ -35,8 +38,11 @@ class Proposal:
         values: by their keys.
         waiting: what must be commented out until a person has completed it.
         missing: the settings that a device needs and only its owner knows, by their tables.
-        appendix: comments that say what to add.
+        templates: the tables of those, commented out.
+        tables: whole tables with the comments above them, most of them commented out.
+        senses: of the board, which `tables` lists.
         notes: sentences for the person.
+        sense_notes: those about what the board feels.
     """
 
     values: Settings = field(default_factory=Settings)
@@ -44,8 +50,11 @@ class Proposal:
     missing: dict[tuple[str, ...], list[Key]] = field(
         default_factory=dict[tuple[str, ...], list[Key]]
     )
-    appendix: str = ""
+    templates: list[str] = field(default_factory=list[str])
+    tables: list[str] = field(default_factory=list[str])
+    senses: list[BoardSense] = field(default_factory=list[BoardSense])
     notes: list[str] = field(default_factory=list[str])
+    sense_notes: list[str] = field(default_factory=list[str])
 
 
 def propose(seen: Sequence[PortResult], settings: dict[str, Any]) -> Proposal:
@@ -60,6 +69,10 @@ def propose(seen: Sequence[PortResult], settings: dict[str, Any]) -> Proposal:
     base: dict[str, Any] = settings.get("base", {})
     if board := _the_only(boards, "motor board", proposal):
         _propose_board(proposal, *board, base.get("chassis", {}))
+        driver = BOARDS[board[1].model or ""]
+        chassis = msgspec.convert(base.get("chassis", {}), ChassisConfig)
+        _propose_senses(proposal, driver, board[1], chassis, base.get("scans", {}))
+        _check_footprint(proposal, driver, settings.get("robot", {}).get("footprint"))
     if lidar := _the_only(lidars, "lidar", proposal):
         _propose_lidar(proposal, *lidar, base.get("lidar", {}))
         if "pose" not in base.get("lidar", {}):
@@ -83,8 +96,16 @@ def render(proposal: Proposal) -> str:
                 for keys, value in settings.items()
                 if keys[:-1] == table
             ]
-    appendix = f"\n{proposal.appendix}" if proposal.appendix else ""
-    return "\n".join(lines[1:]) + "\n" + appendix
+    tables = [*proposal.templates, *proposal.tables]
+    return "\n".join(lines[1:]) + "\n" + "".join(f"\n{table}" for table in tables)
+
+
+def by_name(proposal: Proposal) -> dict[str, Any]:
+    """Return the settings by their names with dots, those of senses too."""
+    found: dict[str, Any] = {".".join(keys): value for keys, value in proposal.values.items()}
+    for sense in proposal.senses:
+        found |= {f"base.scans.{sense.name}.{key}": sense.settings[key] for key in sense.settings}
+    return found
 
 
 def _the_only(
@@ -135,12 +156,54 @@ def _propose(
         return
     proposal.waiting[key] = name
     proposal.missing |= {(*key[:-1], table): keys for table, keys in missing.items()}
-    proposal.appendix += _template(key, name, missing)
+    proposal.templates.append(_template(key, name, missing))
     where = ".".join(key[:-1])
     tables = " and ".join(f"[{where}.{table}]" for table in missing)
     proposal.notes.append(
         f"You still have to fill in {tables}: [{where}] {key[-1]} stays commented out, and "
         f"{without}, until it is there."
+    )
+
+
+def _propose_senses(
+    proposal: Proposal,
+    driver: BoardDriver,
+    found: FoundDevice,
+    chassis: ChassisConfig,
+    listed: Mapping[str, Any],
+) -> None:
+    """List what the board feels, unless the file lists some of it already: then its owner chose."""
+    senses = [*driver.senses, *(wired_senses(chassis.inputs) if driver.facts.has_inputs else ())]
+    if not senses or any(one.name in listed for one in senses):
+        return
+    for one in senses:
+        table = sense_table(found.model or "", one)
+        proposal.tables.append(table if one.is_usual else as_comment(table))
+    proposal.senses = [one for one in senses if one.is_usual]
+    if proposal.senses:
+        proposal.sense_notes.append(
+            f"What the {found.title} feels is remembered as obstacles: {_names(proposal.senses)}."
+        )
+    others = [one for one in senses if not one.is_usual]
+    if others:
+        proposal.sense_notes.append(
+            f"Commented out, for you to decide or to fill in: {_names(others)}; see docs/senses.md."
+        )
+
+
+def _names(senses: Sequence[BoardSense]) -> str:
+    return ", ".join(f"[base.scans.{one.name}]" for one in senses)
+
+
+def _check_footprint(proposal: Proposal, driver: BoardDriver, footprint: Any) -> None:
+    """Say how large a robot is that is known by its board, where the file says otherwise."""
+    radius_m = driver.facts.radius_m
+    if radius_m is None or footprint is None or footprint == {"radius_m": radius_m}:
+        return
+    proposal.sense_notes.append(
+        f"A {driver.facts.title} is round: [robot] footprint = {{ radius_m = {radius_m} }}, or "
+        "larger if something stands out over its rim. Yours says "
+        f"{to_toml(footprint)}."
     )
 
 

@@ -1,6 +1,7 @@
 """Which settings are proposed, and how they come into a robot.toml."""
 
 import dataclasses
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -27,11 +28,20 @@ UGV = PortResult(
     Port("/dev/ttyACM0", "/dev/serial/by-id/esp32"),
     FoundDevice("board", "waveshare_ugv", "Waveshare UGV", 115200),
 )
+CREATE = PortResult(
+    Port("/dev/ttyUSB1", "/dev/serial/by-id/ftdi"),
+    FoundDevice("board", "create2", "Create 2 or Roomba", 115200),
+)
+LINOROBOT2 = PortResult(
+    Port("/dev/ttyACM0", "/dev/serial/by-id/pico"),
+    FoundDevice("board", "linorobot2", "linorobot2", 115200),
+)
 LD19 = PortResult(
     Port("/dev/ttyUSB0", "/dev/serial/by-path/pci-1"), FoundDevice("lidar", "ld19", "LD19", 230400)
 )
 NOTHING = PortResult(Port("/dev/ttyUSB1", "/dev/ttyUSB1"))
 
+SETTING = re.compile(r" =|base\.scans")
 ROBOT = """\
 # My robot.
 [robot]
@@ -44,7 +54,7 @@ EXPLAINED = render({"robot.name": '"haro"', "robot.footprint": "{ radius_m = 0.2
 
 def changed(text: str, *seen: PortResult) -> str:
     proposal = settings.propose(seen, tomllib.loads(text))
-    return robot_toml.with_values(text, proposal.values, proposal.waiting, proposal.appendix)
+    return robot_toml.with_values(text, proposal.values, proposal.waiting, proposal.tables)
 
 
 def base_of(text: str) -> dict[str, Any]:
@@ -96,7 +106,7 @@ linear_scale = 1.02
 
 def test_changes_nothing_the_second_time() -> None:
     for text in (ROBOT, EXPLAINED):
-        for seen in ((LINOROBOT, LD19), (BRIDGE, LD19)):
+        for seen in ((LINOROBOT, LD19), (BRIDGE, LD19), (CREATE, LD19), (LINOROBOT2, LD19)):
             once = changed(text, *seen)
             assert changed(once, *seen) == once
 
@@ -146,6 +156,67 @@ def test_asks_which_robot_a_waveshare_board_is_in(tmp_path: Path) -> None:
     chassis = load_config(path).base.chassis
     assert chassis.board == "waveshare_ugv"
     assert counted_track_m(chassis) == 0.172
+
+
+@pytest.mark.parametrize("is_explained", [False, True], ids=["short", "as init writes it"])
+def test_lists_what_a_create_feels(tmp_path: Path, is_explained: bool) -> None:
+    before = EXPLAINED if is_explained else ROBOT
+    text = changed(before, CREATE, LD19)
+    path = tmp_path / "robot.toml"
+    path.write_text(text)
+    scans = load_config(path).base.scans
+    assert {name: one.kept_s for name, one in scans.items()} == {"bumper": 60.0, "cliff": 60.0}
+    assert text.count("[base.scans.bumper]") == text.count("[base.scans.light_bumper]") == 1
+    assert all(line in text for line in before.splitlines() if not SETTING.search(line))
+    # Its owner may want the light sensors, too, and has only to take the # away.
+    at = text.index("# [base.scans.light_bumper]")
+    path.write_text(text[:at] + text[at:].replace("# ", ""))
+    assert load_config(path).base.scans["light_bumper"].uses == ["mark"]
+
+
+def test_says_what_a_create_feels_and_how_large_it_is() -> None:
+    proposal = settings.propose((CREATE, LD19), tomllib.loads(ROBOT))
+    notes = " ".join(proposal.sense_notes)
+    assert "[base.scans.bumper], [base.scans.cliff]" in notes
+    assert "Commented out" in notes
+    assert "footprint = { radius_m = 0.17 }" in notes
+    assert settings.by_name(proposal)["base.scans.bumper.kept_s"] == 60.0
+    base = base_of(settings.render(proposal))
+    assert base["scans"].keys() == {"bumper", "cliff"}
+    round_one = {"robot": {"footprint": {"radius_m": 0.17}}}
+    assert "footprint" not in " ".join(settings.propose((CREATE,), round_one).sense_notes)
+    assert settings.propose((LINOROBOT, LD19), tomllib.loads(ROBOT)).sense_notes == []
+
+
+def test_lists_none_of_what_a_board_feels_where_its_owner_has_chosen() -> None:
+    own = ROBOT + "\n[base.scans.cliff]\nkept_s = 5.0  # a rug\n"
+    text = changed(own, CREATE)
+    assert base_of(text)["scans"] == {"cliff": {"kept_s": 5.0}}
+    assert "light_bumper" not in text
+
+
+@pytest.mark.parametrize(
+    "scans",
+    ["[base.scans]\nfront = { z_m = 0.3 }\n", "[base]\nscans = { front = { z_m = 0.3 } }\n"],
+)
+def test_lists_it_beside_senses_that_are_written_on_one_line(scans: str) -> None:
+    found = base_of(changed(f"{ROBOT}\n{scans}", CREATE))["scans"]
+    assert found["front"] == {"z_m": 0.3}
+    assert found["bumper"] == {"z_m": 0.05, "kept_s": 60.0}
+
+
+def test_lists_what_is_wired_to_the_pins_of_an_arduino() -> None:
+    inputs = "\n[base.chassis.inputs]\nbumper_pins = [4]\nsonar_pins = { ahead = 5 }\n"
+    text = changed(ROBOT + inputs, BRIDGE)
+    assert base_of(text)["scans"] == {"bumper": {"kept_s": 60.0}}
+    assert "\n# [base.scans.ahead]\n# pose = " in text
+    assert "scans" not in base_of(changed(ROBOT, BRIDGE))
+
+
+def test_leaves_a_sonar_to_its_owner_who_knows_where_it_sits() -> None:
+    text = changed(ROBOT, LINOROBOT2)
+    assert "scans" not in base_of(text)
+    assert "\n# [base.scans.ultrasound]\n# pose = " in text
 
 
 class Serial(msgspec.Struct):
@@ -230,15 +301,15 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
 
 def test_a_word_that_toml_cannot_hold_is_refused() -> None:
     with pytest.raises(ConfigError, match="cannot be put into the file"):
-        robot_toml.with_values(EXPLAINED, {("start", "pose"): "a\x7fb"}, {}, "")
+        robot_toml.with_values(EXPLAINED, {("start", "pose"): "a\x7fb"})
 
 
 def test_a_pose_is_written_on_one_line_and_taken_out_again() -> None:
     pose = {"x": 1.0, "y": 2.0, "yaw": 0.5}
-    changed = robot_toml.with_values(EXPLAINED, {("start", "pose"): pose}, {}, "")
+    changed = robot_toml.with_values(EXPLAINED, {("start", "pose"): pose})
     assert "\npose = { x = 1.0, y = 2.0, yaw = 0.5 }\n" in changed
-    again = robot_toml.with_values(changed, {("start", "pose"): {**pose, "x": 3.0}}, {}, "")
+    again = robot_toml.with_values(changed, {("start", "pose"): {**pose, "x": 3.0}})
     assert tomllib.loads(again)["start"]["pose"]["x"] == 3.0
-    without = robot_toml.with_values(again, {("start", "pose"): None}, {}, "")
+    without = robot_toml.with_values(again, {("start", "pose"): None})
     assert "pose" not in tomllib.loads(without).get("start", {})
     assert without.splitlines()[0] == EXPLAINED.splitlines()[0]

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from trolley import codes
 from trolley.config.hardware import ChassisConfig, WheelsConfig
-from trolley.drivers import API
+from trolley.drivers import API, BoardSense
 from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of
 from trolley_base.drivers.boards.battery import BatteryGauge
@@ -93,6 +93,7 @@ FIRST_COUNT = 1 << 20
 """Counts go on from here, far from those of a board that has just started."""
 TRACK_M = 0.235
 """Between the middles of its wheels."""
+RADIUS_M = 0.17
 WHEELS = WheelsConfig(ticks_per_revolution=508.8, diameter_m=0.072, track_m=TRACK_M)
 
 
@@ -165,7 +166,7 @@ class Senses(NamedTuple):
         return (
             Contact(codes.BUMPER, () if bump is None else (bump,)),
             Contact(codes.CLIFF, tuple(cliffs)),
-            Contact("light_bumper", tuple(light), LIGHT_M),
+            Contact(LIGHT_BUMPER, tuple(light), LIGHT_M),
         )
 
     def alarms(self) -> set[str]:
@@ -419,13 +420,39 @@ def recognise(data: bytes) -> Answer | None:
 
 # It is started, which moves nothing, asked for its stream, and left off again.
 QUESTION = BoardQuestion(115200, (bytes((START,)), ASK_STREAM), recognise, leave=PAUSE_STREAM + END)
+REMEMBERED_S = 60.0
+"""For how long what its bumper or a cliff sensor felt is kept."""
+LIGHT_BUMPER = "light_bumper"
+SENSES = (
+    BoardSense(
+        name=codes.BUMPER,
+        meaning="its bumper. For a minute the robot drives around what it has hit. The echoes lie "
+        "along its footprint, on the side that was hit; so it has no pose.",
+        settings={"z_m": 0.05, "kept_s": REMEMBERED_S},
+    ),
+    BoardSense(
+        name=codes.CLIFF,
+        meaning="its four cliff sensors. For a minute the robot keeps off the edge that it has "
+        "met. The echoes lie along its footprint; so they have no pose.",
+        settings={"z_m": 0.0, "kept_s": REMEMBERED_S},
+    ),
+    BoardSense(
+        name=LIGHT_BUMPER,
+        meaning="the light sensors of its bumper, which see things at about 5 cm, by how much "
+        "they reflect: mark plans around them, stop also stops before them, and before a white "
+        "wall perhaps too early.",
+        settings={"z_m": 0.04, "uses": ["mark"]},
+        is_usual=False,
+    ),
+)
 DRIVERS = {
     "create2": BoardDriver(
-        BoardFacts("Create 2 or Roomba", 115200, math.inf),
+        BoardFacts("Create 2 or Roomba", 115200, math.inf, radius_m=RADIUS_M),
         lambda config, baud, _: Create2Dialogue(config, baud),
         (QUESTION,),
         track_m=lambda _: TRACK_M,
         api=API,
+        senses=SENSES,
         page="create2.md",
         emulator="trolley_base.emulators.create2:BOARDS",
     )

@@ -4,6 +4,7 @@ import math
 
 from trolley import codes
 from trolley.config.hardware import InputsConfig
+from trolley.drivers import BoardSense
 from trolley.messages import Battery, Scan
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.sonar import sonar_scan
@@ -22,6 +23,38 @@ CM = 0.01
 AHEAD = (math.radians(-60.0), math.radians(60.0))
 """Where bumpers and cliff sensors on pins are taken to be: with one active the robot may only back
 away."""
+
+REMEMBERED_S = 60.0
+"""For how long what a bumper or a cliff sensor felt is kept."""
+
+
+def wired_senses(config: InputsConfig) -> tuple[BoardSense, ...]:
+    """Return what the pins feel, for robot.toml."""
+    felt = {
+        codes.BUMPER: (config.bumper_pins, "bumpers", "around what it has hit"),
+        codes.CLIFF: (config.cliff_pins, "cliff sensors", "around the edge that it has met"),
+    }
+    touched = (
+        BoardSense(
+            name=name,
+            meaning=f"the {what} on its pins. For a minute the robot drives {where}. They are "
+            "taken to be in front: the echoes lie along its footprint there; so it has no pose.",
+            settings={"kept_s": REMEMBERED_S},
+        )
+        for name, (pins, what, where) in felt.items()
+        if pins
+    )
+    sonars = (
+        BoardSense(
+            name=name,
+            meaning=f"the sonar on its pin {pin}. Fill in where it sits and looks to, in metres "
+            "and radians from the middle between the driven wheels.",
+            settings={"pose": {"x": 0.0, "y": 0.0, "yaw": 0.0}, "z_m": 0.1},
+            is_usual=False,
+        )
+        for name, pin in config.sonar_pins.items()
+    )
+    return (*touched, *sonars)
 
 
 class Inputs:

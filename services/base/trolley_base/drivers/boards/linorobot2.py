@@ -20,7 +20,7 @@ import math
 import msgspec
 
 from trolley.config.hardware import ChassisConfig
-from trolley.drivers import API
+from trolley.drivers import API, BoardSense
 from trolley.geometry import Twist2D
 from trolley.network_ports import is_network
 from trolley_base.drivers.boards import linorobot2_messages as messages
@@ -349,6 +349,16 @@ DRIVERS = {
             for baud in (FACTS.baud, FAST_BAUD)
         ),
         api=API,
+        senses=(
+            BoardSense(
+                name=messages.ULTRASOUND,
+                meaning="the sonar of a firmware that was built with TRIG_PIN. Fill in where it "
+                "sits and looks to, in metres and radians from the middle between the driven "
+                "wheels.",
+                settings={"pose": {"x": 0.0, "y": 0.0, "yaw": 0.0}, "z_m": 0.1},
+                is_usual=False,
+            ),
+        ),
         page="linorobot2.md",
         emulator="trolley_base.emulators.linorobot2:BOARDS",
     )

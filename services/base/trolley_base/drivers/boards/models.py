@@ -26,6 +26,7 @@ class BoardFacts:
         has_imu: it can report an inertial sensor.
         has_inputs: its pins can be read: bumpers, cliff sensors, a battery.
         drives_sideways: it can have four motors and mecanum wheels.
+        radius_m: of the round robot that it is built into [m]; None for a board of its own.
     """
 
     title: str
@@ -34,6 +35,7 @@ class BoardFacts:
     has_imu: bool = False
     has_inputs: bool = False
     drives_sideways: bool = False
+    radius_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,13 @@
 import random
 from collections.abc import Callable
 
+import msgspec
 import pytest
 from support.emulated_boards import EMULATORS, MS, EmulatedTalk, dialogue_of
 
+from trolley.config.base import SenseConfig
 from trolley.geometry import Pose2D, Twist2D
+from trolley_base.drivers.boards import BOARDS
 from trolley_base.emulators.hoverboard import Hoverboard
 from trolley_base.emulators.linorobot2 import Linorobot2
 from trolley_base.world import Simulation
@@ -213,3 +216,16 @@ def test_what_was_driven_in_a_silence_is_made_good_without_haste(talk: EmulatedT
     assert max(speeds) < 1.2 * AHEAD.vx
     if not isinstance(talk.board, Hoverboard):  # which counts nothing
         assert talk.pose.x == pytest.approx(talk.simulation.truth().pose.x, abs=0.01)
+
+
+@pytest.mark.parametrize("board", sorted(EMULATORS))
+def test_what_it_feels_is_declared_for_robot_toml(simulate: MakeSimulation, board: str) -> None:
+    talk = EmulatedTalk(dialogue_of(board), EMULATORS[board](), simulate())
+    talk.come_up()
+    talk.run(0.5)
+    felt = {one.name for reading in talk.readings for one in reading.contacts}
+    felt |= {one.frame for reading in talk.readings for one in reading.ranges}
+    assert felt <= {one.name for one in BOARDS[board].senses}
+    assert bool(felt) == (board == "create2")
+    for sense in BOARDS[board].senses:
+        msgspec.convert(dict(sense.settings), SenseConfig)
