@@ -69,6 +69,9 @@ BUILT_IN: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 }
 """By group: our modules, and the models that each drives, in the order in which they are tried."""
 _FOLDER = "trolley_base.drivers"
+FELT_KEPT_S = 60.0
+"""What a bumper or a cliff sensor has felt usually stays for so long [s]: it sees nothing from
+afar."""
 NAME = re.compile(r"[a-z0-9][a-z0-9_]{0,31}")
 
 S = TypeVar("S", bound=Struct)

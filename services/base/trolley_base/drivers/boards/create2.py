@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from trolley import codes
 from trolley.config.hardware import ChassisConfig, WheelsConfig
-from trolley.drivers import API, BoardSense
+from trolley.drivers import API, FELT_KEPT_S, BoardSense
 from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of
 from trolley_base.drivers.boards.battery import BatteryGauge
@@ -420,21 +420,19 @@ def recognise(data: bytes) -> Answer | None:
 
 # It is started, which moves nothing, asked for its stream, and left off again.
 QUESTION = BoardQuestion(115200, (bytes((START,)), ASK_STREAM), recognise, leave=PAUSE_STREAM + END)
-REMEMBERED_S = 60.0
-"""For how long what its bumper or a cliff sensor felt is kept."""
 LIGHT_BUMPER = "light_bumper"
 SENSES = (
     BoardSense(
         name=codes.BUMPER,
         meaning="its bumper. For a minute the robot drives around what it has hit. The echoes lie "
         "along its footprint, on the side that was hit; so it has no pose.",
-        settings={"z_m": 0.05, "kept_s": REMEMBERED_S},
+        settings={"z_m": 0.05, "kept_s": FELT_KEPT_S},
     ),
     BoardSense(
         name=codes.CLIFF,
         meaning="its four cliff sensors. For a minute the robot keeps off the edge that it has "
         "met. The echoes lie along its footprint; so they have no pose.",
-        settings={"z_m": 0.0, "kept_s": REMEMBERED_S},
+        settings={"z_m": 0.0, "kept_s": FELT_KEPT_S},
     ),
     BoardSense(
         name=LIGHT_BUMPER,

@@ -4,7 +4,7 @@ import math
 
 from trolley import codes
 from trolley.config.hardware import InputsConfig
-from trolley.drivers import BoardSense
+from trolley.drivers import FELT_KEPT_S, BoardSense
 from trolley.messages import Battery, Scan
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.sonar import sonar_scan
@@ -24,9 +24,6 @@ AHEAD = (math.radians(-60.0), math.radians(60.0))
 """Where bumpers and cliff sensors on pins are taken to be: with one active the robot may only back
 away."""
 
-REMEMBERED_S = 60.0
-"""For how long what a bumper or a cliff sensor felt is kept."""
-
 
 def wired_senses(config: InputsConfig) -> tuple[BoardSense, ...]:
     """Return what the pins feel, for robot.toml."""
@@ -39,7 +36,7 @@ def wired_senses(config: InputsConfig) -> tuple[BoardSense, ...]:
             name=name,
             meaning=f"the {what} on its pins. For a minute the robot drives {where}. They are "
             "taken to be in front: the echoes lie along its footprint there; so it has no pose.",
-            settings={"kept_s": REMEMBERED_S},
+            settings={"kept_s": FELT_KEPT_S},
         )
         for name, (pins, what, where) in felt.items()
         if pins
