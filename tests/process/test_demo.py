@@ -1,5 +1,6 @@
 """The demo as a user runs it, and other programs that speak to it."""
 
+import itertools
 import json
 import subprocess
 import sys
@@ -10,11 +11,18 @@ import pytest
 from support.demo import Demo, Latest
 from support.waiting import PATIENCE_S, wait_until
 
-from trolley import topics
+from trolley import drivers, topics
 from trolley.client import Robot
+from trolley.drivers import BUILT_IN
 from trolley.runtime.zenoh_bus import open_bus
 
 pytestmark = pytest.mark.slow
+
+BOARDS, LIDARS = (
+    [model for models in BUILT_IN[group].values() for model in models]
+    for group in (drivers.BOARDS, drivers.LIDARS)
+)
+"""Each lidar drives once, with the boards in turn."""
 
 
 @pytest.mark.parametrize(("speed", "seed"), [(2, 2)])
@@ -29,11 +37,9 @@ def test_demo_reaches_all_stops(tmp_path: Path, speed: int, seed: int) -> None:
     assert "0 collisions" in demo.process.log
 
 
-@pytest.mark.parametrize(
-    "board", ["linorobot", "linorobot2", "waveshare_ugv", "create2", "hoverboard"]
-)
-def test_demo_reaches_all_stops_over_emulated_ports(tmp_path: Path, board: str) -> None:
-    demo = Demo(tmp_path, "--headless", "--tour", "--emulate", f"{board},ld19")
+@pytest.mark.parametrize(("board", "lidar"), [*zip(itertools.cycle(BOARDS), LIDARS, strict=False)])
+def test_demo_reaches_all_stops_over_emulated_ports(tmp_path: Path, board: str, lidar: str) -> None:
+    demo = Demo(tmp_path, "--headless", "--tour", "--emulate", f"{board},{lidar}")
     try:
         assert demo.process.wait(2 * PATIENCE_S) == 0, demo.process.log
     finally:

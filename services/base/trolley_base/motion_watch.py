@@ -62,8 +62,7 @@ class MotionWatch:
         """Take what was measured since the last call."""
         if not self._can_drive:
             return
-        for motion, gyro in measured.motions:
-            self._supervision.measure(motion, gyro)
+        self._supervision.take(now_ns, measured.motions, judges=self._finding is None)
         self._note(self._supervision.take_finding())
         if measured.num_jumps:
             self._note_jumps(now_ns, measured.num_jumps)

@@ -20,6 +20,7 @@ from typing import Generic, NamedTuple, TypeVar
 from trolley.geometry import Twist2D, log_pose
 from trolley_base.differential import sides_of
 from trolley_base.drivers import MotionSample
+from trolley_base.safety.held_up import HeldUp
 from trolley_base.safety.motion_diagnosis import (
     MOVES_UNTOLD,
     WRONG_TRACK,
@@ -112,6 +113,8 @@ class MotionSupervisionParams:
 PARAMS = MotionSupervisionParams()
 
 T = TypeVar("T")
+Measurement = tuple[MotionSample, float | None]
+"""What the wheels measured, and the mean turn rate by the gyro [rad/s]."""
 
 
 class _Moved(NamedTuple):
@@ -413,6 +416,7 @@ class MotionSupervision:
         measured_ns = round(min(delay_s * 1e9, PARAMS.delay_ns))
         self._delay_ns = max(measured_ns, PARAMS.least_delay_ns) + round(blur_s * 1e9)
         self._following_ns = self._delay_ns + PARAMS.following_ns
+        self._held_up = HeldUp()
         self.forget()
 
     def forget(self) -> None:
@@ -475,6 +479,20 @@ class MotionSupervision:
         self._commands.append((now_ns, twist))
         while now_ns - self._commands[0][0] > PARAMS.kept_ns:
             self._commands.popleft()
+
+    def take(self, now_ns: int, motions: Sequence[Measurement], *, judges: bool = True) -> None:
+        """Take all that was measured since the call before.
+
+        Args:
+            now_ns: robot time of base's period [ns].
+            motions: with the mean turn rate by the gyro over each.
+            judges: what comes late proves nothing and is left out; False: nothing is.
+        """
+        if self._held_up.update(now_ns, len(motions)) and judges:
+            self.forget()
+            return
+        for motion, gyro in motions:
+            self.measure(motion, gyro)
 
     def measure(self, motion: MotionSample, gyro: float | None = None) -> None:
         """Take what the wheels measured, and the mean turn rate by the gyro if it has one.
