@@ -73,6 +73,9 @@ LIDAR_S = (0.15, 0.2, 0.5)
 QUIET_TRIES = 2
 """So many rounds. The last one only where something talks that nobody has recognised: it may be a
 lidar that was left streaming, and on a busy computer its answer comes behind what it said."""
+DEAF_TRIES = 1
+"""What talks on through every stop at every speed is none that was left streaming: it is asked in
+so many rounds, unless the computer is busy."""
 GREETED_S = 0.2
 SPIN_UP_S = 1.5
 STOP_TRIES, OBEYED_ENOUGH, QUIET_S = 3, 2, 0.4
@@ -88,6 +91,9 @@ have kept the device's answers as well, and it looks again, more patiently, at m
 all."""
 PATIENCE = 2.0
 """So many times longer each answer is waited for in later looks."""
+NEW_SHARE, FEW_BYTES = 0.25, 256
+"""While more bytes come, they are looked through again once this share of them is new; few are
+whenever any have come."""
 MOST_HELD = 65536
 """At most this many bytes are kept in one step."""
 
@@ -131,6 +137,7 @@ class Probe:
         self._interrupt = interrupt
         self._opened_s = time.monotonic()
         self._late_s, self._is_patient = 0.0, False
+        self._has_obeyed = False
         self.received: dict[int, int] = {}
         """How many bytes came at each speed before the first question."""
 
@@ -328,7 +335,10 @@ class Probe:
 
     def _ask_lidars(self) -> FoundDevice | None:
         talks = any(self.received.values())
-        for wait_s in LIDAR_S[: len(LIDAR_S) if talks else QUIET_TRIES]:
+        self._has_obeyed = False
+        for number, wait_s in enumerate(LIDAR_S[: len(LIDAR_S) if talks else QUIET_TRIES]):
+            if number >= DEAF_TRIES and talks and not (self._has_obeyed or self._is_patient):
+                return None
             for identity, baud in IDENTITIES:
                 self._port.set_baud(baud)
                 found = self._ask_lidar(identity, baud, wait_s)
@@ -359,6 +369,7 @@ class Probe:
             self._port.discard_input()
             self._pause(pause_s)
             if not self._port.wait(0.0):
+                self._has_obeyed = True
                 return True
         return False
 
@@ -387,23 +398,34 @@ class Probe:
         recognise: Callable[[bytes], T | None],
         data: bytearray | None = None,
     ) -> T | None:
-        """Collect input until it is recognised or time is up."""
+        """Collect input until it is recognised or time is up.
+
+        All of it is looked through each time, so the more there is, the more must come before it
+        is looked through again.
+        """
         received = bytearray() if data is None else data
         left_s = PATIENCE * seconds if self._is_patient else seconds
+        unseen = 0
         while left_s > 0.0:
             if self._interrupt.is_set():
                 raise Interrupted
             asked_s = time.monotonic()
-            if self._port.wait(min(left_s, POLL_S)):
-                received += self._port.read()
+            has_come = self._port.wait(min(left_s, POLL_S))
+            if has_come:
+                new = self._port.read()
+                received += new
+                unseen += len(new)
                 del received[:-MOST_HELD]
-                result = recognise(bytes(received))
-                if result:
-                    return result
             # A busy computer may come back here late; the device has had no longer for that.
             took_s = time.monotonic() - asked_s
             left_s -= min(took_s, POLL_S)
             self._late_s += took_s - POLL_S if took_s > POLL_S + LATE_S else 0.0
+            is_enough = unseen >= len(received) * NEW_SHARE or len(received) <= FEW_BYTES
+            if unseen and (is_enough or not has_come or left_s <= 0.0):
+                unseen = 0
+                result = recognise(bytes(received))
+                if result:
+                    return result
         return None
 
     def _pause(self, seconds: float) -> None:
