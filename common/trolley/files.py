@@ -53,6 +53,15 @@ def written_atomically(path: Path, mode: int = READABLE_BY_ALL) -> Generator[Bin
     sync_folder(path.parent)  # the new name itself must survive a power cut, too
 
 
+def why_not_written(path: Path, error: OSError) -> str:
+    """Say why a new file could not be made; a folder that is not there is named."""
+    if not path.parent.exists():
+        return f"there is no folder {path.parent}"
+    if error.errno == errno.ENOENT:
+        return f"nothing can be written into {path.parent}"
+    return error.strerror or str(error)
+
+
 def make_folder(path: Path) -> None:
     """Make a folder that survives a power cut, and those above it; nothing if it is there.
 

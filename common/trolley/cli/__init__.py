@@ -9,8 +9,11 @@ import importlib
 import importlib.util
 import os
 import sys
+from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import click
 
@@ -44,7 +47,7 @@ SECTIONS = {
         "status": ("trolley.cli.status", "Show how the robot and its services are doing."),
         "top": ("trolley.cli.top", "Watch services and topics live: rates, processor, memory."),
         "pose": ("trolley.cli.pose", "Show where the robot is; manage saved places."),
-        "map": ("trolley.cli.maps", "The map."),
+        "map": ("trolley.cli.maps", "Show, make, edit and switch maps."),
         "zones": ("trolley.cli.maps", "List mirrors, glass, keep-out and speed zones."),
         "topic": ("trolley.cli.topic", "Show what is published; publish something."),
         "tf": ("trolley.cli.tf", "Show where one frame is in another."),
@@ -74,12 +77,55 @@ COMMANDS = {name: row for section in SECTIONS.values() for name, row in section.
 ADDED = "More"
 """The section of what services bring along."""
 
+SECTION_OF = {
+    "detect": "Begin",
+    "setup": "Begin",
+    "emulate": "Begin",
+    "calibrate": "Set and keep",
+    "viewer-link": "For hosts and programs",
+    "ros2": "For hosts and programs",
+    "mcp": "For hosts and programs",
+}
+"""Of what our own services bring along, where they are installed; others stand under `ADDED`."""
+
+WHOLE_SENTENCE = 1000
+"""Letters of a short help: as many as it has."""
+
 PLUGINS = "trolley.commands"
 """Entry-point group of the services' own commands: `tour-import` is `trolley tour import`."""
 
 
 class SuggestingGroup(click.Group):
-    """A group that names the nearest commands where one is mistyped, whoever brings it along."""
+    """A group that names the nearest commands where one is mistyped, whoever brings it along.
+
+    Its help has whole sentences, and sections where there are any.
+
+    Args:
+        sections: the commands by title, in the order of the help; others stand below them.
+    """
+
+    def __init__(
+        self, *args: Any, sections: Mapping[str, Sequence[str]] = MappingProxyType({}), **more: Any
+    ) -> None:
+        super().__init__(*args, **more)
+        self._sections = sections
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands, each with its whole first sentence."""
+        names = self.list_commands(ctx)
+        named = {name for some in self._sections.values() for name in some}
+        others = [name for name in names if name not in named]
+        sections = {**self._sections, ADDED if named else "Commands": others}
+        longest = max(map(len, names), default=0)
+        for title, some in sections.items():
+            rows = [
+                (f"{name:<{longest}}", command.get_short_help_str(limit=WHOLE_SENTENCE))
+                for name in some
+                if (command := self.get_command(ctx, name)) is not None
+            ]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -115,8 +161,9 @@ class LazyGroup(SuggestingGroup):
             title: [(name, text) for name, (_, text) in commands.items()]
             for title, commands in SECTIONS.items()
         }
-        if added:
-            sections[ADDED] = [(name, _short_help(plugins()[name])) for name in added]
+        for name in added:
+            row = name, _short_help(plugins()[name])
+            sections.setdefault(SECTION_OF.get(name, ADDED), []).append(row)
         longest = max(len(name) for name in (*COMMANDS, *added))
         for title, rows in sections.items():
             with formatter.section(title):
@@ -144,7 +191,9 @@ def _short_help(entry: EntryPoint) -> str:
         return ""
     for node in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef) and node.name == entry.attr:
-            return click.Command(None, help=ast.get_docstring(node)).get_short_help_str(limit=100)
+            return click.Command(None, help=ast.get_docstring(node)).get_short_help_str(
+                WHOLE_SENTENCE
+            )
     return ""
 
 

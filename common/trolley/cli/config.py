@@ -4,6 +4,7 @@ from typing import Any
 
 import click
 
+from trolley.cli import SuggestingGroup
 from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
@@ -32,7 +33,7 @@ NOTHING = "-"
 """In place of a value that is not given."""
 
 
-@click.group(name="config")
+@click.group(name="config", cls=SuggestingGroup)
 def config_command() -> None:
     """Show and change settings while the robot runs.
 

@@ -21,6 +21,7 @@ from trolley.config.describe import (
 )
 from trolley.config.robot_toml import check_text
 from trolley.drivers import Driver, Drivers
+from trolley.files import why_not_written
 
 
 @click.command(name="init")
@@ -59,7 +60,9 @@ def init_command(
     except FileExistsError as error:
         raise click.UsageError(f"{path} already exists; not overwritten") from error
     except OSError as error:
-        raise click.UsageError(f"{path} cannot be written: {error.strerror}") from error
+        raise click.UsageError(
+            f"{path} cannot be written: {why_not_written(path, error)}"
+        ) from error
     if as_json:
         print_json({"file": str(path)})
         return

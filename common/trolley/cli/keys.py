@@ -9,6 +9,7 @@ from typing import ParamSpec, TypeVar
 
 import click
 
+from trolley.cli import SuggestingGroup
 from trolley.cli.options import json_option
 from trolley.cli.printing import say, say_block
 from trolley.cli.show import print_json
@@ -44,7 +45,14 @@ def _reports(command: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-@click.group(name="keys")
+@click.group(
+    name="keys",
+    cls=SuggestingGroup,
+    sections={
+        "Make": ("init", "router", "robot", "operator", "viewer"),
+        "Keep": ("list", "remove"),
+    },
+)
 @click.option(
     "--folder",
     type=click.Path(file_okay=False, path_type=Path),

@@ -6,6 +6,7 @@ import click
 import numpy as np
 
 from trolley import codes, requests, topics
+from trolley.cli import SuggestingGroup
 from trolley.cli.changes import map_changes
 from trolley.cli.mapping import add_commands
 from trolley.cli.options import NumbersCommand, json_option, where_options
@@ -22,7 +23,15 @@ LOAD_S, POLL_S = 60.0, 0.5
 """How long a map may take to be read by a small computer, and how often it is asked for."""
 
 
-@click.group(name="map")
+@click.group(
+    name="map",
+    cls=SuggestingGroup,
+    sections={
+        "Use and edit": ("list", "info", "load", "edit", "changes"),
+        "Make one": ("new", "extend", "explore", "status", "pause", "resume", "undo"),
+        "Finish it": ("save", "cancel"),
+    },
+)
 def map_command() -> None:
     """Show which map the robot uses and which it has; make a new one by driving."""
 

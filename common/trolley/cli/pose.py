@@ -5,6 +5,7 @@ import math
 import click
 
 from trolley import codes, requests, topics
+from trolley.cli import SuggestingGroup
 from trolley.cli.options import NumbersCommand, as_number, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
@@ -16,7 +17,12 @@ from trolley.messages import CapturedPose, PoseEstimate, SavedPose, request_para
 from trolley.zones import room_at
 
 
-@click.group(name="pose", invoke_without_command=True)
+@click.group(
+    name="pose",
+    cls=SuggestingGroup,
+    invoke_without_command=True,
+    sections={"Where the robot is": ("set", "find"), "Saved places": ("list", "save", "delete")},
+)
 @where_options
 @json_option
 @click.pass_context

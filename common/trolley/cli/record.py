@@ -18,6 +18,7 @@ from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, counted, print_json, seconds_text
 from trolley.client import Robot
 from trolley.config import ConfigError
+from trolley.files import why_not_written
 from trolley.recording.layout import bad_pattern
 from trolley.recording.listener import Listener
 
@@ -134,7 +135,7 @@ def _open(path: Path, robot: str) -> "RecordingWriter":
     except FileExistsError as error:
         raise ConfigError(f"{path} already exists; name another file") from error
     except OSError as error:
-        raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
+        raise ConfigError(f"{path} cannot be written: {why_not_written(path, error)}") from error
 
 
 def _follow(

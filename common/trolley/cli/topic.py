@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from trolley import topics
-from trolley.cli import exits
+from trolley.cli import SuggestingGroup, exits
 from trolley.cli.json_argument import read_json
 from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say, say_block
@@ -31,7 +31,7 @@ def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) 
 topic_argument = click.argument("name", metavar="TOPIC", shell_complete=_complete)
 
 
-@click.group(name="topic")
+@click.group(name="topic", cls=SuggestingGroup)
 def topic_command() -> None:
     """Show what is published, or publish something.
 
@@ -202,7 +202,9 @@ def topic_rate(name: str, seconds: float, as_json: bool) -> None:
 def publish_topic(
     name: str, message: str, hz: float | None, count: int | None, beside: bool
 ) -> None:
-    """Publish JSON on TOPIC, such as cmd_vel/me '{"twist": {"vx": 0.1, "vy": 0, "wz": 0}, …}'.
+    """Publish JSON on TOPIC.
+
+    Such as: trolley topic pub cmd_vel/me '{"twist": {"vx": 0.1, "vy": 0, "wz": 0}, …}'
 
     Arrays may be lists of numbers. The stamp is robot time unless it is given.
     """
@@ -220,7 +222,14 @@ def publish_topic(
             sent += 1
             if left is None or sent < left:
                 time.sleep(max(0.0, began_s + sent / (hz or 1.0) - time.monotonic()))
-    say(f"published {counted(sent, 'message')} on {name}")
+    said = counted(sent, "message")
+    if not beside:
+        say(f"published {said} on {name}")
+        return
+    say(
+        f"sent {said} on {name}. Nobody confirms what is published: a router with rights drops "
+        f"what only the robot's own hosts may say (`trolley topic echo {name}` shows what comes)."
+    )
 
 
 def _refuse_owned(robot: Robot, topic: Topic[Any], parts: tuple[str, ...]) -> None:

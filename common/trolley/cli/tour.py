@@ -14,12 +14,20 @@ from trolley.cli.show import Progress, pose_text, print_json, print_table, secon
 from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.config import ConfigError
-from trolley.files import write_atomically
+from trolley.files import why_not_written, write_atomically
 from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus, request_params
 from trolley.requests import Request
 
 
-@click.group(name="tour", cls=PluggedGroup)
+@click.group(
+    name="tour",
+    cls=PluggedGroup,
+    sections={
+        "A trip": ("start", "pause", "resume", "skip", "stop"),
+        "Stored tours": ("list", "show", "import"),
+        "Past trips": ("history", "photo"),
+    },
+)
 def tour_command() -> None:
     """Drive through several places, one after another."""
 
@@ -229,7 +237,7 @@ def save_photo(name: str, output: Path | None, as_json: bool) -> None:
     try:
         write_atomically(path, photo.jpeg)
     except OSError as error:
-        raise ConfigError(f"{path} cannot be written: {error.strerror}") from error
+        raise ConfigError(f"{path} cannot be written: {why_not_written(path, error)}") from error
     if as_json:
         print_json({"file": str(path), "bytes": len(photo.jpeg)})
     else:

@@ -94,7 +94,7 @@ class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """`[start]`: where the robot is when it is switched on and no last pose is known."""
 
     pose: PoseConfig | str | None = None
-    """Coordinates on the map, or the name of a saved pose; without it the robot searches the
+    """Coordinates on the map, or the name of a saved place; without it the robot searches the
     map."""
     always: bool = False
     """Start here even if a last pose is known."""

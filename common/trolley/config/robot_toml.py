@@ -16,7 +16,7 @@ from tomlkit.items import InlineTable
 
 from trolley.config import ConfigError, load_config
 from trolley.config.describe import as_comment, to_toml
-from trolley.files import READABLE_BY_ALL, write_atomically
+from trolley.files import READABLE_BY_ALL, why_not_written, write_atomically
 
 Values = Mapping[tuple[str, ...], Any]
 """Settings by their keys from the outermost table on, such as ("base", "lidar", "port").
@@ -89,7 +89,7 @@ def check_text(path: Path, text: str) -> None:
         # Beside the file itself: names of other files count from its folder.
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".check", dir=path.parent)
     except OSError as error:
-        raise NotWritable(f"{path.parent} cannot be written to: {error.strerror}") from error
+        raise NotWritable(f"{path} cannot be written: {why_not_written(path, error)}") from error
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(text)

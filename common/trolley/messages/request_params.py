@@ -33,7 +33,7 @@ class SetPose(Struct, frozen=True, kw_only=True):
 
 
 class SendGoal(Struct, frozen=True, kw_only=True):
-    """Drive to `pose` in `frame`, or to the saved pose `name`: exactly one of the two.
+    """Drive to `pose` in `frame`, or to the saved place `name`: exactly one of the two.
 
     `xy_tolerance` [m], `yaw_tolerance` [rad] (pi or more: any heading), `speed` [m/s] at most.
     """
@@ -102,7 +102,7 @@ class WhichPhoto(Struct, frozen=True, kw_only=True):
 
 
 class AskOffer(Struct, frozen=True, kw_only=True):
-    """Ask how soon the robot could be at `pose` or at the saved pose `name`."""
+    """Ask how soon the robot could be at `pose` or at the saved place `name`."""
 
     pose: Pose2D | None = None
     name: str | None = None

@@ -59,7 +59,7 @@ class CapturedPose(Struct, frozen=True, kw_only=True):
 
 
 class Stop(Struct, frozen=True, kw_only=True):
-    """One stop of a tour: `pose` (in `map`) or the `name` of a saved pose, exactly one of the two.
+    """One stop of a tour: `pose` (in `map`) or the `name` of a saved place, exactly one of the two.
 
     `via` are poses passed on the way; `dwell` [s] is the stay; `timeout` [s] bounds each drive
     (null: `[tour] stop_timeout_s`). After a failure the stop is tried `retries` more times, then

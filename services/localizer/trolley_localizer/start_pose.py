@@ -153,7 +153,7 @@ class StartPose:
         if self._service.monotonic_ns > until_ns:
             self._waiting = None
             self._service.log.warning(
-                "The start pose is not among the saved poses of this map; searching instead",
+                "The start pose is not among the saved places of this map; searching instead",
                 name=self._wanted_name,
                 map=loaded.name,
             )
@@ -171,7 +171,7 @@ class StartPose:
         if problem is not None:
             self._service.log.warning("The start pose cannot be used", name=wanted, why=problem)
         elif not self._is_localized():
-            self._service.log.info("Starting at a saved pose", name=wanted)
+            self._service.log.info("Starting at a saved place", name=wanted)
             loaded.localizer.set_pose(pose)
 
     @property

@@ -163,7 +163,7 @@ def goal_pose(params: SendGoal, inputs: Inputs) -> Pose2D:
                 )
             return place.pose.wrapped()
     hint = did_you_mean(params.name or "", (place.name for place in inputs.places.poses))
-    raise Refused(codes.UNKNOWN_NAME, f"There is no saved pose {params.name!r}. {hint}")
+    raise Refused(codes.UNKNOWN_NAME, f"There is no saved place {params.name!r}. {hint}")
 
 
 def check_state(inputs: Inputs, now_ns: int) -> None:

@@ -1,5 +1,6 @@
 """Commands as far as they need no robot."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -59,7 +60,7 @@ def test_what_services_bring_along_is_listed_in_its_own_words(runner: CliRunner)
         if name not in COMMANDS:
             command = cli.get_command(context, name)
             assert command is not None
-            assert f"{name} {command.get_short_help_str(limit=100)}" in listed
+            assert f"{name} {command.get_short_help_str(limit=1000)}" in listed
 
 
 @pytest.mark.programs
@@ -265,3 +266,25 @@ def test_what_starts_a_robot_says_where_its_name_and_router_stand(
         assert result.exit_code == 2
         assert given in result.output
         assert key in result.output
+
+
+PATHS = list(walk(cli))
+GROUPS = [path for path in PATHS if any(other[:-1] == path for other in PATHS if other)]
+
+
+@pytest.mark.parametrize("path", GROUPS, ids=" ".join)
+def test_the_help_of_a_group_has_each_command_once_and_cuts_no_sentence(
+    path: tuple[str, ...],
+) -> None:
+    text = CliRunner().invoke(cli, [*path, "--help"], terminal_width=80).output
+    listed = re.findall(r"^  ([a-z][a-z0-9-]*)  ", text, re.MULTILINE)
+    below = [other[-1] for other in PATHS if other and other[:-1] == path]
+    assert sorted(listed) == sorted(below)
+    assert "..." not in text.partition("Options:")[2]
+    assert max(map(len, text.splitlines())) <= 88  # the table of exit codes
+
+
+def test_a_file_in_a_folder_that_is_not_there_names_the_folder(tmp_path: Path) -> None:
+    result = CliRunner().invoke(cli, ["init", str(tmp_path / "away" / "robot.toml")])
+    assert result.exit_code == 2
+    assert f"there is no folder {tmp_path / 'away'}" in result.output + str(result.exception)

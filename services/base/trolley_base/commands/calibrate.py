@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import click
 
 from trolley import codes, requests, topics
-from trolley.cli import exits
+from trolley.cli import SuggestingGroup, exits
 from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
@@ -91,7 +91,7 @@ def _result_options(command: F) -> F:
     return command
 
 
-@click.group(name="calibrate")
+@click.group(name="calibrate", cls=SuggestingGroup)
 def calibrate_command() -> None:
     """Measure the systematic errors of the odometry, and correct them."""
 
