@@ -158,10 +158,12 @@ async def _measure_client(command: list[str], robot: Connection, calls: int) -> 
             for _ in range(calls):
                 tasks.start_soon(lambda: client.call_tool("status", {}))
             await anyio.sleep(0)
-            asked_s = time.monotonic()
+            asked_s, client_s, session_s = time.monotonic(), time.process_time(), _cpu_s(pid)
             await client.call_tool("stop", {})
-            answered_s = time.monotonic()
+            answered_s, client_s = time.monotonic(), time.process_time() - client_s
+            session_s = _cpu_s(pid) - session_s
             _report(f"{calls} calls by the SDK", _ask(robot) - asked_s, answered_s - asked_s)
+            print(f"  the client computed {client_s:.2f} s, the session {session_s:.2f} s")
 
 
 def _report(flood: str, at_robot_s: float, answered_s: float) -> None:
