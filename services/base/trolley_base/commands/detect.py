@@ -151,8 +151,7 @@ def _show_settings(proposal: Proposal) -> None:
 
 
 def _write(path: Path, old: str, proposal: Proposal, *, quiet: bool) -> None:
-    tables = [*proposal.templates, *proposal.tables]
-    new = robot_toml.with_values(old, proposal.values, proposal.waiting, tables)
+    new = robot_toml.with_values(old, proposal.values, proposal.waiting, proposal.tables)
     if new != old:
         robot_toml.replace_text(path, new)
     if quiet:

@@ -188,7 +188,7 @@ def _find_devices(path: Path, ports: tuple[str, ...], notes: Path, state: Progre
         missing = "lidar" if board else "motor board"
         said = " ".join([f"No {missing} was found; `trolley detect` says more.", *proposal.notes])
         raise SetupRefused(said)
-    new = robot_toml.with_values(text, values | _ask_owner(proposal), tables=proposal.tables)
+    new = robot_toml.with_values(text, values | _ask_owner(proposal), tables=proposal.sense_tables)
     if new != text:
         robot_toml.replace_text(path, new)
     now = load_config(path).base

@@ -39,8 +39,8 @@ class Proposal:
         waiting: what must be commented out until a person has completed it.
         missing: the settings that a device needs and only its owner knows, by their tables.
         templates: the tables of those, commented out.
-        tables: whole tables with the comments above them, most of them commented out.
-        senses: of the board, which `tables` lists.
+        sense_tables: what lists the board's senses, with comments; some are commented out.
+        senses: those that are listed.
         notes: sentences for the person.
         sense_notes: those about what the board feels.
     """
@@ -51,10 +51,15 @@ class Proposal:
         default_factory=dict[tuple[str, ...], list[Key]]
     )
     templates: list[str] = field(default_factory=list[str])
-    tables: list[str] = field(default_factory=list[str])
+    sense_tables: list[str] = field(default_factory=list[str])
     senses: list[BoardSense] = field(default_factory=list[BoardSense])
     notes: list[str] = field(default_factory=list[str])
     sense_notes: list[str] = field(default_factory=list[str])
+
+    @property
+    def tables(self) -> list[str]:
+        """Whole tables for the file."""
+        return [*self.templates, *self.sense_tables]
 
 
 def propose(seen: Sequence[PortResult], settings: dict[str, Any]) -> Proposal:
@@ -96,8 +101,7 @@ def render(proposal: Proposal) -> str:
                 for keys, value in settings.items()
                 if keys[:-1] == table
             ]
-    tables = [*proposal.templates, *proposal.tables]
-    return "\n".join(lines[1:]) + "\n" + "".join(f"\n{table}" for table in tables)
+    return "\n".join(lines[1:]) + "\n" + "".join(f"\n{table}" for table in proposal.tables)
 
 
 def by_name(proposal: Proposal) -> dict[str, Any]:
@@ -178,7 +182,7 @@ def _propose_senses(
         return
     for one in senses:
         table = sense_table(found.model or "", one)
-        proposal.tables.append(table if one.is_usual else as_comment(table))
+        proposal.sense_tables.append(table if one.is_usual else as_comment(table))
     proposal.senses = [one for one in senses if one.is_usual]
     if proposal.senses:
         proposal.sense_notes.append(
