@@ -25,6 +25,8 @@ from trolley.messages import (
     OccupancyGrid,
     Odometry,
     PoseEstimate,
+    Proposal,
+    Proposals,
     Robot,
     SavedPose,
     SavedPoses,
@@ -41,6 +43,7 @@ from trolley.messages.request_params import (
     SetPose,
     StartTour,
     WhichGoal,
+    WhichProposal,
 )
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
@@ -79,6 +82,7 @@ class PretendRobot(Service):
         self.stops = 0
         self.goals: list[SendGoal] = []
         self.followed: list[FollowPerson] = []
+        self.dismissed: list[str] = []
         self.poses_set: list[SetPose] = []
         self.tours: list[StartTour] = []
         self.driven_m = 0.0
@@ -165,6 +169,12 @@ class PretendRobot(Service):
     def go_on(self, params: Nothing) -> BaseState:
         self.mode = "ok"
         return BaseState(stamp_ns=self.stamp_ns, mode="ok")
+
+    @answers(requests.PROPOSALS_DISMISS)
+    def dismiss(self, params: WhichProposal) -> Proposal:
+        self.dismissed.append(params.id)
+        self.publish(topics.PROPOSALS, Proposals(stamp_ns=self.stamp_ns, proposals=[]))
+        return Proposal(id=params.id, message="")
 
     @answers(requests.GOAL_SEND)
     def send(self, params: SendGoal) -> GoalStatus:

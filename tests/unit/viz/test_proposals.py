@@ -35,17 +35,18 @@ def test_a_worn_tyre_is_told_with_what_to_do(stage: "Stage") -> None:
     stage.runtime.run(2.0)
     assert "The left wheel is 2.1 % smaller" in more.text()
     assert "trolley calibrate proposed --accept wheels" in more.text()
-    stage.robot.publish(topics.PROPOSALS, Proposals(stamp_ns=2, proposals=[]))
+    more.press_lead("Do not propose it again")
     stage.runtime.run(2.0)
+    assert stage.robot.dismissed == ["wheels"]
     assert HEADLINE not in more.text()
 
 
 def test_what_has_to_be_repaired_offers_nothing_to_accept() -> None:
-    assert "--accept" not in card([LOOSE])
+    assert "--accept" not in card([LOOSE], may_dismiss=False)
 
 
 def test_what_a_program_says_there_is_text() -> None:
-    assert "<b>x</b>" not in card([Proposal(id="x", message="<b>x</b>")])
+    assert "<b>x</b>" not in card([Proposal(id="x", message="<b>x</b>")], may_dismiss=False)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -47,7 +47,7 @@ class MoreTab:
 
     def __init__(self, gui: Controls, session: Session) -> None:
         self._due_ns = 0
-        self._proposals = ProposalPanel(gui)
+        self._proposals = ProposalPanel(gui, session)
         fit = gui.add_button("Show the whole map", icon="maximize")
         fit.on_press(session.window.fit)
         chosen = session.preferences.choices
