@@ -34,23 +34,28 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
 @click.argument("where", nargs=-1, required=True, metavar="NAME | X Y [YAW]")
 @click.option("--deg", is_flag=True, help="YAW is in degrees.")
 @click.option(
-    "--speed", type=click.FloatRange(min=0.0, min_open=True), help="Highest speed, in m/s."
+    "--speed",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="M/S",
+    help="Highest speed.",
 )
 @click.option(
     "--xy-tolerance",
     type=click.FloatRange(min=0.0, min_open=True),
-    help="How near is near enough, in m  [default: 0.05].",
+    metavar="METRES",
+    help="How near is near enough [default: 0.05].",
 )
 @click.option(
     "--yaw-tolerance",
     type=click.FloatRange(min=0.0, min_open=True),
-    help="How near the heading has to be, in radians  [default: 0.05].",
+    metavar="RADIANS",
+    help="How near the heading has to be [default: 0.05].",
 )
-@click.option("--frame", help="The frame of X and Y [default: the planner's].")
+@click.option("--frame", metavar="NAME", help="The frame of X and Y [default: the planner's].")
 @click.option("--any", "anyone", is_flag=True, help="Send the nearest free robot.")
 @click.option("--preview", is_flag=True, help="Only say how long it would take.")
 @click.option("--no-wait", is_flag=True, help="Send the goal and return.")
-@click.option("--timeout", type=float, help="Seconds after which to give up and cancel.")
+@click.option("--timeout", type=float, metavar="SECONDS", help="When to give up and cancel.")
 @where_options
 @json_option
 @reports_errors
@@ -158,11 +163,14 @@ def _ending(status: GoalStatus) -> str:
     help="How far behind them to stay, in m [default: 1.2].",
 )
 @click.option(
-    "--speed", type=click.FloatRange(min=0.0, min_open=True), help="Highest speed, in m/s."
+    "--speed",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="M/S",
+    help="Highest speed.",
 )
-@click.option("--frame", help="The frame of X and Y [default: the planner's].")
+@click.option("--frame", metavar="NAME", help="The frame of X and Y [default: the planner's].")
 @click.option("--no-wait", is_flag=True, help="Begin to follow and return.")
-@click.option("--timeout", type=float, help="Seconds after which to stop following.")
+@click.option("--timeout", type=float, metavar="SECONDS", help="When to stop following.")
 @where_options
 @json_option
 @reports_errors

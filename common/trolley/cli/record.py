@@ -71,7 +71,12 @@ def until_signalled() -> Generator[Callable[[], bool]]:
     metavar="NAMES",
     help="Only these, such as scan,odom,tf/*; clock and robot are always recorded.",
 )
-@click.option("--seconds", type=click.FloatRange(min=0.0, min_open=True), help="How long [s].")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="For how long; else until Ctrl-C.",
+)
 @where_options
 @json_option
 @reports_errors

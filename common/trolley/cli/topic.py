@@ -110,11 +110,20 @@ def _rate(row: dict[str, Any]) -> str:
 
 @topic_command.command(name="echo")
 @topic_argument
-@click.option("-n", "--count", type=click.IntRange(min=1), help="Exit after this many messages.")
+@click.option(
+    "-n",
+    "--count",
+    type=click.IntRange(min=1),
+    metavar="NUMBER",
+    help="Exit after this many messages.",
+)
 @click.option("--once", is_flag=True, help="Print one message: the latest, else the next.")
 @click.option("--full", is_flag=True, help="Print arrays in full.")
 @click.option(
-    "--timeout", type=float, help="Exit with code 1 after this long without a message [s]."
+    "--timeout",
+    type=float,
+    metavar="SECONDS",
+    help="Exit with code 1 after this long without a message.",
 )
 @where_options
 @json_option
@@ -193,9 +202,12 @@ def topic_rate(name: str, seconds: float, as_json: bool) -> None:
 @click.option(
     "--hz",
     type=click.FloatRange(min=0.0, max=100.0, min_open=True),
+    metavar="RATE",
     help="Publish it again and again, this often, until Ctrl-C.",
 )
-@click.option("-n", "--count", type=click.IntRange(min=1), help="End after this many times.")
+@click.option(
+    "-n", "--count", type=click.IntRange(min=1), metavar="NUMBER", help="End after this many times."
+)
 @click.option("--beside", is_flag=True, help="Publish even beside the service that owns TOPIC.")
 @where_options
 @reports_errors

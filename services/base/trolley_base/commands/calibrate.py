@@ -97,9 +97,30 @@ def calibrate_command() -> None:
 
 
 @calibrate_command.command(name="square")
-@click.option("--side", default=1.0, show_default=True, type=click.FloatRange(0.3, 5.0))
-@click.option("--runs", default=3, show_default=True, type=click.IntRange(1, 20))
-@click.option("--speed", default=0.2, show_default=True, type=click.FloatRange(0.05, 0.5))
+@click.option(
+    "--side",
+    default=1.0,
+    show_default=True,
+    type=click.FloatRange(0.3, 5.0),
+    metavar="METRES",
+    help="How long each side is.",
+)
+@click.option(
+    "--runs",
+    default=3,
+    show_default=True,
+    type=click.IntRange(1, 20),
+    metavar="NUMBER",
+    help="How many squares in each direction.",
+)
+@click.option(
+    "--speed",
+    default=0.2,
+    show_default=True,
+    type=click.FloatRange(0.05, 0.5),
+    metavar="M/S",
+    help="How fast it drives.",
+)
 @click.option("--by-hand", is_flag=True, help="Measure where the robot ends yourself, with a tape.")
 @click.option("--yes", is_flag=True, help="Do not ask before driving.")
 @_result_options
