@@ -3,7 +3,8 @@
 A busy computer, a starved `base` or a line that stalls let a sound board's reports come late, and
 then faster than they were made. What is known of when the wheels moved is wrong for that long: the
 robot seems to rush, or to go on when it has long stopped. Real faults last, so judging them waits
-until reports come at their own pace again, but never for long.
+until reports come at their own pace again. It never waits for long to judge whether a robot that is
+told to stand does so.
 """
 
 from collections import deque
@@ -35,7 +36,7 @@ class HeldUpParams:
     longest_ns: int = 3_000_000_000
     """Reports that are held up again and again are judged after this long all the same [ns]."""
     judged_ns: int = 1_500_000_000
-    """And then for at least this long, in which a fault is found [ns]."""
+    """And then for at least this long, in which a robot that does not stand is found [ns]."""
 
 
 PARAMS = HeldUpParams()
@@ -53,6 +54,10 @@ class HeldUp:
         self._since_ns: int | None = None
         self._uneven_ns = 0
         self._judged_until_ns: int | None = None
+
+    def proves_little(self, now_ns: int) -> bool:
+        """Say whether reports are judged only because they have stalled for so long."""
+        return self._judged_until_ns is not None and now_ns < self._judged_until_ns
 
     def update(self, now_ns: int, count: int) -> bool:
         """Take how many reports have come by now; return whether they prove nothing.

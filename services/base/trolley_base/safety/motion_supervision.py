@@ -493,6 +493,9 @@ class MotionSupervision:
             return
         for motion, gyro in motions:
             self.measure(motion, gyro)
+        found = self._found
+        if found and found.fault is Fault.OTHERWISE and self._held_up.proves_little(now_ns):
+            self._found = None
 
     def measure(self, motion: MotionSample, gyro: float | None = None) -> None:
         """Take what the wheels measured, and the mean turn rate by the gyro if it has one.

@@ -189,3 +189,21 @@ def test_reports_that_stall_again_and_again_hide_no_fault_for_long(
         finding.fault >= Fault.GOES_ON and at_s - (began_ns - START_NS) * 1e-9 < 5.0
         for at_s, finding in judged.findings
     )
+
+
+@pytest.mark.parametrize("what", ["line", "world"])
+@pytest.mark.parametrize("board", sorted(EMULATORS))
+def test_one_whose_reports_stall_again_and_again_is_not_accused(
+    simulate: MakeSimulation, board: str, what: str
+) -> None:
+    talk = LateTalk(board, simulate())
+    talk.come_up()
+    judged = Judged(talk)
+    judged.run(1.0)
+    for _ in range(20):
+        if what == "line":
+            Line(talk, 0.4, 100.0)
+        else:
+            talk.until_ns, talk.factor = talk.now_ns + 400 * MS, 4.0
+        judged.run(0.5)
+    assert judged.findings == []
