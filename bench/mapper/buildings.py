@@ -30,6 +30,8 @@ PATH_M = 0.05
 SMOOTH_M = 0.5
 """Corners of a path are rounded over this length [m]."""
 SPEED_MPS, TURN_RADPS = 0.5, 1.0
+STAND_S = 15.0
+"""A robot that stands does so for so long [s]."""
 PERSON_MPS, PERSON_M, SHY_M = 0.9, 0.2, 0.7
 """People walk so fast, have this radius, and keep this far from the robot."""
 
@@ -237,6 +239,8 @@ class Drive:
     """So many turns of 80° and more are driven on the way that the wheels do not see."""
     covered_s: float = 0.0
     """For so long in the middle of the drive the lidar is covered [s]."""
+    stands: int = 0
+    """So often it stands on the way, for `STAND_S`."""
 
 
 @kernel
@@ -270,7 +274,7 @@ def record(building: Building, drive: Drive, seed: int) -> Recording:
     rng = np.random.default_rng([seed, 1])
     path = driven_path(route(building, drive, rng))
     odom = wheels(path, drive, rng)
-    stamps = _stamps(path)
+    stamps = _stamps(path, drive.stands, np.random.default_rng([seed, 2]))
     kept = sampled(path, drive.step_m, drive.step_rad)
     ranges = _scans(building, path[kept], stamps[kept], drive, rng)
     middle_s = 0.5 * stamps[-1]
@@ -390,11 +394,15 @@ def _missed(
     return chosen
 
 
-def _stamps(path: NDArray[np.float64]) -> NDArray[np.float64]:
+def _stamps(
+    path: NDArray[np.float64], stands: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
     """When the robot is at each pose (n,) [s]."""
     moved = np.hypot(*np.diff(path[:, :2], axis=0).T)
     spent = np.maximum(moved / SPEED_MPS, np.abs(np.diff(path[:, 2])) / TURN_RADPS)
-    return np.concatenate([[0.0], np.cumsum(np.maximum(spent, 1e-3))])
+    spent = np.maximum(spent, 1e-3)
+    spent[rng.choice(len(spent), stands, replace=False)] += STAND_S
+    return np.concatenate([[0.0], np.cumsum(spent)])
 
 
 def sampled(path: NDArray[np.float64], step_m: float, step_rad: float) -> NDArray[np.int64]:

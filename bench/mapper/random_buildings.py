@@ -1,6 +1,6 @@
 """How often a large building is mapped right: no two of its kind, and none that was tuned on.
 
-    python -m bench.mapper.random_buildings FILE [--seeds 1 100] [--pictures FOLDER]
+    python -m bench.mapper.random_buildings FILE [--seeds 1 100] [--hard] [--pictures FOLDER]
 
 Each seed draws a plan (blocks of rooms or of shelves, glass, furniture, people, wings or rooms
 alike) and a drive (direction, length, scans per metre, field and reach of the lidar, errors of the
@@ -61,8 +61,14 @@ def draw_case(seed: int) -> tuple[Plan, Drive]:
         turn_error=float(rng.uniform(0.0, 0.06)),
         noise=float(rng.uniform(0.005, 0.03)),
         missed_turns=int(rng.choice([0, 0, 0, 1])),
+        stands=int(rng.integers(0, 8)),
     )
     return plan, drive
+
+
+def is_hard(drive: Drive) -> bool:
+    """Say whether the robot sees little: seldom, not behind itself, and not far."""
+    return drive.step_m >= 0.7 and drive.field_rad < 3.2 and drive.reach_m <= 8.0
 
 
 def through(seed: int) -> Result:
@@ -104,6 +110,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path, help="results, appended to")
     parser.add_argument("--seeds", nargs=2, type=int, default=(1, 100), help="first and last")
+    parser.add_argument(
+        "--hard",
+        action="store_true",
+        help="only seeds with a scan each 0.7 m or more, half a view and 8 m of reach at most",
+    )
     parser.add_argument("--pictures", type=Path, help="folder for pictures of wrong maps")
     options = parser.parse_args()
     lines: list[dict[str, Any]] = []
@@ -112,7 +123,7 @@ def main() -> None:
     done = {one["seed"] for one in lines}
     warm_up()
     for seed in range(options.seeds[0], options.seeds[1] + 1):
-        if seed in done:
+        if seed in done or (options.hard and not is_hard(draw_case(seed)[1])):
             continue
         one = through(seed)
         lines.append(line(seed, one))

@@ -16,7 +16,7 @@ class Surfels(NamedTuple):
         owner: (capacity,) int32, index of the keyframe that saw it first.
         following: (capacity,) int32, next surfel of the same cell, -1 at the end.
         head: (rows, cols) int32, first surfel of each cell, -1 if none.
-        seen_through: (rows, cols) uint8, by how many keyframes the cell was seen to be free.
+        seen_through: (rows, cols) uint8, how many beams of keyframes went on there, 250 at most.
         frame: (3,) x, y [m] of the outer corner of cell (0, 0) in `map`, and cells per metre.
     """
 

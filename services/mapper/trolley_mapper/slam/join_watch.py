@@ -94,6 +94,14 @@ class JoinWatch:
         return explained < share * known
 
     @property
+    def is_other_floor(self) -> bool:
+        """Whether the newest scan, seen since the robot stood, speaks against the map."""
+        if not self._has_stood or not self._seen:
+            return False
+        _, known, explained = self._seen[-1]
+        return explained < PARAMS.wrong_share * known
+
+    @property
     def sentence(self) -> str:
         """What is the matter if it is refuted."""
         return sentences.OTHER_FLOOR if self._has_stood else sentences.CUT

@@ -228,7 +228,8 @@ class Mapper:
     def _begin_part(self, scan: ScanInput, sweep: Sweep) -> None:
         """Begin a part of which only the odometry says how it lies to the map, if that."""
         joint = self._joint()
-        self._watch, self._cut_message = None, ""
+        watch, self._watch = self._watch, None
+        self._cut_message = watch.sentence if watch is not None and watch.is_other_floor else ""
         self._drop_small_part()
         self._tracking = TrackingState.lost()
         self._matcher.reset(joint.pose, PARAMS.origin_devs)
