@@ -177,7 +177,7 @@ def test_every_setting_can_be_read_and_those_that_may_be_changed(
     assert len(page.options("Setting")) == len(all_keys())
     page.choose("Setting", "viz.host")
     stage.runtime.run(0.5)
-    assert "only in robot.toml" in page.text()
+    assert "only be changed in robot.toml" in page.text()
     assert page.button("Change").is_disabled
     page.choose("Setting", "planner.controller")
     stage.runtime.run(0.5)
