@@ -152,4 +152,4 @@ def test_an_installed_robot_keeps_what_is_set_in_its_state(
         assert (speed.value, speed.saved, speed.source) == (0.3, True, "settings_toml")
         told = trolley("config", "get", "start.pose", "--connect", router_endpoint)
         assert 'start.pose = "kitchen"' in told.stdout
-        assert "counts in place of robot.toml" in told.stdout
+        assert "overrides robot.toml" in told.stdout
