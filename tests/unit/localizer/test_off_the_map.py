@@ -10,6 +10,8 @@ from trolley_localizer.core import Localizer
 
 from .conftest import LATE, RESOLUTION, LateDrive, at, make_house
 
+pytestmark = pytest.mark.drives
+
 
 def left_half(house: GridMap) -> GridMap:
     """The map of a robot that has not been in the right room."""

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 from .test_zones import MIRROR, ZoneKeeper
 
+pytestmark = pytest.mark.drives
+
 STEP_S = 0.5
 """A page that says nothing for three times as long is given up."""
 

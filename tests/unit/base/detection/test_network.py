@@ -17,6 +17,8 @@ from trolley_base.detection.results import PortResult
 from trolley_base.emulators import EmulatedRobot, RobotInWorld
 from trolley_base.world.world_file import load_world
 
+pytestmark = pytest.mark.drives
+
 
 @pytest.fixture
 def number() -> int:

@@ -28,6 +28,8 @@ from trolley_base.drivers.real_hardware import RealHardware
 from trolley_base.emulators import EmulatedRobot, RobotInWorld
 from trolley_base.world.world_file import load_world
 
+pytestmark = pytest.mark.drives
+
 PING = bytes.fromhex("80 00 00 00 02 01 08 00 00 0A FF FD 02 00 00 00")
 """Of a board that looks for its agent."""
 RUBBISH = (b"", b"\x00", b"M-SEARCH * HTTP/1.1\r\n", bytes(1400), b"\xff" * 64, PING[:7], PING[4:])

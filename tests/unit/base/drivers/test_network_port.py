@@ -18,6 +18,8 @@ from trolley_base.drivers.real_hardware import RealHardware
 from trolley_base.emulators import DeviceError, EmulatedRobot, RobotInWorld
 from trolley_base.world.world_file import load_world
 
+pytestmark = pytest.mark.drives
+
 
 @pytest.fixture
 def server() -> Iterator[socket.socket]:

@@ -26,6 +26,8 @@ from trolley_base.emulators.lidar import BadView, Mount, SpinningLidar
 from trolley_base.emulators.port import USB_BAUD
 from trolley_base.world import STEP_NS, LidarSpec, Simulation
 
+pytestmark = pytest.mark.drives
+
 MakeSimulation = Callable[..., Simulation]
 Decode = Callable[[bytes], NDArray[np.float64]]
 AT_BASE = Mount(Pose2D.identity())

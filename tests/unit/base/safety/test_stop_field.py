@@ -18,6 +18,8 @@ from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.stop_field import PARAMS, StopField
 from trolley_base.safety.touching import closest_on_outline
 
+pytestmark = pytest.mark.drives
+
 LIMITS = MotionLimits(
     speed=0.5, wz=1.5, acceleration=0.8, deceleration=1.0, angular_acceleration=4.0
 )

@@ -24,6 +24,8 @@ from trolley_base.setup.wheels import WheelTrial
 from trolley_base.world import RobotBody, Simulation, decode_world
 from trolley_base.world.faulty_wheels import BOTH, Trouble
 
+pytestmark = pytest.mark.drives
+
 MOUNT = Pose2D(-0.09, 0.04, 2.8)
 WORLD = """
 map = "hall.yaml"

@@ -12,6 +12,8 @@ from trolley_base.upkeep.evidence import ANGULAR, BEND, LINEAR, YAW, Upkeep, X, 
 from trolley_base.upkeep.findings import InForce, find_proposals
 from trolley_base.upkeep.legs import Leg
 
+pytestmark = pytest.mark.drives
+
 MOUNT = Pose2D(0.08, -0.03, 0.4)
 IN_FORCE = InForce(MOUNT, WheelScales(track_m=0.2), 0.1)
 RIGHT = Correction()

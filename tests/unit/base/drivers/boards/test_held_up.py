@@ -18,6 +18,8 @@ from trolley_base.safety.motion_supervision import MotionSupervision
 from trolley_base.world import STEP_NS, Simulation
 from trolley_base.world.faulty_wheels import Trouble
 
+pytestmark = pytest.mark.drives
+
 MakeSimulation = Callable[..., Simulation]
 AHEAD = Twist2D(0.2, 0.0, 0.0)
 LIMITS = MotionLimits(

@@ -29,6 +29,8 @@ from trolley_base.drivers.lidars import make_lidar
 from trolley_base.drivers.real_device import RealDevice
 from trolley_base.drivers.real_hardware import RealHardware
 
+pytestmark = pytest.mark.drives
+
 FAKES: dict[str, Callable[[Motion], Any]] = {
     "mpu6050": FakeMpu6050,
     "icm20948": FakeIcm20948,
