@@ -71,6 +71,15 @@ def _check(name: str, value: Any) -> None:
 
 def robot_name_option(_context: click.Context, _parameter: click.Parameter, name: str) -> str:
     """Refuse what is no robot's name."""
+    return robot_name(name)
+
+
+def robot_name(name: str) -> str:
+    """Return a robot's name.
+
+    Raises:
+        click.BadParameter: It is none.
+    """
     from trolley.topics import names_robot
 
     if not names_robot(name):

@@ -8,17 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import msgspec
 
 from trolley.cli import exits
-from trolley.cli.options import given, json_option, where_options
+from trolley.cli.options import given, json_option, robot_name, where_options
 from trolley.cli.printing import say
 from trolley.cli.record import patterns_option, until_signalled
 from trolley.cli.robots import connected, reports_errors
 from trolley.cli.show import Progress, counted, print_json, seconds_text
 from trolley.config import ConfigError
 from trolley.connection import Connection
-from trolley.messages.motion import RobotName
 from trolley.recording.layout import is_wanted
 
 if TYPE_CHECKING:
@@ -95,13 +93,7 @@ def replay_command(
 
 
 def _name(given_name: str | None, recorded: str) -> str:
-    name = given_name or recorded[: LONGEST_NAME - len(SUFFIX)] + SUFFIX
-    try:
-        return msgspec.convert(name, RobotName)
-    except msgspec.ValidationError as error:
-        raise click.BadParameter(
-            f"{name!r} is not a valid robot name: use 1 to 32 characters of a-z, 0-9, _ and -"
-        ) from error
+    return robot_name(given_name or recorded[: LONGEST_NAME - len(SUFFIX)] + SUFFIX)
 
 
 class _Play:

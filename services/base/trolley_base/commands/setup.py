@@ -17,7 +17,7 @@ from trolley.cli.robots import reports_errors
 from trolley.config import ConfigError, find_config, load_config, robot_toml
 from trolley.config.describe import Key, to_toml
 from trolley.files import write_atomically
-from trolley.messages.motion import RobotName
+from trolley.topics import names_robot
 from trolley_base.commands.detect import look_at_ports
 from trolley_base.commands.setup_robot import OpenRobot
 from trolley_base.description import footprint_of, half_track_of, limits_of
@@ -220,10 +220,9 @@ def _type_of(key: Key) -> "click.ParamType[Any, Any]":
 
 
 def _name(typed: str) -> str:
-    try:
-        return msgspec.convert(typed, RobotName)
-    except msgspec.ValidationError as error:
-        raise click.BadParameter("1 to 32 of a-z, 0-9, _ and -") from error
+    if not names_robot(typed):
+        raise click.BadParameter("1 to 32 of a-z, 0-9, _ and -")
+    return typed
 
 
 def _make_file(path: Path) -> None:

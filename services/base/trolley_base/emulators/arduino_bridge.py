@@ -13,6 +13,7 @@ import math
 from typing import Any
 
 from trolley.geometry import Pose2D, Twist2D
+from trolley_base.differential import sides_of
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.sonar import nearest_m
 from trolley_base.emulators.surroundings import EmulatedBoard, WheelFacts
@@ -89,8 +90,7 @@ class ArduinoBridge(Board):
         twist = self.motors.counted(simulation.take_motion().twist)
         if to_ns <= self._booted_ns:
             return  # nobody counts
-        half = 0.5 * self._facts.track_m * twist.wz
-        for wheel, speed in enumerate((twist.vx - half, twist.vx + half)):
+        for wheel, speed in enumerate(sides_of(twist, 0.5 * self._facts.track_m)):
             self._ticks[wheel] += speed * STEP_NS * 1e-9 * self._facts.ticks_per_m
         if self.leaps and to_ns - self._leapt_ns >= LEAP_NS:
             self._leapt_ns = to_ns

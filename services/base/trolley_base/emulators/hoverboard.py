@@ -13,6 +13,7 @@ import math
 import struct
 
 from trolley.geometry import Twist2D
+from trolley_base.differential import sides_of
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.surroundings import EmulatedBoard
 from trolley_base.units import NS_PER_MS
@@ -108,8 +109,8 @@ class Hoverboard(Board):
             return
         for _ in range(STEP_NS // LOOP_NS):
             self._loop(to_ns)
-        half, metres = 0.5 * GAUGE_M * twist.wz, math.pi * TIRE_M / 60.0
-        left, right = (math.trunc(v / metres) for v in (twist.vx - half, twist.vx + half))
+        metres = math.pi * TIRE_M / 60.0
+        left, right = (math.trunc(v / metres) for v in sides_of(twist, 0.5 * GAUGE_M))
         if self.leaps and to_ns - self._leapt_ns >= LEAP_EVERY_NS:
             self._leapt_ns = to_ns
             left += LEAP_RPM_OF_ONE

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trolley.geometry import Twist2D
+from trolley_base.differential import sides_of
 from trolley_base.emulators import rosserial
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.inertial import InertialUnit
@@ -156,8 +157,7 @@ class Linorobot(Board):
     def step(self, simulation: Simulation, from_ns: int, to_ns: int) -> None:
         """Turn the wheels one step further; every 50 ms control, report, and log."""
         twist = self.motors.counted(simulation.take_motion().twist)
-        half = 0.5 * TRACK_M * twist.wz
-        for wheel, speed in enumerate((twist.vx - half, twist.vx + half)):
+        for wheel, speed in enumerate(sides_of(twist, 0.5 * TRACK_M)):
             self._travel_m[wheel] += speed * STEP_NS * 1e-9
         if not self._was_connected:
             return

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trolley.geometry import Pose2D, Twist2D
+from trolley_base.differential import sides_of
 from trolley_base.emulators import micro_ros
 from trolley_base.emulators.device import Board
 from trolley_base.emulators.inertial import InertialUnit
@@ -94,8 +95,7 @@ class SpeedControl:
 
     def turn(self, twist: Twist2D) -> None:
         """Turn the wheels by one step of the world."""
-        half = 0.5 * TRACK_M * twist.wz
-        for wheel, speed in enumerate((twist.vx - half, twist.vx + half)):
+        for wheel, speed in enumerate(sides_of(twist, 0.5 * TRACK_M)):
             self._travel_m[wheel] += speed * STEP_NS * 1e-9
 
     def command(self, twist: Twist2D, now_ns: int) -> None:

@@ -7,7 +7,7 @@ from trolley.config.hardware import InputsConfig
 from trolley.drivers import FELT_KEPT_S, BoardSense
 from trolley.messages import Battery, Scan
 from trolley_base.drivers.boards.battery import BatteryGauge
-from trolley_base.drivers.boards.sonar import sonar_scan
+from trolley_base.drivers.boards.sonar import sonar_scan, sonar_sense
 from trolley_base.drivers.interface import Contact
 
 TOUCH_EVERY_NS, TOUCH_PINS = 40_000_000, 2
@@ -42,14 +42,7 @@ def wired_senses(config: InputsConfig) -> tuple[BoardSense, ...]:
         if pins
     )
     sonars = (
-        BoardSense(
-            name=name,
-            meaning=f"the sonar on its pin {pin}. Fill in where it sits and looks to, in metres "
-            "and radians from the middle between the driven wheels.",
-            settings={"pose": {"x": 0.0, "y": 0.0, "yaw": 0.0}, "z_m": 0.1},
-            is_usual=False,
-        )
-        for name, pin in config.sonar_pins.items()
+        sonar_sense(name, f"the sonar on its pin {pin}") for name, pin in config.sonar_pins.items()
     )
     return (*touched, *sonars)
 

@@ -20,7 +20,7 @@ import math
 import msgspec
 
 from trolley.config.hardware import ChassisConfig
-from trolley.drivers import API, BoardSense
+from trolley.drivers import API
 from trolley.geometry import Twist2D
 from trolley.network_ports import is_network
 from trolley_base.drivers.boards import linorobot2_messages as messages
@@ -36,7 +36,7 @@ from trolley_base.drivers.boards.models import (
     count_nothing,
 )
 from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
-from trolley_base.drivers.boards.sonar import sonar_scan
+from trolley_base.drivers.boards.sonar import sonar_scan, sonar_sense
 from trolley_base.drivers.boards.velocities import NO_SPEED, StampedVelocities
 from trolley_base.drivers.boards.xrce_agent import Delivery, XrceAgent, matches
 from trolley_base.drivers.boards.xrce_frames import FrameDecoder, MessageDatagrams, encode
@@ -350,13 +350,8 @@ DRIVERS = {
         ),
         api=API,
         senses=(
-            BoardSense(
-                name=messages.ULTRASOUND,
-                meaning="the sonar of a firmware that was built with TRIG_PIN. Fill in where it "
-                "sits and looks to, in metres and radians from the middle between the driven "
-                "wheels.",
-                settings={"pose": {"x": 0.0, "y": 0.0, "yaw": 0.0}, "z_m": 0.1},
-                is_usual=False,
+            sonar_sense(
+                messages.ULTRASOUND, "the sonar of a firmware that was built with TRIG_PIN"
             ),
         ),
         page="linorobot2.md",

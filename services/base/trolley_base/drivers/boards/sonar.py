@@ -4,10 +4,27 @@ import math
 
 import numpy as np
 
+from trolley.drivers import BoardSense
 from trolley.messages import Scan, floats_to_bytes
 
 BEAM_RAD = math.radians(5.0)
 """Beams of a cone lie about this far apart [rad]; there are three at least."""
+
+
+def sonar_sense(name: str, what: str) -> BoardSense:
+    """Return a sonar for robot.toml: only its owner knows where it sits.
+
+    Args:
+        name: of its table `[base.scans.NAME]`.
+        what: which sonar that is.
+    """
+    return BoardSense(
+        name=name,
+        meaning=f"{what}. Fill in where it sits and looks to, in metres and radians from the "
+        "middle between the driven wheels.",
+        settings={"pose": {"x": 0.0, "y": 0.0, "yaw": 0.0}, "z_m": 0.1},
+        is_usual=False,
+    )
 
 
 def sonar_scan(
