@@ -31,8 +31,8 @@ ARGUMENTS = [
     "--no-sandbox",
 ]
 SCAN_NODE, PARTICLE_NODE, ROBOT_NODE = "/scan/points", "/particles/arrows", "/robot/base_link"
-PICTURE = "/map/floor", "/robot/base_link/body"
-"""Nodes without which a picture is of no use."""
+PICTURE = "/floor", "/robot/base_link/body"
+"""How the names of the nodes end without which a picture is of no use; a map has a number."""
 SECRET = re.compile(r'data-secret="(\w+)"')
 """By which viser's connection is known to be the same page's."""
 
