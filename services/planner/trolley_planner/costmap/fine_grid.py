@@ -132,20 +132,25 @@ def fill_window(
     fine_rows, fine_cols = out_mask.shape
     scale = parts / resolution_m
     unknown_blocks, has_seen, since = manner
+    observed = grid.observed
     for window_row in range(fine_rows // parts):
         for window_col in range(fine_cols // parts):
             row, col = first[0] + window_row, first[1] + window_col
             if not (0 <= row < rows and 0 <= col < cols):
                 continue
-            unseen = kinds[row, col] == UNKNOWN and grid.observed[row, col] == 0
+            unseen = kinds[row, col] == UNKNOWN and observed[row, col] == 0
             is_filled = keepout[row, col] != 0 or (unknown_blocks and unseen)
             if is_filled or kinds[row, col] == WALL:
                 top, left, bottom, right = 0, 0, parts, parts
                 if not is_filled and parts >= LEAST_PARTS:
-                    top += row > 0 and shows_face(kinds, grid, row - 1, col, since)
-                    bottom -= row < rows - 1 and shows_face(kinds, grid, row + 1, col, since)
-                    left += col > 0 and shows_face(kinds, grid, row, col - 1, since)
-                    right -= col < cols - 1 and shows_face(kinds, grid, row, col + 1, since)
+                    top += row > 0 and is_face(kinds[row - 1, col], observed[row - 1, col], since)
+                    bottom -= row < rows - 1 and is_face(
+                        kinds[row + 1, col], observed[row + 1, col], since
+                    )
+                    left += col > 0 and is_face(kinds[row, col - 1], observed[row, col - 1], since)
+                    right -= col < cols - 1 and is_face(
+                        kinds[row, col + 1], observed[row, col + 1], since
+                    )
                 for part_row in range(top, bottom):
                     for part_col in range(left, right):
                         out_mask[window_row * parts + part_row, window_col * parts + part_col] = 1
@@ -159,11 +164,9 @@ def fill_window(
 
 
 @kernel
-def shows_face(
-    kinds: NDArray[np.uint8], grid: ObstacleGrid, row: int, col: int, since: int
-) -> bool:
+def is_face(kind: int, observed: int, since: int) -> bool:
     """Say whether a cell beside a wall is free and the lidar looks there; see `fill_window`."""
-    return kinds[row, col] == FREE and grid.observed[row, col] >= since
+    return kind == FREE and observed >= since
 
 
 @kernel
