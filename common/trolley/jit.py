@@ -47,6 +47,16 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return _compiled(function, set())
 
 
+def lean_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile as `kernel` does, without counting references to arrays: for calls in inner loops.
+
+    It must make no array, nor call a kernel that returns one. Other kernels count a reference to
+    each array that they are given, and to all those of a NamedTuple, which can take several times
+    as long as what they do.
+    """
+    return _compiled(function, set(), counts_references=False)
+
+
 def loose_kernel(
     *freedoms: Literal["contract", "reassoc"],
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -63,10 +73,13 @@ def loose_kernel(
     return decorate
 
 
-def _compiled(function: Callable[P, R], freedoms: set[str]) -> Callable[P, R]:
-    compiled: Any = _numba.njit(nogil=True, error_model="numpy", fastmath=freedoms)(function)
+def _compiled(
+    function: Callable[P, R], freedoms: set[str], counts_references: bool = True
+) -> Callable[P, R]:
+    options = {"nogil": True, "error_model": "numpy", "fastmath": freedoms}
+    compiled: Any = _numba.njit(_nrt=counts_references, **options)(function)
     if not _numba.config.DISABLE_JIT:  # else numba has handed back the plain function
-        _keep_on_disk(compiled, function)
+        _keep_on_disk(compiled)
     return cast("Callable[P, R]", compiled)
 
 
@@ -88,7 +101,7 @@ def _leave_out_blas() -> None:
     linalg.ensure_blas = ensure_blas
 
 
-def _keep_on_disk(compiled: Any, function: Callable[..., object]) -> None:
+def _keep_on_disk(compiled: Any) -> None:
     """Give a dispatcher a cache on disk, where there is a folder to write to."""
     try:
         compiled.enable_caching()
@@ -99,7 +112,7 @@ def _keep_on_disk(compiled: Any, function: Callable[..., object]) -> None:
             error,
         )
         return
-    compiled._cache._cache_file = KernelFiles(function, Path(compiled._cache.cache_path))
+    compiled._cache._cache_file = KernelFiles(compiled, Path(compiled._cache.cache_path))
     compiled._cache._impl.rebuild = _rebuild
 
 
@@ -124,9 +137,10 @@ class KernelFiles:
     file counts as missing. It stands in for numba's `IndexDataCacheFile`.
     """
 
-    def __init__(self, function: Callable[..., object], folder: Path) -> None:
-        self._function = function
+    def __init__(self, compiled: Any, folder: Path) -> None:
+        self._compiled = compiled
         self._folder = folder
+        function = compiled.py_func
         source = Path(function.__code__.co_filename)
         name = f"{source.stem}.{function.__qualname__}".replace("<locals>.", "")
         self._prefix = f"{name}.py{sys.version_info.major}{sys.version_info.minor}"
@@ -136,7 +150,7 @@ class KernelFiles:
     def _version(self) -> str:
         # Computed at the first call, not at import: by then every global that the kernel
         # uses has been defined.
-        return fingerprint(self._function)[:12]
+        return fingerprint(self._compiled)[:12]
 
     def _name(self, key: tuple[Any, ...]) -> str:
         return f"{self._prefix}.{self._version}.{_hash(_describe(key))[:16]}.nbc"
@@ -169,7 +183,9 @@ class KernelFiles:
         except OSError as error:  # a full disk must not stop a robot that could compile
             Path(temporary).unlink(missing_ok=True)
             _log.warning("compiled kernel %s cannot be cached: %s", self._prefix, error)
-        if self._function.__closure__:  # made several times over, each with values of its own
+        if (
+            self._compiled.py_func.__closure__
+        ):  # made several times over, each with values of its own
             return
         for file in self._folder.glob(f"{self._prefix}.*.nbc"):
             if not file.name.startswith(f"{self._prefix}.{self._version}."):
@@ -186,15 +202,15 @@ class KernelFiles:
             file.unlink(missing_ok=True)
 
 
-def fingerprint(function: Callable[..., object]) -> str:
+def fingerprint(compiled: Any) -> str:
     """Return a hash of all that a kernel's machine code depends on, its arguments apart.
 
-    That is its bytecode, the constants and kernels that it names, these in turn, numba's version
-    and the settings of numba that change code (bounds checks, optimisation).
+    That is its bytecode and how it is compiled, the constants and kernels that it names, these in
+    turn, numba's version and the settings of numba that change code (bounds checks, optimisation).
     """
     settings = (_numba.__version__, _numba.config.BOUNDSCHECK, _numba.config.OPT)
     parts = [repr(settings).encode()]
-    parts.extend(_parts(function, set()))
+    parts.extend(_value_parts(compiled, set()))
     return _hash(b"\0".join(parts))
 
 
@@ -246,6 +262,8 @@ def _value_parts(value: object, seen: set[int]) -> Iterator[bytes]:
     """Yield what a named value adds: its content if numba freezes it into the code."""
     inner = getattr(value, "py_func", None)
     if inner is not None:
+        options = cast("Any", value).targetoptions
+        yield repr((sorted(options["fastmath"]), options["_nrt"])).encode()
         yield from _parts(inner, seen)
     elif isinstance(value, np.ndarray):
         array = cast("np.ndarray[Any, np.dtype[Any]]", value)

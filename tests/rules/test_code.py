@@ -98,3 +98,46 @@ def test_all_text_is_printed_in_one_place(sources: list["Source"]) -> None:
         if prints(node)
     ]
     assert places == []
+
+
+def names_in(*nodes: ast.AST | None) -> set[str]:
+    """The names that stand in some pieces of code, decorators and annotations among them."""
+    return {
+        name.id
+        for node in nodes
+        if node is not None
+        for name in ast.walk(node)
+        if isinstance(name, ast.Name)
+    }
+
+
+def with_arrays(sources: list["Source"]) -> set[str]:
+    """The names of types that are arrays or have fields with arrays."""
+    fields = {
+        node.name: names_in(*(f.annotation for f in node.body if isinstance(f, ast.AnnAssign)))
+        for source in sources
+        for node in source.nodes(ast.ClassDef)
+    }
+    found = {"NDArray"}
+    while more := {name for name, types in fields.items() if types & found} - found:
+        found |= more
+    return found
+
+
+def test_lean_kernels_are_given_no_array_by_what_they_call(sources: list["Source"]) -> None:
+    # They count no references, so nobody would ever free it; numba refuses only arrays that a
+    # lean kernel makes itself.
+    functions = [node for source in sources for node in source.nodes(ast.FunctionDef)]
+    kernels = [f for f in functions if names_in(*f.decorator_list) & {"kernel", "lean_kernel"}]
+    arrays = with_arrays(sources)
+    givers = {kernel.name for kernel in kernels if names_in(kernel.returns) & arrays}
+    wrong = [
+        f"{kernel.name} calls {call.func.id}"
+        for kernel in kernels
+        if "lean_kernel" in names_in(*kernel.decorator_list)
+        for call in ast.walk(kernel)
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name)
+        if call.func.id in givers
+    ]
+    assert givers
+    assert wrong == []

@@ -174,12 +174,17 @@ def test_code_cut_short_is_compiled_again(compiled_tree: Path) -> None:
     [
         ("FACTOR = 2.0", "FACTOR = 5.0", 18.0),
         ("return FACTOR * x", "return FACTOR * x + 1", 12.0),
+        ("@kernel", "@lean_kernel", 9.0),
+        ("@kernel", "@loose_kernel('contract')", 9.0),
     ],
 )
 def test_change_in_another_file_is_seen(
     compiled_tree: Path, before: str, after: str, result: float
 ) -> None:
-    (compiled_tree / "inner.py").write_text(INNER.replace(before, after))
+    inner = INNER.replace(before, after).replace(
+        "import kernel", "import kernel, lean_kernel, loose_kernel"
+    )
+    (compiled_tree / "inner.py").write_text(inner)
     assert run(compiled_tree) == f"float {result} 0\n"
     assert len(compiled(compiled_tree.parent)) == 2  # what the older version left is gone
 

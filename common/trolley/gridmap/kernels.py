@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 
 
-@kernel
+@lean_kernel
 def column_distances_into(out_cells: NDArray[np.int32], mask: NDArray[np.uint8]) -> None:
     """Write for each cell how many rows away the nearest set cell of its column is.
 
@@ -34,7 +34,7 @@ def column_distances_into(out_cells: NDArray[np.int32], mask: NDArray[np.uint8])
         step_up(out_cells[row], out_cells[row + 1])
 
 
-@kernel
+@lean_kernel
 def step_down_into(
     out_cells: NDArray[np.int32],
     mask: NDArray[np.uint8],
@@ -48,14 +48,14 @@ def step_down_into(
         out_cells[col] = np.int32(0) if mask[col] != 0 else farther
 
 
-@kernel
+@lean_kernel
 def step_up(cells: NDArray[np.int32], below: NDArray[np.int32]) -> None:
     """Lower the distances along columns (n,) of a row by those of the row after it."""
     for col in range(cells.shape[0]):
         cells[col] = min(cells[col], np.int32(below[col] + np.int32(1)))
 
 
-@kernel
+@lean_kernel
 def row_envelope(
     vertices: NDArray[np.int64],
     starts: NDArray[np.float64],
@@ -143,7 +143,7 @@ def distance_transform_into(
             first = max(first, last)
 
 
-@kernel
+@lean_kernel
 def clip_to_grid(
     x: float, y: float, dx: float, dy: float, cols: int, rows: int
 ) -> tuple[float, float]:
@@ -191,7 +191,7 @@ class March(NamedTuple):
     step_row: int
 
 
-@kernel
+@lean_kernel
 def begin_march(
     start: tuple[float, float],
     direction: tuple[float, float],
@@ -223,7 +223,7 @@ def begin_march(
     )
 
 
-@kernel
+@lean_kernel
 def next_cell(at: March) -> March:
     """Return the march in the next cell of its ray."""
     steps = at.per_col, at.per_row, at.step_col, at.step_row
@@ -234,7 +234,7 @@ def next_cell(at: March) -> March:
     return March(row, at.col, travelled, at.next_col, at.next_row + at.per_row, *steps)
 
 
-@kernel
+@lean_kernel
 def first_occupied(
     occupied: NDArray[np.uint8], x: float, y: float, dx: float, dy: float, reach: float
 ) -> float:
@@ -262,7 +262,7 @@ def first_occupied(
     return math.inf
 
 
-@kernel
+@lean_kernel
 def cast_ray(occupied: NDArray[np.uint8], x: float, y: float, angle: float, reach: float) -> float:
     """Return how far a ray runs before it enters an occupied cell [cells], or +inf.
 
@@ -274,7 +274,7 @@ def cast_ray(occupied: NDArray[np.uint8], x: float, y: float, angle: float, reac
     return first_occupied(occupied, x, y, math.cos(angle), math.sin(angle), reach)
 
 
-@kernel
+@lean_kernel
 def cast_rays_into(
     out_m: NDArray[np.float32],
     occupied: NDArray[np.uint8],
@@ -300,7 +300,7 @@ def cast_rays_into(
         out_m[ray] = resolution_m * cast_ray(occupied, x, y, angles_grid[ray], reach)
 
 
-@kernel
+@lean_kernel
 def interpolate(values: NDArray[np.float32], x_cells: float, y_cells: float) -> float:
     """Return a grid's value between cell centres; outside, that of the nearest cell.
 
@@ -319,7 +319,7 @@ def interpolate(values: NDArray[np.float32], x_cells: float, y_cells: float) -> 
     return low + b * (high - low)
 
 
-@kernel
+@lean_kernel
 def disc_box(
     x_cells: float, y_cells: float, radius_cells: float, rows: int, cols: int
 ) -> tuple[int, int, int, int]:
@@ -332,7 +332,7 @@ def disc_box(
     )
 
 
-@kernel
+@lean_kernel
 def is_in_disc(row: int, col: int, x_cells: float, y_cells: float, radius_cells: float) -> bool:
     """Say whether a cell's centre lies within a disc."""
     return math.hypot(col + 0.5 - x_cells, row + 0.5 - y_cells) <= radius_cells

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.gridmap import OCCUPIED_FROM
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley.scanning import Points
 from trolley_localizer.kernels.matching import EXPLAINED, NOT_ON_MAP
 from trolley_localizer.kernels.reflection import IMAGE, MIRRORED
@@ -78,7 +78,7 @@ class Moment(NamedTuple):
     y: int
 
 
-@kernel
+@lean_kernel
 def find_row(evidence: ChangeEvidence, row: int, col: int) -> int:
     """Return where a cell of the map is kept in the table, -1 for nowhere."""
     tile = evidence.tiles[row // TILE, col // TILE]
@@ -87,7 +87,7 @@ def find_row(evidence: ChangeEvidence, row: int, col: int) -> int:
     return int(tile) * TILE_CELLS + (row % TILE) * TILE + col % TILE
 
 
-@kernel
+@lean_kernel
 def claim_row(evidence: ChangeEvidence, row: int, col: int) -> int:
     """Allot a place in the table to a cell and return it, -1 if there is no room."""
     if evidence.tiles[row // TILE, col // TILE] < 0:
@@ -98,7 +98,7 @@ def claim_row(evidence: ChangeEvidence, row: int, col: int) -> int:
     return find_row(evidence, row, col)
 
 
-@kernel
+@lean_kernel
 def end_visit(cell: NDArray[np.int32], clock_s: int) -> None:
     """Conclude a visit to one cell (COLUMNS,), and begin another at a time [s]."""
     if cell[FOR] > cell[AGAINST]:
@@ -111,7 +111,7 @@ def end_visit(cell: NDArray[np.int32], clock_s: int) -> None:
         cell[KIND] = NOTHING
 
 
-@kernel
+@lean_kernel
 def vote(cell: NDArray[np.int32], kind: int, is_for: bool, moment: Moment) -> None:
     """Count one look at one cell, once.
 
@@ -145,7 +145,7 @@ def vote(cell: NDArray[np.int32], kind: int, is_for: bool, moment: Moment) -> No
     cell[HIGH] = max(cell[HIGH], moment.y)
 
 
-@kernel
+@lean_kernel
 def claim_about(evidence: ChangeEvidence, row: int, col: int, cells: NDArray[np.int8]) -> None:
     """Keep a cell's neighbours as well, to record which of them are seen to be there still."""
     for r in (max(row - REACH, 0), min(row + REACH, cells.shape[0] - 1)):
@@ -153,7 +153,7 @@ def claim_about(evidence: ChangeEvidence, row: int, col: int, cells: NDArray[np.
             claim_row(evidence, r, c)
 
 
-@kernel
+@lean_kernel
 def place_rays(
     out_rays: NDArray[np.float64], pose: NDArray[np.float64], end: Points, start: Points
 ) -> None:
@@ -178,13 +178,13 @@ def place_rays(
         out_rays[i, 4] = length
 
 
-@kernel
+@lean_kernel
 def is_inside(cells: NDArray[np.int8], x: float, y: float) -> bool:
     """Say whether a point [cells] lies on the map."""
     return 0.0 <= x < cells.shape[1] and 0.0 <= y < cells.shape[0]
 
 
-@kernel
+@lean_kernel
 def sees_end(
     evidence: ChangeEvidence, ray: NDArray[np.float64], cells: NDArray[np.int8], margin: float
 ) -> bool:
@@ -210,7 +210,7 @@ def sees_end(
     return True
 
 
-@kernel
+@lean_kernel
 def count_hit(
     evidence: ChangeEvidence, x: float, y: float, cells: NDArray[np.int8], moment: Moment
 ) -> None:
@@ -231,7 +231,7 @@ def count_hit(
                 vote(evidence.table[at], GONE, False, moment)
 
 
-@kernel
+@lean_kernel
 def is_passed(field: NDArray[np.float32], x: float, y: float, dx: float, dy: float) -> bool:
     """Say whether a wall continues on both sides of where a beam is inside it.
 
@@ -252,7 +252,7 @@ def is_passed(field: NDArray[np.float32], x: float, y: float, dx: float, dy: flo
     return True
 
 
-@kernel
+@lean_kernel
 def may_testify(
     ray: NDArray[np.float64], verdict: int, cells: NDArray[np.int8], field: NDArray[np.float32]
 ) -> bool:
@@ -275,7 +275,7 @@ def may_testify(
     return cells[int(y), int(x)] < 0 or field[int(y + 1.0), int(x + 1.0)] <= _AT_WALL
 
 
-@kernel
+@lean_kernel
 def take_echoes(
     evidence: ChangeEvidence,
     rays: NDArray[np.float64],
@@ -319,7 +319,7 @@ def take_echoes(
                 vote(evidence.table[at], APPEARED, True, moment)
 
 
-@kernel
+@lean_kernel
 def take_passages(
     evidence: ChangeEvidence,
     rays: NDArray[np.float64],
@@ -366,7 +366,7 @@ def take_passages(
                     claim_about(evidence, row, col, cells)
 
 
-@kernel
+@lean_kernel
 def is_at_edge(cells: NDArray[np.int8], row: int, col: int) -> bool:
     """Say whether floor is near a wall cell: there, nothing is certainly seen through."""
     for r in range(max(row - REACH, 0), min(row + REACH + 1, cells.shape[0])):

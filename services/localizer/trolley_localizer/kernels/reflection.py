@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley.scanning import Points
 from trolley_localizer.kernels.matching import BEHIND_MIRROR, UNUSED, first_wall, sample_field
 
@@ -62,7 +62,7 @@ class ReflectionParams(NamedTuple):
 PARAMS = ReflectionParams()
 
 
-@kernel
+@lean_kernel
 def wall_about(hits: NDArray[np.float64], index: int, reach: float) -> tuple[int, int]:
     """Return the first and the last of the neighbouring hits that lie within reach of one.
 
@@ -82,7 +82,7 @@ def wall_about(hits: NDArray[np.float64], index: int, reach: float) -> tuple[int
     return first, last - 1
 
 
-@kernel
+@lean_kernel
 def fit_wall(
     out_line: NDArray[np.float64], hits: NDArray[np.float64], index: int, resolution: float
 ) -> bool:
@@ -128,7 +128,7 @@ def fit_wall(
     return lowest <= -side and highest >= side
 
 
-@kernel
+@lean_kernel
 def meet_mirror(
     out_place: NDArray[np.float64],
     out_back: NDArray[np.float64],
@@ -168,7 +168,7 @@ def meet_mirror(
     return behind >= PARAMS.behind_m / resolution
 
 
-@kernel
+@lean_kernel
 def judge_passage(
     place: NDArray[np.float64],
     back: NDArray[np.float64],
@@ -211,7 +211,7 @@ def judge_passage(
     return NOTHING if plain <= PARAMS.plain_m / resolution else MIRRORED
 
 
-@kernel
+@lean_kernel
 def cast_beams(
     out_rays: NDArray[np.float64],
     out_hits: NDArray[np.float64],

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.gridmap.kernels import begin_march, disc_box, is_in_disc
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley.sight import SIGHT
 from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y, inside_polygon
 
@@ -70,7 +70,7 @@ class ObstacleGrid(NamedTuple):
     """(4,) first and last row, first and last column of what changed since it was reset."""
 
 
-@kernel
+@lean_kernel
 def see_through(grid: ObstacleGrid, row: int, col: int, scan_number: int) -> None:
     """Note that a beam passed a cell; evidence falls once a scan, however many beams pass."""
     if grid.observed[row, col] == 0:
@@ -85,7 +85,7 @@ def see_through(grid: ObstacleGrid, row: int, col: int, scan_number: int) -> Non
         forget_cell(grid, row, col)
 
 
-@kernel
+@lean_kernel
 def trace_ray(
     grid: ObstacleGrid,
     walls: NDArray[np.uint8],
@@ -127,7 +127,7 @@ def trace_ray(
     return math.inf
 
 
-@kernel
+@lean_kernel
 def free_cells(beams: NDArray[np.float64], beam: int, resolution_m: float) -> float:
     """Return how far a beam clears [cells]: the cell of its echo and the one before are left."""
     reach = beams[beam, CLEAR] / resolution_m
@@ -136,7 +136,7 @@ def free_cells(beams: NDArray[np.float64], beam: int, resolution_m: float) -> fl
     return reach
 
 
-@kernel
+@lean_kernel
 def trace_beams(
     grid: ObstacleGrid,
     walls: NDArray[np.uint8],
@@ -170,7 +170,7 @@ def trace_beams(
         clear_between(grid, walls, beams, beam, resolution_m, scan_number)
 
 
-@kernel
+@lean_kernel
 def clear_between(
     grid: ObstacleGrid,
     walls: NDArray[np.uint8],
@@ -194,7 +194,7 @@ def clear_between(
         trace_ray(grid, walls, ray, (1.0 / spread, reach), scan_number)
 
 
-@kernel
+@lean_kernel
 def mark_echoes(
     grid: ObstacleGrid,
     wall_distance_m: NDArray[np.float32],
@@ -240,7 +240,7 @@ def mark_echoes(
         grid.hits[row, col] = min(int(grid.hits[row, col]) + 1, 255)
 
 
-@kernel
+@lean_kernel
 def fade(grid: ObstacleGrid, now_ticks: int, kept_ticks: tuple[int, int, int]) -> None:
     """Forget what has not been seen for long: the sooner, the less often it was confirmed.
 
@@ -263,7 +263,7 @@ def fade(grid: ObstacleGrid, now_ticks: int, kept_ticks: tuple[int, int, int]) -
                 forget_cell(grid, row, col)
 
 
-@kernel
+@lean_kernel
 def forget_near(grid: ObstacleGrid, x_cells: float, y_cells: float, radius_cells: float) -> None:
     """Forget every obstacle seen whose cell centre lies within a circle [cells]."""
     rows, cols = grid.evidence.shape
@@ -275,7 +275,7 @@ def forget_near(grid: ObstacleGrid, x_cells: float, y_cells: float, radius_cells
                 forget_cell(grid, row, col)
 
 
-@kernel
+@lean_kernel
 def clear_inside_robot(
     grid: ObstacleGrid,
     polygon_cells: NDArray[np.float64],
@@ -351,7 +351,7 @@ def seen_lately(
     return seen
 
 
-@kernel
+@lean_kernel
 def off_trail(walker: NDArray[np.float64], x: float, y: float, trail_s: float) -> float:
     """Return how far a point is from where a person was within the last `trail_s` [m].
 
@@ -368,7 +368,7 @@ def off_trail(walker: NDArray[np.float64], x: float, y: float, trail_s: float) -
     return math.hypot(dx + ago_s * vx, dy + ago_s * vy) - walker[4]
 
 
-@kernel
+@lean_kernel
 def lift_echoes(beams: NDArray[np.float64], walkers: NDArray[np.float64]) -> None:
     """Set the echoes of people (n, 5) to 0 in beams (m, 6)."""
     for beam in range(beams.shape[0]):
@@ -382,7 +382,7 @@ def lift_echoes(beams: NDArray[np.float64], walkers: NDArray[np.float64]) -> Non
                 beams[beam, ECHO] = 0.0
 
 
-@kernel
+@lean_kernel
 def lift_cells(
     grid: ObstacleGrid, walkers: NDArray[np.float64], resolution_m: float, scan_number: int
 ) -> None:
@@ -416,7 +416,7 @@ def lift_cells(
                     forget_cell(grid, row, col)
 
 
-@kernel
+@lean_kernel
 def mark_dirty(dirty: NDArray[np.int64], row: int, col: int) -> None:
     """Extend the box of changed cells by one cell."""
     dirty[0] = min(dirty[0], row)
@@ -425,7 +425,7 @@ def mark_dirty(dirty: NDArray[np.int64], row: int, col: int) -> None:
     dirty[3] = max(dirty[3], col)
 
 
-@kernel
+@lean_kernel
 def forget_cell(grid: ObstacleGrid, row: int, col: int) -> None:
     """Forget the obstacle seen in a cell."""
     grid.evidence[row, col] = 0

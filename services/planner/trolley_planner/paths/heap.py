@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import lean_kernel
 
 
-@kernel
+@lean_kernel
 def sift_up(heap: NDArray[np.float64], at: int, key: float, state: int) -> None:
     """Put a state into a binary heap (n, 2) of keys and states, from its end `at` on."""
     while at > 0 and heap[(at - 1) >> 1, 0] > key:
@@ -16,7 +16,7 @@ def sift_up(heap: NDArray[np.float64], at: int, key: float, state: int) -> None:
     heap[at, 0], heap[at, 1] = key, state
 
 
-@kernel
+@lean_kernel
 def take_first(heap: NDArray[np.float64], size: int) -> int:
     """Take the state with the least key out of a heap of `size`; return it."""
     first = int(heap[0, 1])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley.jit import kernel
+from trolley.jit import lean_kernel
 
 X, Y, DX, DY, CLEAR, ECHO = range(6)
 """Columns of a beam: start [m], direction, length that is free [m], distance of the echo [m]."""
@@ -55,7 +55,7 @@ class Sweep:
         return len(self.ranges_m) * abs(self.shape.angle_increment)
 
 
-@kernel
+@lean_kernel
 def inside_polygon(polygon: NDArray[np.float64], x: float, y: float) -> bool:
     """Say whether a point lies in a polygon (n, 2), by counting crossings."""
     inside = False
@@ -69,7 +69,7 @@ def inside_polygon(polygon: NDArray[np.float64], x: float, y: float) -> bool:
     return inside
 
 
-@kernel
+@lean_kernel
 def smooth_ranges_into(
     out_m: NDArray[np.float32], ranges_m: NDArray[np.float32], angle_increment: float
 ) -> None:
@@ -102,7 +102,7 @@ def smooth_ranges_into(
         out_m[beam] = total / num
 
 
-@kernel
+@lean_kernel
 def place_beams_into(
     out_beams: NDArray[np.float64],
     ranges_m: NDArray[np.float32],
@@ -154,7 +154,7 @@ def place_beams_into(
             out_beams[beam, ECHO] = measured
 
 
-@kernel
+@lean_kernel
 def cut_at_lines(
     beams: NDArray[np.float64], segments: NDArray[np.float64], tolerance_m: float
 ) -> None:
@@ -189,7 +189,7 @@ def cut_at_lines(
                     beams[beam, ECHO] = 0.0
 
 
-@kernel
+@lean_kernel
 def wrapped(angle: float) -> float:
     """Return the same direction within [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley_planner.paths.hybrid_astar.curves import curve_cost, curve_count, curve_into
 from trolley_planner.paths.hybrid_astar.footprint_spans import TURN_RAD, nearest_angle
 from trolley_planner.paths.hybrid_astar.heuristic import Query
@@ -101,7 +101,7 @@ def expand_to_goal(
     return Expansion(drive, curve, swing)
 
 
-@kernel
+@lean_kernel
 def turn_cost(space: SearchSpace, pose: PoseXYYaw, turn: float) -> float:
     """Return what a turn on the spot by an angle costs [m], +inf if something is in the way."""
     count = math.ceil(abs(turn) / TURN_RAD)
@@ -115,7 +115,7 @@ def turn_cost(space: SearchSpace, pose: PoseXYYaw, turn: float) -> float:
     return total
 
 
-@kernel
+@lean_kernel
 def cheaper_turn(space: SearchSpace, pose: PoseXYYaw, turn: float) -> tuple[float, float]:
     """Return cost and angle of a turn to a heading: the shorter way around if that is free."""
     cost = turn_cost(space, pose, turn)
@@ -125,7 +125,7 @@ def cheaper_turn(space: SearchSpace, pose: PoseXYYaw, turn: float) -> tuple[floa
     return turn_cost(space, pose, longer), longer
 
 
-@kernel
+@lean_kernel
 def last_turn(query: Query, turn: float) -> float:
     """Return by how much to turn at the goal, to half of what may be missed [rad]."""
     turn = wrapped(turn)
@@ -134,7 +134,7 @@ def last_turn(query: Query, turn: float) -> float:
     return turn - math.copysign(0.5 * query.yaw_rad, turn)
 
 
-@kernel
+@lean_kernel
 def straight_drive(
     space: SearchSpace, query: Query, start: PoseXYYaw, before: int, most: float
 ) -> Drive:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import lean_kernel
 from trolley_planner.paths.hybrid_astar.footprint_spans import nearest_angle
 from trolley_planner.paths.hybrid_astar.motion_primitives import CELL_M, COSTS
 from trolley_planner.paths.hybrid_astar.search_space import SearchSpace, cost_per_metre
@@ -15,13 +15,13 @@ LEAST_RADIUS_M = 0.3
 """Curves are no tighter than this (by hand)."""
 
 
-@kernel
+@lean_kernel
 def curve_count(first: NDArray[np.float64], last: NDArray[np.float64]) -> int:
     """Return into how many pieces a curve between two poses is divided."""
     return max(1, math.ceil(math.hypot(last[0] - first[0], last[1] - first[1]) / CELL_M))
 
 
-@kernel
+@lean_kernel
 def curve_into(
     out_poses: NDArray[np.float64],
     first: NDArray[np.float64],
@@ -58,7 +58,7 @@ def curve_into(
     return abs(yaw - last[2]) < 0.01 and worst <= 1.0 / LEAST_RADIUS_M
 
 
-@kernel
+@lean_kernel
 def curve_cost(
     curve: NDArray[np.float64],
     first: NDArray[np.float64],

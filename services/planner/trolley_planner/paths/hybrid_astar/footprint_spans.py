@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.sensing.beams import inside_polygon
 
@@ -106,7 +106,7 @@ def rasterize_into(
         out_num[angle] = count
 
 
-@kernel
+@lean_kernel
 def is_near_edge(polygon: NDArray[np.float64], x: float, y: float, within: float) -> bool:
     """Say whether a point is nearer than `within` to an edge of a polygon (n, 2)."""
     for index in range(polygon.shape[0]):
@@ -119,7 +119,7 @@ def is_near_edge(polygon: NDArray[np.float64], x: float, y: float, within: float
     return False
 
 
-@kernel
+@lean_kernel
 def is_free(
     counts: NDArray[np.uint16], footprint: FootprintSpans, place: tuple[float, float], angle: int
 ) -> bool:
@@ -144,25 +144,25 @@ def is_free(
     return True
 
 
-@kernel
+@lean_kernel
 def heading_of(footprint: FootprintSpans, yaw: float) -> int:
     """Return the heading nearest to a direction [rad]."""
     return math.floor((yaw - footprint.first_yaw) / TURN_RAD + 0.5) % HEADINGS
 
 
-@kernel
+@lean_kernel
 def yaw_of(footprint: FootprintSpans, heading: int) -> float:
     """Return the direction of a heading [rad]."""
     return footprint.first_yaw + heading * TURN_RAD
 
 
-@kernel
+@lean_kernel
 def angle_of(footprint: FootprintSpans, heading: int) -> int:
     """Return the angle of a heading."""
     return heading * PHASES + footprint.phase
 
 
-@kernel
+@lean_kernel
 def nearest_angle(yaw: float) -> int:
     """Return the angle nearest to a direction [rad]."""
     return math.floor(yaw / ANGLE_RAD + 0.5) % ANGLES

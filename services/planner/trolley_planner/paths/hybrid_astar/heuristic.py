@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import lean_kernel
 from trolley_planner.costmap.inflation import WEIGHT_UNIT
 from trolley_planner.paths.hybrid_astar.footprint_spans import (
     HEADINGS,
@@ -111,7 +111,7 @@ def make_heuristic(
     return Heuristic(to_go_m.reshape(rows, cols), edge_m, greed)
 
 
-@kernel
+@lean_kernel
 def weigh_into(
     out_weights: NDArray[np.uint8],
     space: SearchSpace,
@@ -157,7 +157,7 @@ def weigh_into(
             out_weights[row + 1, col + 1] = int(price * WEIGHT_UNIT)
 
 
-@kernel
+@lean_kernel
 def fits_somehow(
     counts: NDArray[np.uint16], footprint: FootprintSpans, place: tuple[float, float], parity: int
 ) -> bool:
@@ -168,7 +168,7 @@ def fits_somehow(
     return False
 
 
-@kernel
+@lean_kernel
 def to_go(heuristic: Heuristic, query: Query, place: tuple[float, float], yaw: float) -> float:
     """Return what the rest costs at least [m], +inf where the origin must not be.
 

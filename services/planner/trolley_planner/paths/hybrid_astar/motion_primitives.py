@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import lean_kernel
 
 FORWARDS, BACKWARDS, TURNING, AT_START = 1, -1, 0, 2
 """How the robot comes to a pose."""
@@ -48,7 +48,7 @@ class Maneuver:
     motions: NDArray[np.int8]
 
 
-@kernel
+@lean_kernel
 def change_cost(before: int, motion: int) -> float:
     """Return what the change from one motion to another costs [m]."""
     if before == AT_START:

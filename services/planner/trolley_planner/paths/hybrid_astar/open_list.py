@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import lean_kernel
 from trolley_planner.paths.heap import sift_up
 from trolley_planner.paths.hybrid_astar.footprint_spans import HEADINGS, TURN_RAD, FootprintSpans
 from trolley_planner.paths.hybrid_astar.motion_primitives import CELL_M, TURNING, Motions
@@ -76,14 +76,14 @@ def make_memory() -> Memory:
     )
 
 
-@kernel
+@lean_kernel
 def begin_anew(memory: Memory) -> None:
     """Forget the search before."""
     memory.counts[NUM_STATES], memory.counts[NUM_QUEUED] = 0, 0
     memory.counts[SEARCH_NUMBER] += 1
 
 
-@kernel
+@lean_kernel
 def key_of(space: SearchSpace, place: tuple[float, float], heading: int) -> int:
     """Return the key of the state at a place."""
     row, col = math.floor(place[1] / CELL_M), math.floor(place[0] / CELL_M)
@@ -91,7 +91,7 @@ def key_of(space: SearchSpace, place: tuple[float, float], heading: int) -> int:
     return cell if can_turn(space, place, 0.0) else cell + heading
 
 
-@kernel
+@lean_kernel
 def slot_of(memory: Memory, key: int) -> int:
     """Return where a state is, or where it goes if it was not reached."""
     size, number = memory.keys.shape[0], memory.counts[SEARCH_NUMBER]
@@ -101,13 +101,13 @@ def slot_of(memory: Memory, key: int) -> int:
     return slot
 
 
-@kernel
+@lean_kernel
 def is_reached(memory: Memory, slot: int) -> bool:
     """Say whether this search has reached the state of a slot."""
     return memory.stamps[slot] == memory.counts[SEARCH_NUMBER]
 
 
-@kernel
+@lean_kernel
 def remember(memory: Memory, reached: Reached, estimate: float) -> bool:
     """Keep a state, in place of a dearer path to it; False if the memory is full.
 

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley_planner.paths.heap import take_first
 from trolley_planner.paths.hybrid_astar.analytic_expansion import expand_to_goal
 from trolley_planner.paths.hybrid_astar.footprint_spans import (
@@ -106,7 +106,7 @@ def search_poses(
     return NOT_FOUND, NONE
 
 
-@kernel
+@lean_kernel
 def begin(memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic) -> None:
     """Begin at the start: it may take either of the headings beside its own.
 
@@ -126,7 +126,7 @@ def begin(memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic
         begin_at(memory, space, query, heuristic, (start[0], start[1], heading), cost)
 
 
-@kernel
+@lean_kernel
 def begin_around(memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic) -> None:
     """Begin at the end of the path, and around it as far as it may be missed.
 
@@ -144,7 +144,7 @@ def begin_around(memory: Memory, space: SearchSpace, query: Query, heuristic: He
             begin_at(memory, space, query, heuristic, (place[0], place[1], heading), cost)
 
 
-@kernel
+@lean_kernel
 def begin_at(
     memory: Memory,
     space: SearchSpace,
@@ -188,7 +188,7 @@ def offer_direct_drive(memory: Memory, space: SearchSpace, query: Query, state: 
     return remember(memory, reached, through)
 
 
-@kernel
+@lean_kernel
 def move_from(
     pose: PoseXYYaw, which: int, heading: int, turns_freely: bool, sense: int
 ) -> tuple[int, int, tuple[float, float]]:
@@ -216,7 +216,7 @@ def move_from(
     return motion, turn, (pose[0] + by * math.cos(facing), pose[1] + by * math.sin(facing))
 
 
-@kernel
+@lean_kernel
 def move_cost(before: int, motion: int, turn: int, turns_freely: bool) -> float:
     """Return what a move of `move_from` costs at least [m]."""
     cost = change_cost(before, motion)
@@ -228,7 +228,7 @@ def move_cost(before: int, motion: int, turn: int, turns_freely: bool) -> float:
     return cost + SEARCH.move_m + COSTS.arc_m * TURN_RAD * abs(turn)
 
 
-@kernel
+@lean_kernel
 def expand(
     memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic, state: int
 ) -> bool:

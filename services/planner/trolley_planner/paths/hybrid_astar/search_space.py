@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley.jit import kernel
+from trolley.jit import lean_kernel
 from trolley_planner.costmap.fine_grid import FineGrid
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.paths.hybrid_astar.footprint_spans import (
@@ -108,7 +108,7 @@ def make_search_space(
     )
 
 
-@kernel
+@lean_kernel
 def count_into(
     out_counts: NDArray[np.uint16],
     layers: tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]],
@@ -156,7 +156,7 @@ def count_into(
             out_counts[BLOCKED, row, col + 1] -= taken
 
 
-@kernel
+@lean_kernel
 def can_turn(space: SearchSpace, place: tuple[float, float], more_m: float) -> bool:
     """Say whether there is room for a full turn at a place, with the wanted clearance and more."""
     fine_m = space.footprint.fine_m
@@ -168,7 +168,7 @@ def can_turn(space: SearchSpace, place: tuple[float, float], more_m: float) -> b
     return space.distance_m[row, col] > least_m
 
 
-@kernel
+@lean_kernel
 def cost_per_metre(
     space: SearchSpace, place: tuple[float, float], angle: int, motion: int
 ) -> float:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley_planner.paths.hybrid_astar.curves import curve_cost, curve_count, curve_into
 from trolley_planner.paths.hybrid_astar.footprint_spans import nearest_angle
 from trolley_planner.paths.hybrid_astar.motion_primitives import (
@@ -53,7 +53,7 @@ def smoothed(poses: NDArray[np.float64], motions: NDArray[np.int8], space: Searc
     return np.concatenate(parts), np.concatenate(kinds)
 
 
-@kernel
+@lean_kernel
 def costs_into(
     out_costs: NDArray[np.float64],
     poses: NDArray[np.float64],
