@@ -16,8 +16,8 @@ from itertools import islice
 
 import numpy as np
 from bench.base.decoding import started
-from bench.base.lidar_streams import STREAMS, chunks
-from bench.base.plain_lidars import PLAIN
+from bench.base.lidars.catalogue import RECORDS
+from bench.base.lidars.record import chunks
 
 HONEST_FRAMES = 400
 MOST_GROWTH_BYTES = 2_000_000
@@ -61,16 +61,17 @@ def pieces(data: bytes, rng: random.Random) -> Iterator[bytes]:
 
 def lidar_fuzz(title: str) -> Fuzz:
     """A lidar's round."""
-    _, baud, stream = STREAMS[title]
-    frames = [frame.data for frame in islice(stream(), HONEST_FRAMES)]
-    honest = chunks(stream(), baud, 1.5, 0.02)
+    record = RECORDS[title]
+    frames = [frame.data for frame in islice(record.stream(), HONEST_FRAMES)]
+    honest = chunks(record.stream(), record.baud, 1.5, 0.02)
 
     def play(rng: random.Random) -> None:
-        lidar, plain = started(title), PLAIN[title]()
+        lidar, plain = started(title), record.finder()
         data = damaged(frames, rng)
         now_ns = skipped = bad = 0
         for piece in pieces(data, rng):
-            now_ns += round(len(piece) * 10 / baud * 1e9) + rng.choice((0, 0, 0, 300_000_000))
+            now_ns += round(len(piece) * 10 / record.baud * 1e9)
+            now_ns += rng.choice((0, 0, 0, 300_000_000))
             lidar.receive(piece, now_ns)
             reading = lidar.take(now_ns)
             skipped += reading.counts.get("lidar/skipped_bytes", 0)
@@ -83,8 +84,7 @@ def lidar_fuzz(title: str) -> Fuzz:
                 assert len(scan.ranges) * scan.angle_increment < 2 * np.pi + scan.angle_increment
                 assert not np.isnan(scan.ranges).any()
         plain.feed(data)
-        wrong = getattr(plain, "bad", None)
-        assert bad == (plain.lost if wrong is None else wrong)  # pyright: ignore[reportAttributeAccessIssue]
+        assert bad == plain.bad
         assert 0 <= plain.skipped - skipped < 20  # the longest header
         for at_s, piece in honest:
             lidar.receive(piece, now_ns + round(at_s * 1e9))
@@ -96,7 +96,7 @@ def lidar_fuzz(title: str) -> Fuzz:
 
 
 # Other devices join here: a name, and a function that plays one round.
-FUZZES: dict[str, Fuzz] = {title: lidar_fuzz(title) for title in STREAMS}
+FUZZES: dict[str, Fuzz] = {title: lidar_fuzz(title) for title in RECORDS}
 
 
 def main() -> None:

@@ -22,16 +22,11 @@ from typing import NamedTuple
 
 import numpy as np
 from bench.base.decoding import started
-from bench.base.lidar_streams import (
-    STREAMS,
-    Frame,
-    capsule,
-    chunks,
-    ld19_frame,
-    standard_sample,
-    x4_frame,
-)
-from bench.base.plain_lidars import PLAIN, SAMPLES
+from bench.base.lidars.catalogue import RECORDS
+from bench.base.lidars.ld19 import ld19_frame
+from bench.base.lidars.record import Frame, chunks
+from bench.base.lidars.rplidar import capsule, standard_sample
+from bench.base.lidars.ydlidar import x4_frame
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -225,9 +220,9 @@ def _angles(points: Floats) -> Floats:
 
 def read(sensor: Sensor, place: Place, seconds: float) -> dict[str, Error]:
     """Read one stream three times; the first and the last turn are not judged."""
-    _, baud, _ = STREAMS[sensor.title]
-    arrivals = chunks(sensor.stream(place), baud, seconds, 0.02)
-    finder, samples = PLAIN[sensor.title](), SAMPLES[sensor.title]()
+    record = RECORDS[sensor.title]
+    arrivals = chunks(sensor.stream(place), record.baud, seconds, 0.02)
+    finder, samples = record.finder(), record.reader()
     rows = [one for _, data in arrivals for frame in finder.feed(data) for one in samples(frame)]
     angle_deg, range_m = (np.array(column, np.float64) for column in zip(*rows, strict=True))
     range_m /= 1000.0

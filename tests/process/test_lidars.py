@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench.base.lidars.catalogue import record_of
+from bench.base.lidars.record import LidarRecord
 from numpy.typing import NDArray
 from support.metal import Metal
 from support.waiting import PATIENCE_S
@@ -67,7 +69,8 @@ def test_echoes_lie_on_the_walls(tmp_path: Path, endpoint: str, model: str) -> N
     off_m = off_the_walls(points)
     assert np.mean(off_m < NEAR_M) > 0.95, np.percentile(off_m, [50, 90, 99])
     # 20 degrees are masked, and a beam fails now and then; to the far corners some do not reach.
-    most = {"xv11": 0.4, "lds02rr": 0.4, "lds01": 0.4, "hokuyo_urg": 0.45}.get(model, 0.12)
+    record = record_of(model.partition(",")[0])
+    most = LidarRecord.most_unseen if record is None else record.most_unseen
     for scan in scans:
         assert scan.angle_increment > 0.0
         assert 0.05 < np.mean(floats_from_bytes(scan.ranges) == 0.0) < most

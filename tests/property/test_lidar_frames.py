@@ -4,54 +4,15 @@ from collections import Counter
 from itertools import islice, pairwise
 
 import pytest
-from bench.base.lidar_streams import STREAMS, x4_frame
-from bench.base.plain_lidars import PLAIN, PlainFrames
+from bench.base.lidars.catalogue import RECORDS
+from bench.base.lidars.ydlidar import x4_frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trolley_base.drivers.lidars import (
-    camsense,
-    delta2,
-    hokuyo,
-    ld19,
-    lds01,
-    rplidar_capsules,
-    xv11,
-    ydlidar,
-)
 from trolley_base.drivers.lidars.frames import FrameFinder, FrameFormat
 
-FORMATS: dict[str, FrameFormat] = {
-    "RPLIDAR A1 express": rplidar_capsules.EXPRESS.form,
-    "RPLIDAR A3": rplidar_capsules.ULTRA.form,
-    "RPLIDAR S3": rplidar_capsules.ULTRA_DENSE.form,
-    "YDLIDAR X4": ydlidar.FORMAT,
-    "YDLIDAR T-mini": ydlidar.FORMAT_WITH_INTENSITY,
-    "YDLIDAR G4": ydlidar.FORMAT_G4,
-    "LD19": ld19.FORMAT,
-    "XV11": xv11.FORMAT,
-    "LDS-01": lds01.FORMAT,
-    "Camsense X1": camsense.FORMAT,
-    "COIN-D4": ydlidar.FORMAT_WITH_INTENSITY,
-    "Delta-2A": delta2.FORMAT,
-    "Hokuyo URG": hokuyo.form_of(hokuyo.Parameters(20, 5600, 1024, 44, 725, 384, 600)),
-}
-FRAMES = {title: [one.data for one in islice(STREAMS[title][2](), 40)] for title in FORMATS}
-HEADERS = {
-    "RPLIDAR A1 express": b"\xa5\x5a",
-    "RPLIDAR A3": b"\xa5\x5a",
-    "RPLIDAR S3": b"\xa5\x5a",
-    "YDLIDAR X4": b"\xaa\x55\x00\x28\x01\x00\x01",
-    "YDLIDAR T-mini": b"\xaa\x55\x00\x28\x01\x00\x01",
-    "YDLIDAR G4": b"\xaa\x55\x00\x50\x01\x00\x01",
-    "LD19": b"\x54\x54\x2c",
-    "XV11": b"\xfa\xa0",
-    "LDS-01": b"\xfa\xdb",
-    "Camsense X1": b"\x55\xaa\x03\x08",
-    "COIN-D4": b"\xaa\x55\x00\x28\x01\x00\x01",
-    "Delta-2A": b"\xaa\x00\x49\x01\x61\xad\x00\x41",
-    "Hokuyo URG": b"MD0044072501000\n99b\n",
-}
+FORMATS = {title: one.form for title, one in RECORDS.items() if one.form is not None}
+FRAMES = {title: [one.data for one in islice(RECORDS[title].stream(), 40)] for title in FORMATS}
 
 
 @st.composite
@@ -76,7 +37,7 @@ def damaged_streams(draw: st.DrawFn, title: str) -> bytes:
             case "n":
                 parts.append(draw(st.binary(max_size=60)))
             case _:
-                parts.append(HEADERS[title] * draw(st.integers(1, 30)))
+                parts.append(RECORDS[title].header * draw(st.integers(1, 30)))
     return b"".join(parts)
 
 
@@ -107,8 +68,7 @@ def test_frames_are_those_of_the_plain_decoder(title: str, data: st.DataObject) 
     stream = data.draw(damaged_streams(title))
     cuts = data.draw(st.lists(st.integers(0, 5000), max_size=12))
     found, counts, ends = found_in(FORMATS[title], pieces_of(stream, cuts))
-    plain = PLAIN[title]()
-    assert isinstance(plain, PlainFrames)
+    plain = RECORDS[title].finder()
     assert found == plain.feed(stream)
     assert [stream[end - len(one) : end] for one, end in zip(found, ends, strict=True)] == found
     assert counts["lidar/bad_checksum"] == plain.bad
@@ -130,12 +90,12 @@ def test_single_bytes_give_what_one_piece_gives(title: str, data: st.DataObject)
 def test_a_flood_of_headers_is_not_kept(title: str) -> None:
     finder = FrameFinder(FORMATS[title], Counter())
     for _ in range(50):
-        finder.feed(HEADERS[title] * 100)
+        finder.feed(RECORDS[title].header * 100)
         assert finder.held_bytes < FORMATS[title].most_bytes
 
 
 def test_a_frame_waits_for_a_longer_one_that_may_begin_before_it() -> None:
-    false_header = HEADERS["YDLIDAR X4"]
+    false_header = RECORDS["YDLIDAR X4"].header
     frame = x4_frame(True, 0.0, 0.0, [4000])
     finder = FrameFinder(FORMATS["YDLIDAR X4"], Counter())
     assert len(finder.feed(false_header + frame)) == 0

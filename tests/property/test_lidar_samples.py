@@ -3,8 +3,7 @@
 from collections import Counter
 from itertools import islice, pairwise
 
-from bench.base.lidar_streams import standard_sample, standard_stream
-from bench.base.plain_lidars import PlainSamples
+from bench.base.lidars.rplidar import PlainSamples, standard_sample, standard_stream
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -57,7 +56,7 @@ def test_samples_are_those_of_the_plain_decoder(
     found, counts = found_in(pieces, in_step)
     plain = PlainSamples(in_step=in_step)
     assert found == b"".join(plain.feed(stream))
-    assert counts["lidar/bad_checksum"] == plain.lost
+    assert counts["lidar/bad_checksum"] == plain.bad
     assert counts["lidar/skipped_bytes"] == plain.skipped
 
 

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from bench.base.lidar_streams import chunks, ld19_stream
+from bench.base.lidars.ld19 import ld19_stream
+from bench.base.lidars.record import chunks
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -1,11 +1,11 @@
 """Lidar dialogues driven through simulated time: a device that answers, and what came of it."""
 
-import struct
 from collections import Counter
 from collections.abc import Iterable
 
-from bench.base.decoding import TYPICAL, YDLIDARS, answers_of
-from bench.base.lidar_streams import STREAMS, chunks
+from bench.base.lidars.catalogue import RECORDS
+from bench.base.lidars.record import chunks
+from bench.base.lidars.rplidar import EXPRESS
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.dialogue import LidarDialogue, Status
@@ -14,12 +14,7 @@ from trolley_base.drivers.lidars import make_lidar
 
 START_NS = 1_790_000_000 * 10**9
 TICK_NS = 20_000_000
-INFO, HEALTH, RATES = (
-    bytes.fromhex(text) for text in ("A55A14000000 04", "A55A03000000 06", "A55A04000000 15")
-)
-SCAN_STREAM, EXPRESS_STREAM = (
-    bytes.fromhex(text) for text in ("A55A05000040 81", "A55A54000040 82")
-)
+HEALTH = bytes.fromhex("A55A03000000 06")
 
 
 class Silent:
@@ -39,18 +34,16 @@ class Silent:
 
 
 class Asked:
-    """A lidar of the Slamtec kind, strict about what it is asked.
+    """A lidar that streams when it is told to, strict about what it is asked.
 
     Args:
-        answers: by request.
-        start: requests that start the stream, with their answers.
-        stop: requests that stop it.
+        title: of its record.
     """
 
-    def __init__(
-        self, answers: dict[bytes, bytes], start: dict[bytes, bytes], stop: set[bytes]
-    ) -> None:
-        self.answers, self.start, self._stop = answers, start, stop
+    def __init__(self, title: str) -> None:
+        record = RECORDS[title]
+        self.answers, self.start = dict(record.answers), dict(record.begins)
+        self._stop = record.ends
         self.streams = False
         self.heard: list[bytes] = []
 
@@ -70,37 +63,21 @@ class Asked:
 
 
 def rplidar(*, express: bool = True, health: bytes = bytes(3), model: int = 0x18) -> Asked:
-    answers = {
-        b"\xa5\x50": INFO + bytes([model, 29, 1, 7]) + bytes(16),
-        b"\xa5\x52": HEALTH + health,
-        b"\xa5\x59": RATES + struct.pack("<HH", 508, 254),
-    }
-    start = {b"\xa5\x20": SCAN_STREAM}
-    if express:
-        start[bytes.fromhex("A58205000000000022")] = EXPRESS_STREAM
-    return Asked(answers, start, {b"\xa5\x25", b"\xa5\x40"})
+    """An A1, if need be without the express scan, ill, or another model."""
+    device = Asked("RPLIDAR A1 express")
+    own = bytes([model, 29, 1, 7]) + bytes(16)
+    device.answers[b"\xa5\x50"] = bytes.fromhex("A55A14000000 04") + own
+    device.answers[b"\xa5\x52"] = HEALTH + health
+    if not express:
+        del device.start[EXPRESS]
+    return device
 
 
-def ydlidar(others: dict[bytes, bytes] | None = None, health: bytes = bytes(3)) -> Asked:
-    answers = {
-        b"\xa5\x90": INFO + bytes([6, 1, 1, 1]) + bytes(16),
-        b"\xa5\x92": HEALTH + health,
-    } | (others or {})
-    return Asked(answers, {b"\xa5\x60": SCAN_STREAM}, {b"\xa5\x00", b"\xa5\x65"})
-
-
-def slamtec(title: str) -> Asked:
-    """One that is asked for its typical mode."""
-    answers = answers_of(title)
-    start = {asked: said for asked, said in answers.items() if said[5] & 0x40}
-    return Asked(answers, start, {b"\xa5\x25", b"\xa5\x40"})
-
-
-def hokuyo() -> Asked:
-    """One that speaks SCIP 2.0."""
-    answers = answers_of("Hokuyo URG")
-    start = {asked: said for asked, said in answers.items() if asked.startswith(b"MD")}
-    return Asked(answers, start, {b"\nQT\n", b"QT\n"})
+def ydlidar(health: bytes = bytes(3)) -> Asked:
+    """An X4, if need be ill."""
+    device = Asked("YDLIDAR X4")
+    device.answers[b"\xa5\x92"] = HEALTH + health
+    return device
 
 
 class Session:
@@ -164,23 +141,16 @@ class Session:
 
 
 def stream(title: str, seconds: float, chunk_s: float = 0.02) -> list[tuple[float, bytes]]:
-    """An honest stream of `lidar_streams`, as it arrives."""
-    _, baud, make = STREAMS[title]
-    return chunks(make(), baud, seconds, chunk_s)
+    """An honest stream of a record, as it arrives."""
+    record = RECORDS[title]
+    return chunks(record.stream(), record.baud, seconds, chunk_s)
 
 
 def started(title: str, **settings: object) -> Session:
     """A session with an honest device that has been started and is about to stream."""
-    model = STREAMS[title][0]
-    if title == "RPLIDAR A1 standard":
-        settings.setdefault("mode", "standard")
-    device = {"rplidar_a1": rplidar, "ydlidar_x4": ydlidar, "hokuyo_urg": hokuyo}.get(
-        model, Silent
-    )()
-    if title in TYPICAL:
-        device = slamtec(title)
-    elif title in YDLIDARS:
-        device = ydlidar(answers_of(title))
-    session = Session(LidarConfig(model=model, **settings), device)  # pyright: ignore[reportArgumentType]
+    record = RECORDS[title]
+    settings.setdefault("mode", record.mode)
+    device = Asked(title) if record.begins else Silent()
+    session = Session(LidarConfig(model=record.model, **settings), device)  # pyright: ignore[reportArgumentType]
     session.wait_for_stream()
     return session

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from bench.base.lidar_streams import ld19_stream
+from bench.base.lidars.ld19 import ld19_stream
 from support.metal import make_hall
 from support.waiting import wait_until
 

@@ -3,11 +3,13 @@
 import math
 import struct
 from collections.abc import Callable
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
-from bench.base.plain_lidars import PLAIN, SAMPLES
+from bench.base.lidars.catalogue import RECORDS
+from bench.base.lidars.record import LidarRecord
+from bench.base.lidars.rplidar import EXPRESS
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D
@@ -29,14 +31,10 @@ from trolley_base.world import STEP_NS, LidarSpec, Simulation
 pytestmark = pytest.mark.drives
 
 MakeSimulation = Callable[..., Simulation]
-Decode = Callable[[bytes], NDArray[np.float64]]
 AT_BASE = Mount(Pose2D.identity())
 PERFECT = LidarSpec(noise_m=0.0, noise_share=0.0, drop_out=0.0, invalid=0.0)
 # Ahead on the left, so that a mirrored or turned picture is a wrong one.
 POST = "[[circle]]\nx = 1.0\ny = 0.8\nradius_m = 0.2\n"
-EXPRESS = bytes.fromhex("a58205000000000022")
-DENSE, TYPICAL = bytes.fromhex("a58205010000000023"), bytes.fromhex("a58205020000000020")
-PWM = bytes.fromhex("a5f0029402c1")
 
 
 def test_ld19_packet_matches_the_manual():
@@ -156,209 +154,38 @@ def start(
     return lidar
 
 
-# Decoders in the plainest form: rows of angle [deg, as the sensor counts] and distance [m].
-def decode_ld19(data: bytes) -> NDArray[np.float64]:
-    rows = []
-    for at in range(0, len(data), 47):
-        head, kind, _speed, first = struct.unpack("<BBHH", data[at : at + 6])
-        last, _stamp = struct.unpack("<HH", data[at + 42 : at + 46])
-        assert (head, kind) == (0x54, 0x2C)
-        check = 0
-        for byte in data[at : at + 46]:
-            check ^= byte
-            for _ in range(8):
-                check = ((check << 1) ^ (0x4D if check & 0x80 else 0)) & 0xFF
-        assert check == data[at + 46]
-        by = (last - first) % 36000 / 11
-        for i in range(12):
-            (mm,) = struct.unpack("<H", data[at + 6 + 3 * i : at + 8 + 3 * i])
-            rows.append(((first + i * by) / 100, mm / 1000))
-    return np.array(rows)
+def plainly(record: LidarRecord, data: bytes) -> NDArray[np.float64]:
+    """Rows of angle [deg, as the sensor counts] and distance [m], read plainly."""
+    finder, read = record.finder(), record.reader()
+    found = [sample for frame in finder.feed(data) for sample in read(frame)]
+    assert finder.skipped in (0, record.ramp_bytes)
+    return np.array(found) / (1.0, 1000.0)
 
 
-def decode_ld14p(data: bytes) -> NDArray[np.float64]:
-    rows = decode_ld19(data)
-    for row in rows:
-        if row[1]:
-            shift = math.atan((119.23 * row[1] - 18.975571) / (1000 * row[1] + 5.9))
-            row[0] -= math.degrees(shift)
-    return rows
-
-
-def decode_camsense(data: bytes) -> NDArray[np.float64]:
-    rows = []
-    for at in range(0, len(data), 36):
-        frame = data[at : at + 36]
-        words = struct.unpack("<18H", frame)
-        total = 0
-        for word in words[:17]:
-            total = (total << 1) + word & 0xFFFFFFFF
-        assert (words[0], words[1]) == (0xAA55, 0x0803)
-        assert words[17] == ((total & 0x7FFF) + (total >> 15)) & 0x7FFF
-        if words[3] < 0xA000:
-            continue
-        step = (words[16] - words[3]) % 23040 / 7
-        for i in range(8):
-            mm = frame[8 + 3 * i] + 256 * frame[9 + 3 * i]
-            rows.append((((words[3] - 0xA000) + i * step) / 64, mm / 1000))
-    return np.array(rows)
-
-
-def decode_hokuyo(data: bytes) -> NDArray[np.float64]:
-    rows = []
-    command, status, _, stream = data.split(b"\n", 3)
-    assert (command, status) == (b"MD0044072501000", b"00P")
-    for scan in stream.split(b"\n\n")[:-1]:
-        lines = scan.split(b"\n")
-        assert all(line[-1] == sum(line[:-1]) % 64 + 48 for line in lines[1:])
-        assert (lines[0], lines[1], len(lines[2])) == (command, b"99b", 5)
-        text = b"".join(line[:-1] for line in lines[3:])
-        assert len(text) == 3 * 682
-        for i in range(682):
-            mm = 0
-            for char in text[3 * i : 3 * i + 3]:
-                mm = mm * 64 + char - 48
-            rows.append(((44 + i - 384) * 360 / 1024, mm / 1000 if mm >= 20 else 0.0))
-    return np.array(rows)
-
-
-def decode_xv11(data: bytes) -> NDArray[np.float64]:
-    rows = []
-    for at in range(0, len(data), 22):
-        words = struct.unpack("<11H", data[at : at + 22])
-        total = 0
-        for word in words[:10]:
-            total = (total << 1) + word
-        assert words[10] == ((total & 0x7FFF) + (total >> 15)) & 0x7FFF
-        for i in range(4):
-            word = words[2 + 2 * i]
-            mm = 0 if word & 0x8000 else word & 0x3FFF
-            rows.append((4 * (data[at + 1] - 0xA0) + i, mm / 1000))
-    return np.array(rows)
-
-
-def decode_lds01(data: bytes) -> NDArray[np.float64]:
-    rows = []
-    for at in range(0, len(data), 42):
-        assert data[at] == 0xFA
-        assert data[at + 40] == data[at + 41] == 0xFF - sum(data[at : at + 40]) % 256
-        for i in range(6):
-            _, mm, _ = struct.unpack("<HHH", data[at + 4 + 6 * i : at + 10 + 6 * i])
-            rows.append((6 * (data[at + 1] - 0xA0) + i, mm / 1000))
-    return np.array(rows)
-
-
-def decode_standard(data: bytes) -> NDArray[np.float64]:
-    assert data.startswith(bytes.fromhex("a55a0500004081"))
-    rows = []
-    for at in range(7, len(data), 5):
-        flags, angle, distance = struct.unpack("<BHH", data[at : at + 5])
-        assert (flags & 1) != (flags >> 1 & 1)
-        assert angle & 1
-        rows.append(((angle >> 1) / 64, distance / 4000))
-    return np.array(rows)
-
-
-def decode_express(data: bytes) -> NDArray[np.float64]:
-    assert data.startswith(bytes.fromhex("a55a5400004082"))
-    capsules = [data[at : at + 84] for at in range(7, len(data), 84)]
-    rows = []
-    for one, two in pairwise(capsules):
-        check = 0
-        for byte in one[2:]:
-            check ^= byte
-        assert (one[0], one[1]) == (0xA0 | check & 15, 0x50 | check >> 4)
-        first, after = (struct.unpack("<H", c[2:4])[0] & 0x7FFF for c in (one, two))
-        by = (after - first) % (360 * 64) / 64 / 32
-        for i in range(16):
-            a, b, c = struct.unpack("<HHB", one[4 + 5 * i : 9 + 5 * i])
-            lags = ((a & 3) << 4 | c & 15) / 8, ((b & 3) << 4 | c >> 4) / 8
-            rows.append((first / 64 + 2 * i * by - lags[0], (a & 0xFFFC) / 4000))
-            rows.append((first / 64 + (2 * i + 1) * by - lags[1], (b & 0xFFFC) / 4000))
-    return np.array(rows)
-
-
-def decode_x4(data: bytes) -> NDArray[np.float64]:
-    assert data.startswith(bytes.fromhex("a55a0500004081"))
-    at, rows = 7, []
-    while at < len(data):
-        _, kind, count, first, last, check = struct.unpack("<HBBHHH", data[at : at + 10])
-        samples = struct.unpack(f"<{count}H", data[at + 10 : at + 10 + 2 * count])
-        for word in (0x55AA, first, *samples, count << 8 | kind, last):
-            check ^= word
-        assert check == 0
-        assert (kind & 1 == 1) == (count == 1 and first == last)
-        by = ((last >> 1) - (first >> 1)) % (360 * 64) / 64 / max(1, count - 1)
-        for i, sample in enumerate(samples):
-            mm = sample / 4
-            beside = math.degrees(math.atan(21.8 * (155.3 - mm) / (155.3 * mm))) if mm else 0.0
-            rows.append(((first >> 1) / 64 + i * by + beside, mm / 1000))
-        at += 10 + 2 * count
-    return np.array(rows)
-
-
-def plainly(title: str, *, answered: bool = True) -> Decode:
-    """By the plain decoder that the drivers are compared with, behind the answer to the command."""
-
-    def decode(data: bytes) -> NDArray[np.float64]:
-        if answered:
-            assert data[:2] == b"\xa5\x5a"
-            assert data[5] == 0x40
-            data = data[7:]
-        frames, read = PLAIN[title](), SAMPLES[title]()
-        found = [sample for frame in frames.feed(data) for sample in read(frame)]
-        assert frames.skipped == 0
-        return np.array(found) / (1.0, 1000.0)
-
-    return decode
-
-
-KINDS: dict[str, tuple[str, Decode, bytes, float]] = {
-    # model, decoder, what starts it, samples per second
-    "ld19": ("ld19", decode_ld19, b"", 4500.0),
-    "stl27l": ("stl27l", decode_ld19, b"", 21600.0),
-    "ld14p": ("ld14p", decode_ld14p, b"", 4000.0),
-    "xv11": ("xv11", decode_xv11, b"", 1800.0),
-    "lds02rr": ("lds02rr", decode_xv11, b"", 1800.0),
-    "lds01": ("lds01", decode_lds01, b"", 1800.0),
-    "camsense": ("camsense_x1", decode_camsense, b"", 2080.0),
-    "coin_d4": (
-        "coin_d4",
-        plainly("COIN-D4", answered=False),
-        bytes.fromhex("AA55F00F"),
-        5000.0,
-    ),
-    "delta2a": ("delta2a", plainly("Delta-2A", answered=False), b"", 1920.0),
-    "delta2b": ("delta2b", plainly("Delta-2B", answered=False), b"", 3840.0),
-    "hokuyo": ("hokuyo_urg", decode_hokuyo, b"MD0044072501000\n", 6820.0),
-    "standard": ("rplidar_a1", decode_standard, b"\xa5\x20", 1 / 508e-6),
-    "express": ("rplidar_a1", decode_express, EXPRESS, 1 / 254e-6),
-    "ultra": ("rplidar_a3", plainly("RPLIDAR A3"), PWM + TYPICAL, 16000.0),
-    "dense": ("rplidar_c1", plainly("RPLIDAR C1"), DENSE, 5000.0),
-    "ultra dense": ("rplidar_s3", plainly("RPLIDAR S3"), DENSE, 32000.0),
-    "x4": ("ydlidar_x4", decode_x4, b"\xa5\x60", 5000.0),
-    "x2": ("ydlidar_x2", plainly("YDLIDAR X2", answered=False), b"", 3000.0),
-    "g2": ("ydlidar_g2", plainly("YDLIDAR G2"), b"\xa5\x60", 5000.0),
-    "g4": ("ydlidar_g4", plainly("YDLIDAR G4"), b"\xa5\x60", 9000.0),
-    "tmini": ("ydlidar_tmini", plainly("YDLIDAR T-mini"), b"\xa5\x60", 4000.0),
-}
-TRIED = [
-    pytest.param(
-        one,
-        marks=[pytest.mark.slow]
-        * (samples_per_s > 10_000 or one in ("g2", "x2", "delta2b", "lds02rr")),
-    )
-    for one, (_, _, _, samples_per_s) in KINDS.items()
+EMULATED = [
+    pytest.param(record, id=title, marks=[pytest.mark.slow] * record.is_twin)
+    for title, record in RECORDS.items()
+    if record.emulated is not None
 ]
-"""Those with many samples, and those that differ from another by numbers alone, take their time."""
+OF_LD19 = RECORDS["LD19"]
 
 
-def samples(kind: str, simulation: Simulation, seconds: float = 1.0, **more) -> NDArray[np.float64]:
-    model, decode, begin, _ = KINDS[kind]
-    lidar = start(model, **more)
-    lidar.receive(begin, 0)
+def begun(record: LidarRecord, **more: Any) -> SpinningLidar:
+    """A lidar that has answered, and streams."""
+    assert record.emulated is not None
+    lidar = start(record.model, **more)
+    if record.emulated.command:
+        lidar.receive(record.emulated.command, 0)
+        assert b"".join(frame.data for frame in lidar.take_frames()) == record.emulated.answer
+    return lidar
+
+
+def measured(
+    lidar: SpinningLidar, record: LidarRecord, simulation: Simulation, seconds: float
+) -> NDArray[np.float64]:
+    """What it says while its robot stands, see `plainly`."""
     sent = run(lidar, simulation, seconds, Twist2D.zero())
-    return decode(b"".join(data for _, data in sent))
+    return plainly(record, b"".join(data for _, data in sent))
 
 
 def to_walls(bearings: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -375,15 +202,16 @@ def off_walls(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.minimum(walls, post)
 
 
-@pytest.mark.parametrize("kind", TRIED)
+@pytest.mark.parametrize("record", EMULATED)
 @pytest.mark.parametrize("hangs", [False, True])
-def test_what_it_says_is_where_things_are(simulate: MakeSimulation, kind: str, hangs: bool):
+def test_what_it_says_is_where_things_are(
+    simulate: MakeSimulation, record: LidarRecord, hangs: bool
+):
     mount = Mount(Pose2D(0.1, 0.05, 0.7), reversed=hangs)
-    angles, ranges = samples(kind, simulate(POST), mount=mount).T
+    angles, ranges = measured(begun(record, mount=mount), record, simulate(POST), 1.0).T
     found = ranges > 0.0
     assert found.mean() > 0.6  # some do not see that far
-    counter_clockwise = (kind in ("xv11", "hokuyo")) is not hangs
-    bearing = np.radians(angles[found]) * (1 if counter_clockwise else -1)
+    bearing = np.radians(angles[found]) * (1 if record.is_counter_clockwise != hangs else -1)
     points = np.column_stack((np.cos(bearing), np.sin(bearing))) * ranges[found, None]
     errors = off_walls(mount.base_T_laser.transform_points(points))
     assert np.quantile(errors, 0.97) < 0.012
@@ -391,19 +219,19 @@ def test_what_it_says_is_where_things_are(simulate: MakeSimulation, kind: str, h
     assert near_post.sum() > 20
 
 
-@pytest.mark.parametrize("kind", TRIED)
-def test_it_measures_at_its_pace_and_sends_as_it_measures(simulate: MakeSimulation, kind: str):
-    model, decode, begin, per_s = KINDS[kind]
-    lidar = start(model)
-    lidar.receive(begin, 0)
+@pytest.mark.parametrize("record", EMULATED)
+def test_it_measures_at_its_pace_and_sends_as_it_measures(
+    simulate: MakeSimulation, record: LidarRecord
+):
+    lidar, per_s = begun(record), record.samples_per_s
     sent = run(lidar, simulate(), 2.0, Twist2D.zero())
-    num = len(decode(b"".join(data for _, data in sent)))
-    assert num == pytest.approx(2.0 * per_s, rel=0.02)
-    turns = np.abs(np.diff(np.unwrap(np.radians(decode(b"".join(d for _, d in sent))[:, 0])))).sum()
+    rows = plainly(record, b"".join(data for _, data in sent))
+    assert len(rows) == pytest.approx(2.0 * per_s, rel=0.02)
+    turns = np.abs(np.diff(np.unwrap(np.radians(rows[:, 0])))).sum()
     assert turns / (2 * math.pi) == pytest.approx(2.0 * lidar.facts.turns_hz, rel=0.03)
     dues = np.array([due_ns for due_ns, _ in sent[1:]])
     assert np.all(np.diff(dues) >= 0)
-    longest_s = 0.105 if kind == "hokuyo" else 40 / per_s  # it sends a whole turn at once
+    longest_s = 1.05 / record.turns_hz if record.sends_whole_turns else 40 / per_s
     assert np.diff(dues).max() < longest_s * 1e9 + STEP_NS
     carried = sum(len(data) for _, data in sent) * 10 / 2.0
     assert carried < (USB_BAUD if lidar.is_usb else lidar.baud)
@@ -417,7 +245,7 @@ def test_the_robot_drives_on_while_the_head_turns(simulate: MakeSimulation):
     first = run(lidar, simulation, 0.1, Twist2D(0.0, 0.0, 2.0))
     wrong = []
     for due_ns, data in first[1:]:
-        angles, ranges = decode_ld19(data).T
+        angles, ranges = plainly(OF_LD19, data).T
         yaw = yaw_ns[0] + 2.0 * ((due_ns - yaw_ns[1]) * 1e-9 - np.arange(11, -1, -1) / 4500)
         wrong += np.abs(ranges - to_walls(yaw - np.radians(angles))).tolist()
     assert max(wrong) < 0.003
@@ -442,36 +270,27 @@ def command_14p(kind: int, value: int) -> bytes:
 
 def test_noise_and_failures_are_the_worlds(simulate: MakeSimulation):
     noisy = LidarSpec(noise_m=0.01, noise_share=0.0, drop_out=0.1, invalid=0.0)
-    spoilt = samples("ld19", simulate(), 2.0, errors=noisy)
+    spoilt = measured(begun(OF_LD19, errors=noisy), OF_LD19, simulate(), 2.0)
     failed = spoilt[:, 1] == 0.0
     assert failed.mean() == pytest.approx(0.1, abs=0.02)
     expected = to_walls(-np.radians(spoilt[~failed, 0]))
     assert np.std(spoilt[~failed, 1] - expected) == pytest.approx(0.01, rel=0.1)
 
 
-@pytest.mark.parametrize("kind", [one for one in TRIED if one.values != ("hokuyo",)])
-def test_stuck_it_reports_one_angle_and_goes_on_later(simulate: MakeSimulation, kind: str):
-    model, decode, begin, _ = KINDS[kind]
-    lidar, simulation = start(model), simulate()
-    lidar.receive(begin, 0)
-    opening = run(lidar, simulation, 0.5, Twist2D.zero())[:1] if begin else []
-    if kind == "coin_d4":  # which does not answer
-        opening = []
-    prefix = opening[0][1] if opening else b""
+@pytest.mark.parametrize(
+    "record", [one for one in EMULATED if not RECORDS[str(one.id)].sends_whole_turns]
+)
+def test_stuck_it_reports_one_angle_and_goes_on_later(
+    simulate: MakeSimulation, record: LidarRecord
+):
+    lidar, simulation = begun(record), simulate()
+    run(lidar, simulation, 0.5, Twist2D.zero())
     lidar.is_stuck = True
     run(lidar, simulation, 0.1, Twist2D.zero())
-    stuck = run(lidar, simulation, 0.5, Twist2D.zero())
-    angles = decode(prefix + b"".join(data for _, data in stuck))[:, 0]
-    # Of those with packets at fixed angles it is one packet.
-    within = {"xv11": 6.0, "lds02rr": 6.0, "lds01": 6.0, "delta2a": 22.5, "delta2b": 22.5}.get(
-        kind, 0.2
-    )
-    if kind != "express":  # whose host can only guess the angles of a head that does not turn
-        assert np.ptp(angles) <= within
+    assert np.ptp(measured(lidar, record, simulation, 0.5)[:, 0]) <= record.stuck_deg
     lidar.is_stuck = False
     run(lidar, simulation, 0.1, Twist2D.zero())
-    later = run(lidar, simulation, 0.5, Twist2D.zero())
-    assert np.ptp(decode(prefix + b"".join(data for _, data in later))[:, 0]) > 350.0
+    assert np.ptp(measured(lidar, record, simulation, 0.5)[:, 0]) > 350.0
 
 
 def test_a_stuck_hokuyo_sends_nothing_and_goes_on_later(simulate: MakeSimulation):
@@ -564,7 +383,7 @@ def seen_by(bad_view: BadView, simulate: MakeSimulation) -> NDArray[np.float64]:
     lidar = start("ld19", Mount(Pose2D(0.0, 0.0, 0.5 * math.pi)))
     lidar.bad_view = bad_view
     sent = run(lidar, simulate(), 1.0, Twist2D.zero())
-    return decode_ld19(b"".join(data for _, data in sent))
+    return plainly(OF_LD19, b"".join(data for _, data in sent))
 
 
 def test_a_bad_view_finds_nothing_where_it_is_bad(simulate: MakeSimulation):

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from bench.base.lidars.catalogue import RECORDS
 from numpy.typing import NDArray
 
 from trolley.config.hardware import LidarConfig
@@ -28,13 +29,12 @@ NEAR_M = 0.06
 HOST_NS = 2_000_000
 """How often the host reads its port."""
 SECONDS = 2.5
-MODELS = [*LIDARS, "rplidar_a1, standard"]
-TWINS = {
-    *("stl27l", "rplidar_a2", "rplidar_a3", "rplidar_s1", "rplidar_s2", "rplidar_s3"),
-    *("ydlidar_x4_pro", "ydlidar_x2", "ydlidar_g2", "ydlidar_g4"),
-    "delta2b",
-}
-"""Their decoders are tried with another model; they are tried in the slow run."""
+MAIN_MODELS = {one.model for one in RECORDS.values() if not one.is_twin}
+"""Those whose decoders nobody else tries; the others are tried in the slow run."""
+TRIED = [
+    pytest.param(one, marks=[pytest.mark.slow] * (one not in MAIN_MODELS))
+    for one in (*LIDARS, "rplidar_a1, standard")
+]
 
 
 class Drive:
@@ -80,9 +80,7 @@ class Drive:
 
 
 @pytest.mark.parametrize("wz", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    "model", [pytest.param(one, marks=[pytest.mark.slow] * (one in TWINS)) for one in MODELS]
-)
+@pytest.mark.parametrize("model", TRIED)
 def test_echoes_lie_on_the_walls(
     simulate: Callable[..., Simulation], model: str, wz: float
 ) -> None:

@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
-from bench.base.decoding import HOKUYO
+from bench.base.lidars.catalogue import RECORDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.lidars import Session, hokuyo, rplidar, slamtec, started, stream, ydlidar
+from support.lidars import Asked, Session, rplidar, started, stream, ydlidar
 
 from trolley.config.hardware import LidarConfig
 
 STOP, RESET, STANDARD = b"\xa5\x25", b"\xa5\x40", b"\xa5\x20"
 EXPRESS = bytes.fromhex("A58205000000000022")
+HOKUYO = {**RECORDS["Hokuyo URG"].answers, **RECORDS["Hokuyo URG"].begins}
 HOKUYO_PIECES = [*HOKUYO.values(), *HOKUYO, b"00P\n", b"99b\n", b"AMAX:9999;"]
 
 
@@ -126,7 +127,7 @@ def test_another_rplidar_is_asked_for_its_typical_mode(title: str, motor: str) -
 
 
 def test_a_scan_that_nobody_can_read_is_told_and_the_standard_one_is_used() -> None:
-    device = slamtec("RPLIDAR C1")
+    device = Asked("RPLIDAR C1")
     device.start[bytes.fromhex("A582050100000000 23")] = bytes.fromhex("A55A0D030040 83")
     session = Session(LidarConfig(model="rplidar_c1"), device)
     session.wait_for_stream()
@@ -136,7 +137,7 @@ def test_a_scan_that_nobody_can_read_is_told_and_the_standard_one_is_used() -> N
 
 
 def test_an_rplidar_whose_typical_mode_is_the_standard_one_is_started_in_it() -> None:
-    device = slamtec("RPLIDAR S2")
+    device = Asked("RPLIDAR S2")
     device.answers[bytes.fromhex("A584047C00000059")] = bytes.fromhex(
         "A55A06000000 20 7C000000 0000"
     )
@@ -180,7 +181,7 @@ def test_what_stops_it(model: str, dtr: tuple[bool | None, ...], goodbye: tuple[
 
 
 def test_a_hokuyo_that_makes_no_sense_is_asked_until_it_does() -> None:
-    device = hokuyo()
+    device = Asked("Hokuyo URG")
     right = device.answers[b"PP\n"]
     device.answers[b"PP\n"] = right.replace(b"AMAX:725;o", b"AMAX:725;p")  # its sum is wrong
     session = Session(LidarConfig(model="hokuyo_urg"), device)
@@ -196,7 +197,7 @@ def test_a_hokuyo_that_makes_no_sense_is_asked_until_it_does() -> None:
 
 
 def test_a_hokuyo_that_says_its_own_limits_is_believed() -> None:
-    device = hokuyo()
+    device = Asked("Hokuyo URG")
     device.answers[b"PP\n"] = device.answers[b"PP\n"].replace(b"DMAX:5600;_", b"DMAX:2500;[")
     session = Session(LidarConfig(model="hokuyo_urg"), device)
     session.wait_for_stream()

@@ -3,7 +3,8 @@
 import random
 from collections import Counter
 
-from bench.base.lidar_streams import chunks, lds01_stream
+from bench.base.lidars.lds01 import lds01_stream
+from bench.base.lidars.record import chunks
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.interface import LidarScan

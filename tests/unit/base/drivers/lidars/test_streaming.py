@@ -6,15 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench.base.lidar_streams import (
-    STREAMS,
-    TURNS_HZ,
-    chunks,
-    distance_m,
-    ld19_frame,
-    ld19_stream,
-    xv11_stream,
-)
+from bench.base.lidars.catalogue import RECORDS
+from bench.base.lidars.ld19 import ld19_frame, ld19_stream
+from bench.base.lidars.record import chunks, distance_m
+from bench.base.lidars.xv11 import xv11_stream
 from numpy.typing import NDArray
 from support.lidars import Session, started, stream
 
@@ -23,18 +18,10 @@ from trolley_base.drivers.interface import DriverError, LidarScan
 from trolley_base.drivers.lidars import MODELS, make_lidar
 from trolley_base.emulators import delta2
 
-# Decoders that are tried with another title, at rates that take their time.
-SLOW = {"Delta-2B", "STL-27L", "RPLIDAR S2", "RPLIDAR S3", "YDLIDAR G2", "YDLIDAR X2"}
-TITLES = [pytest.param(one, marks=[pytest.mark.slow] * (one in SLOW)) for one in STREAMS]
-# What the sensor looks beside its head, so that beams are fired while the head points there.
-BESIDE_DEG = {
-    "RPLIDAR A1 express": 7.0,
-    "RPLIDAR A3": 7.7,
-    **dict.fromkeys(("YDLIDAR X4", "YDLIDAR X2", "YDLIDAR G2", "YDLIDAR G4"), 7.5),
-    "LD14P": 6.4,
-}
-COUNTER_CLOCKWISE = ("XV11", "Hokuyo URG")
-HOKUYO_SEES_DEG = (-119.6, 120.0)
+TITLES = [
+    pytest.param(title, marks=[pytest.mark.slow] * record.is_twin)
+    for title, record in RECORDS.items()
+]
 
 
 def angles_of(scan: LidarScan) -> NDArray[Any]:
@@ -46,26 +33,24 @@ def angles_of(scan: LidarScan) -> NDArray[Any]:
 )
 @pytest.mark.parametrize("title", TITLES)
 def test_scans_show_the_room(title: str, chunk_s: float) -> None:
-    session = started(title)
+    session, record = started(title), RECORDS[title]
     session.hear(stream(title, 2.0, chunk_s))
     assert session.status == type(session.status)("up")
     assert not session.counts
     assert not session.notes
-    assert len(session.scans) in range(int(2.0 * TURNS_HZ[title]) - 2, int(2.0 * TURNS_HZ[title]))
-    sense = 1.0 if title in COUNTER_CLOCKWISE else -1.0
+    num_turns = int(2.0 * record.turns_hz)
+    assert len(session.scans) in range(num_turns - 2, num_turns)
+    sense = 1.0 if record.is_counter_clockwise else -1.0
     for scan in session.scans:
-        if title == "Hokuyo URG":
-            degrees = (np.degrees(angles_of(scan)) + 180.0) % 360.0 - 180.0
-            sees = (degrees > HOKUYO_SEES_DEG[0]) & (degrees < HOKUYO_SEES_DEG[1])
-            assert (len(sees), sees.sum()) == (1024, 682)
-            assert (scan.ranges[~sees] == 0.0).all()
-        else:
-            sees = np.ones(len(scan.ranges), np.bool_)
+        degrees = (np.degrees(angles_of(scan)) + 180.0) % 360.0 - 180.0
+        sees = (degrees >= record.sees_deg[0]) & (degrees <= record.sees_deg[1])
+        assert sees.sum() == pytest.approx(record.samples_per_s / record.turns_hz, rel=0.03)
+        assert (scan.ranges[~sees] == 0.0).all()
         truth = np.array([distance_m(math.degrees(sense * angle)) for angle in angles_of(scan)])
         truth = np.where(truth > scan.range_max, np.inf, truth)
         near = (truth < scan.range_max - 0.05) & sees
-        # An A3's angles are as coarse as its maker computes them, and its room is at a slant.
-        within_m = 0.03 if title == "RPLIDAR A3" else 0.02
+        # Where angles are coarse, walls seen at a slant are farther off.
+        within_m = 0.03 if record.is_coarse else 0.02
         assert scan.ranges[near] == pytest.approx(truth[near], abs=within_m)
         assert np.isinf(scan.ranges[truth > scan.range_max + 0.05]).all()
         assert 2.0 * math.pi * scan.angle_increment > 0.0
@@ -75,18 +60,18 @@ def test_scans_show_the_room(title: str, chunk_s: float) -> None:
 
 @pytest.mark.parametrize("title", TITLES)
 def test_beams_are_stamped_when_they_were_fired(title: str) -> None:
-    session = started(title)
-    # A whole scan of a Hokuyo arrives at once: its time is as good as that of its last byte.
-    is_whole = title == "Hokuyo URG"
+    session, record = started(title), RECORDS[title]
+    # A scan that arrives as a whole is stamped as well as its last byte.
+    is_whole = record.sends_whole_turns
     session.hear(stream(title, 2.0, 0.001 if is_whole else 0.02))
-    sense = 1.0 if title in COUNTER_CLOCKWISE else -1.0
+    sense = 1.0 if record.is_counter_clockwise else -1.0
     for scan in session.scans[1:]:
-        head_deg = np.degrees(sense * angles_of(scan)) + BESIDE_DEG.get(title, 0.0)
-        fired_s = head_deg / 360.0 / TURNS_HZ[title]
+        head_deg = np.degrees(sense * angles_of(scan)) + record.beside_deg
+        fired_s = head_deg / 360.0 / record.turns_hz
         stamped_s = (scan.stamp_ns - session.stream_ns) * 1e-9
         stamped_s = stamped_s + scan.time_increment * np.arange(len(scan.ranges))
-        turns_late = (stamped_s - fired_s) * TURNS_HZ[title]
-        late_s = (turns_late - np.rint(turns_late.mean())) / TURNS_HZ[title]
+        turns_late = (stamped_s - fired_s) * record.turns_hz
+        late_s = (turns_late - np.rint(turns_late.mean())) / record.turns_hz
         assert np.abs(late_s).max() < (0.007 if is_whole else 0.003)
 
 
@@ -142,16 +127,16 @@ def test_limits_make_near_echoes_invalid_and_far_ones_none() -> None:
 def test_a_revolution_without_a_fifth_of_its_samples_is_dropped(
     title: str, lost: float, published: bool
 ) -> None:
-    session = started(title)
-    frames = list(takewhile(lambda frame: frame.at_s < 2.0, STREAMS[title][2]()))
+    session, record = started(title), RECORDS[title]
+    frames = list(takewhile(lambda frame: frame.at_s < 2.0, record.stream()))
     # Twenty samples of the standard scan go together, else frames.
     block = 20 if title == "RPLIDAR A1 standard" else 1
-    per_turn = round(len(frames) / (2.0 * TURNS_HZ[title]) / block)
+    per_turn = round(len(frames) / (2.0 * record.turns_hz) / block)
     rng = np.random.default_rng(4)
     gone = [rng.permutation(per_turn) < lost * per_turn for _ in range(60)]
     kept = compress(frames, ~np.repeat(np.concatenate(gone), block))
-    session.hear(chunks(kept, STREAMS[title][1], 1.9, 0.02))
-    turns = int(1.9 * TURNS_HZ[title])
+    session.hear(chunks(kept, record.baud, 1.9, 0.02))
+    turns = int(1.9 * record.turns_hz)
     if published:
         assert len(session.scans) >= turns - 2
     else:

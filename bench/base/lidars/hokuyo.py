@@ -1,0 +1,101 @@
+"""Hokuyo's URG-04LX, over SCIP 2.0."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from bench.base.lidars.record import (
+    Frame,
+    Judged,
+    LidarRecord,
+    PlainFrames,
+    Polar,
+    Start,
+    distance_m,
+    distances,
+)
+
+from trolley_base.drivers.lidars import hokuyo as driver
+from trolley_base.emulators import hokuyo
+
+
+def hokuyo_stream() -> Iterator[Frame]:
+    """Ten scans a second: 682 of 1024 steps in sight, the 384th of them ahead."""
+    seen = range(hokuyo.FIRST, hokuyo.LAST + 1)
+    values = [round(1000 * distance_m((one - hokuyo.FRONT) * 360.0 / 1024.0)) for one in seen]
+    turn = 0
+    while True:
+        at_s = 0.1 * (turn + (hokuyo.LAST - hokuyo.FRONT) / 1024.0)
+        yield Frame(at_s, hokuyo.encode("MD0044072501000", "99", round(1000 * at_s), values))
+        turn += 1
+
+
+def hokuyo_length(data: bytes) -> int | None:
+    """The command and status 99, a time, 682 steps in 31 full lines and one that is not."""
+    head = b"MD0044072501000\n99b\n"
+    if not head.startswith(data[:20]):
+        return 0
+    return None if len(data) < 20 else 20 + 6 + 31 * 66 + 62 + 2 + 1
+
+
+def hokuyo_check(frame: bytes) -> bool:
+    """A sum behind each line, and nothing in the last one."""
+    lines = frame[20:].split(b"\n")
+    if [len(line) for line in lines] != [5, *[65] * 31, 63, 0, 0]:
+        return False
+    return all(
+        line[-1] == sum(line[:-1]) % 64 + 48 and all(48 <= one < 112 for one in line[:-1])
+        for line in lines[:-2]
+    )
+
+
+def hokuyo_samples(frame: bytes) -> Polar:
+    """Three characters a step, of which the 384th looks ahead; nothing in the dark behind."""
+    text = b"".join(line[:-1] for line in frame[26:].split(b"\n"))
+    found: Polar = []
+    for i in range(682):
+        high, middle, low = (one - 48 for one in text[3 * i : 3 * i + 3])
+        mm = high * 4096 + middle * 64 + low
+        found.append(((44 + i - 384) * 360 / 1024 % 360, mm if 20 <= mm <= 5600 else 0))
+    return found
+
+
+COMMAND = b"MD0044072501000\n"
+ANSWER = COMMAND + b"00P\n\n"
+PARAMETERS = driver.Parameters(20, 5600, 1024, 44, 725, 384, 600)
+
+
+def hokuyo_frames(rng: np.random.Generator) -> list[bytes]:
+    """Make three scans."""
+    return [
+        hokuyo.encode(COMMAND.decode().strip(), "99", 100 * i, distances(rng, 6000, 682))
+        for i in range(3)
+    ]
+
+
+RECORDS = {
+    "Hokuyo URG": LidarRecord(
+        model="hokuyo_urg",
+        baud=4_000_000,
+        turns_hz=10.0,
+        samples_per_s=6820.0,
+        is_counter_clockwise=True,
+        most_unseen=0.45,
+        sees_deg=(-119.6, 120.0),
+        sends_whole_turns=True,
+        stream=hokuyo_stream,
+        finder=lambda: PlainFrames(hokuyo_length, hokuyo_check),
+        reader=lambda: hokuyo_samples,
+        answers={
+            b"VV\n": b"VV\n00P\nPROD:SOKUIKI Sensor URG-04LX-UG01(Simple-URG);[\n"
+            b"PROT:SCIP 2.0;N\n\n",
+            b"PP\n": b"PP\n00P\nDMIN:20;4\nDMAX:5600;_\nARES:1024;\\\nAMIN:44;7\nAMAX:725;o\n"
+            b"AFRT:384;6\nSCAN:600;e\n\n",
+        },
+        begins={COMMAND: ANSWER},
+        ends=frozenset({b"\nQT\n", b"QT\n"}),
+        emulated=Start(COMMAND, ANSWER),
+        form=driver.form_of(PARAMETERS),
+        header=COMMAND + b"99b\n",
+        judged=Judged(lambda counts: driver.ScipDecoder(PARAMETERS, counts), hokuyo_frames),
+    ),
+}
