@@ -14,7 +14,14 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.gridmap.kernels import interpolate
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import limits_of
-from trolley_planner.control.critics import CRITICS, Target, cost_at, step_cost, terminal_cost
+from trolley_planner.control.critics import (
+    CRITICS,
+    Target,
+    Velocity,
+    cost_at,
+    step_cost,
+    terminal_cost,
+)
 from trolley_planner.control.proximity import standing_cost
 from trolley_planner.control.robot_motion import (
     advance,
@@ -83,7 +90,7 @@ def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> floa
         if clearance < floor or near == math.inf:
             return cost + ROLLOUT.collision_cost + steps - step + cost_at(field, x, y)
         cost += CRITICS.proximity * near * limits.dt
-        cost += step_cost((v, w), before, clearance, limits.dt)
+        cost += step_cost(Velocity(v, w), Velocity(*before), clearance, limits.dt)
         if step + 1 in (steps // 2, steps):
             then_s = (step + 1) * limits.dt
             stands = standing_cost(field.walkers, walked, place, turned, then_s)

@@ -24,6 +24,15 @@ class Target(NamedTuple):
     """Whether the path goes on from there, so that there is no need to slow down."""
 
 
+class Velocity(NamedTuple):
+    """How the robot moves in a step."""
+
+    v: float
+    """Ahead [m/s]."""
+    w: float
+    """Turn rate, counter-clockwise [rad/s]."""
+
+
 class CriticWeights(NamedTuple):
     """What a rollout costs, in metres of free floor; found by hand in simulated drives."""
 
@@ -98,18 +107,25 @@ def cost_at(field: Field, x: float, y: float) -> float:
 
 @kernel
 def step_cost(
-    now: tuple[float, float],
-    before: tuple[float, float],
+    now: Velocity,
+    before: Velocity,
     clearance: float,
     dt: float,
 ) -> float:
-    """Return what one step costs besides the remaining path, by v and w in it and before it."""
-    v, w = now
+    """Return what one step costs besides the remaining path.
+
+    Args:
+        now: in this step.
+        before: in the one before it.
+        clearance: at its end [m].
+        dt: its length [s].
+    """
+    v, w = now.v, now.w
     near = max(0.0, 1.0 - clearance / CRITICS.near_m)
     # By distance and not by time: else it would put off entering a narrow place forever.
     moved = abs(v) + CRITIC_PARAMS.turn_radius_m * abs(w)
     cost = dt * (CRITICS.near * near * near * moved + CRITICS.turn * w * w)
-    cost += CRITICS.change_v * (v - before[0]) ** 2 + CRITICS.change_w * (w - before[1]) ** 2
+    cost += CRITICS.change_v * (v - before.v) ** 2 + CRITICS.change_w * (w - before.w) ** 2
     return cost - CRITICS.reverse * min(v, 0.0) * dt
 
 

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_planner.control.critics import CRITICS, Target, cost_at, step_cost, terminal_cost
+from trolley_planner.control.critics import (
+    CRITICS,
+    Target,
+    Velocity,
+    cost_at,
+    step_cost,
+    terminal_cost,
+)
 from trolley_planner.control.look_ups import LookUps, look_up, make_look_ups
 from trolley_planner.control.proximity import (
     PROXIMITY,
@@ -372,7 +379,7 @@ def add_step_costs(lanes: Lanes, count: int, dt: float) -> None:
     for lane in range(count):
         cost[lane] += CRITICS.proximity * near[lane] * dt
     for lane in range(count):
-        now, then = (v[lane], w[lane]), (old_v[lane], old_w[lane])
+        now, then = Velocity(v[lane], w[lane]), Velocity(old_v[lane], old_w[lane])
         cost[lane] += step_cost(now, then, clearance[lane], dt)
 
 
