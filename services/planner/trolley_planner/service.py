@@ -26,8 +26,8 @@ from trolley.messages.request_params import FollowPerson, SendGoal, WhichGoal
 from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Later, Service, answers, every, gets, on
 from trolley.senses import Senses
-from trolley_planner.navigator import OWN_SOURCE, Navigator
-from trolley_planner.sensing.inputs import odometry_at
+from trolley_planner.navigator import Navigator
+from trolley_planner.sensing.inputs import OWN_SOURCE, odometry_at
 from trolley_planner.warmup import warm_up
 
 R = TypeVar("R")
@@ -234,7 +234,7 @@ class PlannerService(Service):
         """Drive to a goal."""
 
         def send() -> GoalStatus:
-            status = self.navigator.send(params, self.new_id(), self.now_ns)
+            status = self.navigator.requests.send(params, self.new_id(), self.now_ns)
             self.log.info("Goal", id=status.id, x=_x(status.pose), y=_y(status.pose))
             self._publish_changes()
             return status
@@ -246,7 +246,7 @@ class PlannerService(Service):
         """Follow a person."""
 
         def follow() -> GoalStatus:
-            status = self.navigator.follow(params, self.new_id(), self.now_ns)
+            status = self.navigator.requests.follow(params, self.new_id(), self.now_ns)
             self.log.info("Follow", id=status.id, person=status.person)
             self._publish_changes()
             return status
@@ -256,19 +256,19 @@ class PlannerService(Service):
     @answers(requests.GOAL_PREVIEW)
     def preview_goal(self, params: SendGoal) -> Path | Later[Path]:
         """Return the path to a goal without driving it."""
-        return self._unless_stopped(lambda: self.navigator.preview(params, self.now_ns))
+        return self._unless_stopped(lambda: self.navigator.requests.preview(params, self.now_ns))
 
     @answers(requests.GOAL_CANCEL)
     def cancel_goal(self, params: WhichGoal) -> GoalStatus:
         """End the current goal."""
-        status = self.navigator.cancel(params, self.stamp_ns)
+        status = self.navigator.requests.cancel(params, self.stamp_ns)
         self._publish_changes()
         return status
 
     @answers(requests.GOAL_PAUSE)
     def pause_goal(self, params: WhichGoal) -> GoalStatus:
         """Stop and keep the goal."""
-        status = self.navigator.pause(params, self.stamp_ns)
+        status = self.navigator.requests.pause(params, self.stamp_ns)
         self._publish_changes()
         return status
 
@@ -277,7 +277,7 @@ class PlannerService(Service):
         """Drive on."""
 
         def resume() -> GoalStatus:
-            status = self.navigator.resume(params, self.now_ns)
+            status = self.navigator.requests.resume(params, self.now_ns)
             self._publish_changes()
             return status
 

@@ -57,8 +57,8 @@ def warm_up() -> None:
         odometry = _feel(navigator, pose, now_ns)
         navigator.update_scan(_scan(now_ns), [odometry], now_ns, now_ns)
         if step == 0:
-            navigator.preview(SendGoal(pose=Pose2D(2.0, 2.0, 1.0)), now_ns)
-            navigator.send(
+            navigator.requests.preview(SendGoal(pose=Pose2D(2.0, 2.0, 1.0)), now_ns)
+            navigator.requests.send(
                 SendGoal(pose=Pose2D(1.3, 0.8, 1.0), via=[Pose2D(1.1, 0.8, 0.0)]), "warm", now_ns
             )
         twist = navigator.command(now_ns) or Twist2D.zero()

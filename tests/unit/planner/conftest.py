@@ -54,7 +54,7 @@ class Ride:
     def send(self, pose: Pose2D, **params: object) -> GoalStatus:
         """Ask for a goal given in frame `grid`."""
         asked = SendGoal(pose=self.world.grid.origin @ pose, **params)  # pyright: ignore[reportArgumentType]
-        return self.navigator.send(asked, f"made-{self.now_ns}", self.now_ns)
+        return self.navigator.requests.send(asked, f"made-{self.now_ns}", self.now_ns)
 
     def until_over(self, seconds: float = 120.0) -> GoalStatus:
         """Drive until the goal is over, or for so long."""

@@ -23,7 +23,7 @@ BESIDE = [(0.3, 0.1), (0.1, 0.1), (0.1, -0.1), (0.3, -0.1)]
 
 def refused(ride, pose: Pose2D) -> Refused:
     with pytest.raises(Refused) as refusal:
-        ride.navigator.send(SendGoal(pose=pose), "x", ride.now_ns)
+        ride.navigator.requests.send(SendGoal(pose=pose), "x", ride.now_ns)
     assert ride.navigator.current.board.state == "idle"
     ride.step(20)
     assert ride.commands[-1] is None
@@ -95,7 +95,7 @@ def test_a_lidar_that_sees_nothing_far_and_wide_lets_it_drive(ride) -> None:
     drive = ride(world, PlannerConfig(frame="odom"))
     world.scan = lambda stamp_ns: scan_message(np.full(360, np.inf), stamp_ns)
     goal = world.odom_T_base @ Pose2D(3.0, 0.0, 0.0)
-    drive.navigator.send(SendGoal(pose=goal), "x", drive.now_ns)
+    drive.navigator.requests.send(SendGoal(pose=goal), "x", drive.now_ns)
     assert drive.until_over().state == "arrived"
 
 

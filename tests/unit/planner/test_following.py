@@ -53,7 +53,7 @@ class Walk:
             in_frame = self.world.grid.origin.transform_points(np.array([point]))[0]
             point = float(in_frame[0]), float(in_frame[1])
         params = FollowPerson(point=point, **options)  # pyright: ignore[reportArgumentType]
-        return self.drive.navigator.follow(params, "made", self.drive.now_ns)
+        return self.drive.navigator.requests.follow(params, "made", self.drive.now_ns)
 
     @property
     def status(self) -> GoalStatus:
@@ -176,16 +176,16 @@ def test_a_paused_follower_goes_on_when_it_is_told_to(ride) -> None:
     walk.follow()
     walk.go_on(3.0, person)
     navigator = walk.drive.navigator
-    navigator.pause(WhichGoal(), walk.drive.now_ns)
+    navigator.requests.pause(WhichGoal(), walk.drive.now_ns)
     walk.go_on(2.0, person)
     assert walk.world.twist.is_zero
-    navigator.resume(WhichGoal(), walk.drive.now_ns)
+    navigator.requests.resume(WhichGoal(), walk.drive.now_ns)
     walk.go_on(10.0, person)
     assert walk.gaps[-1] < 2.0
-    navigator.pause(WhichGoal(), walk.drive.now_ns)
+    navigator.requests.pause(WhichGoal(), walk.drive.now_ns)
     walk.go_on(4.0)
     with pytest.raises(Refused) as refused:
-        navigator.resume(WhichGoal(), walk.drive.now_ns)
+        navigator.requests.resume(WhichGoal(), walk.drive.now_ns)
     assert refused.value.code == codes.PERSON_LOST
 
 

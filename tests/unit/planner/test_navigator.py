@@ -83,7 +83,7 @@ def test_it_knows_what_stands_around_it_as_soon_as_the_map_was_loaded_anew(ride)
     navigator.inputs.map = msgspec.structs.replace(drive.world.map())
     # Another goal is only looked at: that makes the costmap anew before the next scan comes.
     asked = SendGoal(pose=drive.world.grid.origin @ Pose2D(5.0, 1.0, 0.0))
-    navigator.preview(asked, drive.now_ns)
+    navigator.requests.preview(asked, drive.now_ns)
     assert navigator.current.execution.context.seen_clearance(here, 1.0) == pytest.approx(
         known_m, abs=0.05
     )
@@ -162,11 +162,11 @@ def test_a_late_cancel_touches_no_newer_goal(ride) -> None:
     drive.send(Pose2D(5.0, 3.0, 0.0), id="old")
     drive.send(Pose2D(3.0, 3.0, 0.0), id="new")
     with pytest.raises(Refused, match="current"):
-        drive.navigator.cancel(WhichGoal(id="old"), drive.now_ns)
+        drive.navigator.requests.cancel(WhichGoal(id="old"), drive.now_ns)
     assert drive.navigator.current.board.state == "driving"
-    assert drive.navigator.cancel(WhichGoal(id="new"), drive.now_ns).state == "canceled"
+    assert drive.navigator.requests.cancel(WhichGoal(id="new"), drive.now_ns).state == "canceled"
     with pytest.raises(Refused) as refusal:
-        drive.navigator.cancel(WhichGoal(), drive.now_ns)
+        drive.navigator.requests.cancel(WhichGoal(), drive.now_ns)
     assert refusal.value.code == codes.NOT_CURRENT
 
 
@@ -182,11 +182,11 @@ def test_a_paused_goal_stands_until_it_is_resumed(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     drive.send(Pose2D(5.0, 3.0, 0.0))
     drive.step(40)
-    assert drive.navigator.pause(WhichGoal(), drive.now_ns).state == "paused"
+    assert drive.navigator.requests.pause(WhichGoal(), drive.now_ns).state == "paused"
     drive.step(30)
     assert drive.world.twist.is_zero
     assert drive.commands[-1] is None
-    assert drive.navigator.resume(WhichGoal(), drive.now_ns).state == "driving"
+    assert drive.navigator.requests.resume(WhichGoal(), drive.now_ns).state == "driving"
     assert drive.until_over().state == "arrived"
 
 
@@ -232,7 +232,7 @@ def test_a_restart_of_the_base_pauses_the_goal(ride) -> None:
     drive.step(20)
     assert drive.navigator.current.board.reason == codes.RESTARTED
     assert drive.world.twist.is_zero
-    drive.navigator.resume(WhichGoal(), drive.now_ns)
+    drive.navigator.requests.resume(WhichGoal(), drive.now_ns)
     assert drive.until_over().state == "arrived"
 
 
@@ -332,7 +332,7 @@ def test_a_robot_inside_a_keep_out_zone_leaves_it(ride) -> None:
 
 def refused(ride, params: SendGoal) -> Refused:
     with pytest.raises(Refused) as refusal:
-        ride.navigator.send(params, "x", ride.now_ns)
+        ride.navigator.requests.send(params, "x", ride.now_ns)
     assert ride.navigator.current.board.state == "idle"
     return refusal.value
 
@@ -406,7 +406,7 @@ def test_what_is_missing_is_named(ride, missing: str) -> None:
 def test_a_preview_tells_way_and_time_and_moves_nothing(ride) -> None:
     drive = ride(Flatland(two_rooms(), START))
     goal = drive.world.grid.origin @ Pose2D(6.5, 4.5, 1.0)
-    path = drive.navigator.preview(SendGoal(pose=goal), drive.now_ns)
+    path = drive.navigator.requests.preview(SendGoal(pose=goal), drive.now_ns)
     poses = np.frombuffer(path.poses, dtype="<f4").reshape(-1, 3)
     assert path.dt > 0.0
     eta = (len(poses) - 1) * path.dt
@@ -428,7 +428,7 @@ def test_the_frame_odom_needs_neither_map_nor_pose(ride) -> None:
     drive = ride(world, PlannerConfig(frame="odom"))
     assert drive.navigator.inputs.missing(has_time=True) == []
     goal = drive.world.odom_T_base @ Pose2D(4.0, 0.0, 0.0)
-    drive.navigator.send(SendGoal(pose=goal), "x", drive.now_ns)
+    drive.navigator.requests.send(SendGoal(pose=goal), "x", drive.now_ns)
     assert drive.until_over().state == "arrived"
     assert world.odom_T_base.distance_to(goal) <= 0.05
     assert world.touches == 0
@@ -442,7 +442,7 @@ def test_a_goal_far_ahead_in_the_frame_odom_is_driven_to(ride) -> None:
     seen = np.count_nonzero(first.costmap.obstacle_layer.grid.evidence)
     goal = drive.world.odom_T_base @ Pose2D(4.5, 1.0, 0.0)
     assert not first.costmap.contains(*first.costmap.to_grid(goal).as_array()[:2])
-    drive.navigator.send(SendGoal(pose=goal), "x", drive.now_ns)
+    drive.navigator.requests.send(SendGoal(pose=goal), "x", drive.now_ns)
     now = drive.navigator.costmap_manager.require_context()
     assert np.count_nonzero(now.costmap.obstacle_layer.grid.evidence) > 0.9 * seen > 0
     assert drive.until_over().state == "arrived"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.robot_motion import Limits
 from trolley_planner.goals import Goal, Tolerances
 from trolley_planner.people.tracker import Track
@@ -223,6 +224,12 @@ def tracks_in_frame(tracks: Sequence[Track], frame_T_grid: Pose2D) -> list[Track
         )
         for one in tracks
     ]
+
+
+def tracks_seen(context: PlanningContext) -> list[Track]:
+    """Return who and what moves or has a person's size now, in the frame of the goals."""
+    costmap = context.costmap
+    return tracks_in_frame(costmap.moving.tracks, costmap.frame_T_grid)
 
 
 def _may_be_person(one: Track) -> bool:

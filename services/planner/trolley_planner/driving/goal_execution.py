@@ -79,7 +79,7 @@ class GoalExecution:
         self.route.update_position(pose)
         if not self.route.vias_left and self._approach.update_aim(pose, self.route.is_blocked):
             self.route.retarget(self._approach.aim)
-            self.route.must_replan = True
+            self.route.replan_soon()
         stretch = self.route.stretch(1.5 * self.context.half_m)
         path = self.route.path
         part = slice(stretch.first, stretch.last + 1)
@@ -227,8 +227,12 @@ class GoalExecution:
         self._approach = GoalApproach(self.context, self._config, self.goal_grid, goal.tolerances)
         self.route.retarget(self.goal_grid)
         self._progress.reset_progress()
-        self.route.must_replan = True
+        self.route.replan_soon()
         self.outcome = None
+
+    def replan_soon(self) -> None:
+        """Look for a path the next time, however good the present one is."""
+        self.route.replan_soon()
 
     def stand(self) -> None:
         """Note that the robot stands on purpose, as behind a person."""
@@ -314,5 +318,5 @@ class GoalExecution:
         """Continue after a recovery behaviour or a wait."""
         self._approach.let_go()
         self._progress.reset()
-        self.route.must_replan = True
+        self.route.replan_soon()
         self.context.controller.reset()

@@ -97,8 +97,7 @@ class Route:
         self._blocked_since_ns: int | None = None
         self.changes = 0
         """How often the goal's path was replaced."""
-        self.must_replan = False
-        """Whether to replan in any case, as after a jump of the pose."""
+        self._must_replan = False
         self._timed: tuple[tuple[int, float], NDArray[np.float64]] | None = None
         """For which path and speed the times along it are known, and these."""
         self._planned_ns = 0
@@ -166,6 +165,10 @@ class Route:
         """Drive to a slightly moved goal from now on."""
         self.targets[-1] = goal
 
+    def replan_soon(self) -> None:
+        """Look for a path the next time in any case, as after a jump of the pose."""
+        self._must_replan = True
+
     def replan_if_due(self, pose: Pose2D, now_ns: int) -> None:
         """Update the costmap; replace the path where it is blocked or a better one exists.
 
@@ -173,7 +176,7 @@ class Route:
             pose: of the robot in `grid`.
             now_ns: robot time.
         """
-        force, self.must_replan = self.must_replan, False
+        force, self._must_replan = self._must_replan, False
         self._weights_changed |= self._context.costmap.refresh()
         is_cut = bool(self.blocked_points(1))
         if is_cut and self._blocked_since_ns is None:

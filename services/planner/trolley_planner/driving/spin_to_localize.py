@@ -10,7 +10,7 @@ from trolley.messages import Scan
 from trolley.messages.types import floats_from_bytes
 from trolley_planner.control.robot_motion import Limits
 from trolley_planner.driving.recovery_driver import Spin
-from trolley_planner.sensing.inputs import Inputs
+from trolley_planner.sensing.inputs import OWN_SOURCE, Inputs
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class SpinToLocalize:
             had, self._turn, self._rate = self._turn, None, 0.0
             return None if had is None else Twist2D.zero()
         base, odometry = inputs.base, inputs.odometry
-        may = base is not None and base.mode == "ok" and base.source in (None, "planner")
+        may = base is not None and base.mode == "ok" and base.source in (None, OWN_SOURCE)
         if self._is_spent or odometry is None:
             return None
         if not may or inputs.silence(now_ns) is not None:

@@ -24,6 +24,9 @@ from trolley.scanning import end_ns
 from trolley.senses import Senses
 from trolley_planner.sensing.published_costs import PublishedCosts
 
+OWN_SOURCE = "planner"
+"""The name under which base hears this service's commands."""
+
 
 @dataclass(frozen=True, slots=True)
 class InputParams:

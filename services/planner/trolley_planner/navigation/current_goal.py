@@ -71,6 +71,10 @@ class CurrentGoal:
         if motion is not None:
             execution.update(motion, now_ns)
 
+    def drop_execution(self) -> None:
+        """Forget how a goal that is over was driven to: its costmap is gone."""
+        self.execution = None
+
     def set_off(self, now_ns: int) -> None:
         """Report that the robot drives to the goal from now on."""
         self._over_ns = None
