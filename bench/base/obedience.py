@@ -20,9 +20,10 @@ import numpy as np
 
 from trolley.geometry import Twist2D, exp_twist
 from trolley_base.drivers import MotionSample
+from trolley_base.safety.motion_bounds import PARAMS
 from trolley_base.safety.motion_diagnosis import Finding
 from trolley_base.safety.motion_limits import MotionLimits, ramp
-from trolley_base.safety.motion_supervision import PARAMS, MotionSupervision
+from trolley_base.safety.motion_supervision import MotionSupervision
 
 LIMITS = MotionLimits(0.5, 1.5, 0.8, 1.0, 4.0)
 STEP_S, CONTROL_STEPS = 0.005, 4

@@ -1,6 +1,5 @@
 """What the devices report: read, joined to the odometry, logged and published."""
 
-import msgspec
 import numpy as np
 
 from trolley import codes, topics
@@ -16,16 +15,9 @@ from trolley_base.drivers import ChassisReading, Hardware, LidarScan
 from trolley_base.odometry.dead_reckoning import DeadReckoning, Measured
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.robot_clock import Beat
-from trolley_base.safety.frozen_lidar import FrozenLidar
-from trolley_base.safety.lidar_view import LidarView, without_cover
-from trolley_base.safety.near_echoes import NearEchoes
-from trolley_base.safety.observed_space import ObservedSpace
+from trolley_base.safety.lidar_sight import LidarSight
 from trolley_base.safety.safety_state import SafetyState
 
-COVERED_MESSAGE = "The lidar sees nothing at all; is something covering it?"
-FROZEN_MESSAGE = (
-    "The lidar repeats one and the same scan although the robot moves: it hangs; plug it in again."
-)
 ODOMETRY_S = 0.04
 """Every other reading is published, and one with each scan: 25 to 35 Hz."""
 
@@ -34,9 +26,7 @@ class DeviceInputs:
     """The newest readings of chassis and lidar, and the track that they make up.
 
     Args:
-        echoes: what the lidar saw near the robot.
-        space: which floor it has seen to be free.
-        view: how much of its surroundings it sees.
+        sight: what the lidar sees.
         base_T_laser: where it sits.
         senses: further senses that may stop the robot.
         board_senses: those of the motor board.
@@ -45,9 +35,7 @@ class DeviceInputs:
     def __init__(
         self,
         service: Service,
-        echoes: NearEchoes,
-        space: ObservedSpace,
-        view: LidarView,
+        sight: LidarSight,
         base_T_laser: Pose2D,
         senses: Senses,
         board_senses: BoardSenses,
@@ -55,25 +43,20 @@ class DeviceInputs:
         self._service = service
         self._senses = senses
         self._board_senses = board_senses
-        self._near_echoes = echoes
-        self._space = space
         self._base_T_laser = base_T_laser
-        self.view = view
-        """How much of its surroundings the lidar sees."""
+        self.sight = sight
+        """What the lidar sees."""
         self._chassis = ChassisReading((), Link(name=CHASSIS, state="searching"))
         self._lidar = Link(name="lidar", state="searching")
-        self._scan_arrived_ns: int | None = None
-        self._frozen = FrozenLidar()
-        self._is_covered = self._is_frozen = False
         self._has_moved = True
         self._odometry_beat = Beat(ODOMETRY_S)
         self.battery: Battery | None = None
         """The newest charge, None while the board has not measured it."""
-        self.echoes = echoes.points(Pose2D.identity())
+        self.echoes = sight.echoes(Pose2D.identity())
         """(n, 2) what the lidar, and further senses, saw near the robot [m] in `base_link`."""
         self.silent_senses: list[str] = []
         """Names of further senses that have gone silent."""
-        self.unseen = space.unseen(Pose2D.identity())
+        self.unseen = sight.unseen(Pose2D.identity())
         """What it has not seen near the robot, in `base_link`."""
 
     def begin(
@@ -83,7 +66,7 @@ class DeviceInputs:
         self._hardware = hardware
         self._senses.forget()
         self._reckoning = DeadReckoning(config, scales, epoch_ns, self._base_T_laser)
-        self._frozen = FrozenLidar(knows_motion=self._reckoning.has_wheels)
+        self.sight.begin(knows_motion=self._reckoning.has_wheels)
         self._device_log = DeviceLog(self._service.log, self._service.count)
 
     @property
@@ -113,14 +96,8 @@ class DeviceInputs:
 
     def safety_state(self, now_ns: int, cannot_drive: str, *, is_stopped: bool) -> SafetyState:
         """Return what the devices say about whether the robot may drive."""
-        arrived_ns = self._scan_arrived_ns
-        scan_age_ns = None if arrived_ns is None else now_ns - arrived_ns
-        lidar = self._lidar
-        if self._is_frozen and lidar.state == "up":
-            lidar = msgspec.structs.replace(lidar, state="down", message=FROZEN_MESSAGE)
-        elif self._is_covered and lidar.state == "up":
-            lidar = msgspec.structs.replace(lidar, message=COVERED_MESSAGE)
-        return SafetyState(cannot_drive, is_stopped, self._chassis, lidar, scan_age_ns)
+        lidar, age_ns = self.sight.judged(self._lidar), self.sight.age_ns(now_ns)
+        return SafetyState(cannot_drive, is_stopped, self._chassis, lidar, age_ns)
 
     def update(self, now_ns: int) -> None:
         """Bring the devices up to now, and read them."""
@@ -129,9 +106,9 @@ class DeviceInputs:
         self._read_lidar(now_ns)
         odom_T_base = self._reckoning.track.odom_T_base
         further = odom_T_base.inverse().transform_points(self._senses.points_odom(now_ns))
-        self.echoes = np.concatenate([self._near_echoes.points(odom_T_base), further])
+        self.echoes = np.concatenate([self.sight.echoes(odom_T_base), further])
         self.silent_senses = self._senses.silent(now_ns)
-        self.unseen = self._space.unseen(odom_T_base)
+        self.unseen = self.sight.unseen(odom_T_base)
 
     def command(self, now_ns: int, twist: Twist2D) -> None:
         """Take what is driven from now on."""
@@ -162,22 +139,7 @@ class DeviceInputs:
         for scan in reading.scans:
             self._publish_scan(scan)
             if len(scan.ranges):
-                self._look(without_cover(scan), now_ns)
-
-    def _look(self, scan: LidarScan, now_ns: int) -> None:
-        """Take in what a scan of at least one beam sees."""
-        track = self._reckoning.track
-        self._is_frozen = self._frozen.update(scan, track.odom_T_base)
-        if self._is_frozen:
-            return
-        seen = self.view.update(scan, track.odom_T_base)
-        self._space.update(seen, track)
-        # A covered lidar measures nothing valid, which is as good as silence.
-        self._is_covered = not np.any(scan.ranges > 0.0)
-        if not self._is_covered:
-            # What stood near is not gone because of beams that prove nothing.
-            self._near_echoes.update(seen if self.view.lacks_echoes else scan, track)
-            self._scan_arrived_ns = now_ns
+                self.sight.update(scan, self._reckoning.track, now_ns)
 
     def _publish_odometry(self) -> None:
         track = self._reckoning.track

@@ -19,6 +19,7 @@ from trolley_base.drivers import Hardware
 from trolley_base.motion_watch import MotionWatch
 from trolley_base.odometry.wheel_scales import scales_of
 from trolley_base.persistence import WORLD_FILE, SavedWorld
+from trolley_base.safety.lidar_sight import LidarSight
 from trolley_base.safety.lidar_view import LidarView
 from trolley_base.safety.motion_supervision import MotionSupervision
 from trolley_base.safety.near_echoes import NearEchoes
@@ -69,9 +70,11 @@ class BaseService(Service):
         mount = device.base_T_laser
         self._inputs = DeviceInputs(
             self,
-            NearEchoes(mount, field.reach),
-            ObservedSpace(footprint, mount, sight.reach),
-            LidarView(footprint, mount),
+            LidarSight(
+                NearEchoes(mount, field.reach),
+                ObservedSpace(footprint, mount, sight.reach),
+                LidarView(footprint, mount),
+            ),
             mount,
             Senses(config.base.scans, "stop"),
             BoardSenses(config.base.scans, footprint),

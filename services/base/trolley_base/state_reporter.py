@@ -83,7 +83,7 @@ class StateReporter:
         )
 
     def _set_health(self, decision: Decision, now_ns: int) -> None:
-        view = self._inputs.view
+        view = self._inputs.sight.view
         self._service.set_figure("lidar/seen", round(view.share, 3))
         for side, share in view.shares.items():
             self._service.set_figure(f"lidar/seen/{side.replace(' ', '_')}", round(share, 3))
