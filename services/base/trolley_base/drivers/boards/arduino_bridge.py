@@ -21,6 +21,7 @@ from trolley.drivers import API
 from trolley.geometry import Twist2D
 from trolley.messages.motion import Drive
 from trolley_base.drivers.boards.inputs import Inputs
+from trolley_base.drivers.boards.last_heard import LastHeard
 from trolley_base.drivers.boards.models import (
     Answer,
     BoardDriver,
@@ -28,7 +29,7 @@ from trolley_base.drivers.boards.models import (
     BoardQuestion,
     FollowUp,
 )
-from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.report import SILENCE_NS, Report
 from trolley_base.drivers.boards.wheel_ticks import Counts, TickTargets, WheelOdometry
 from trolley_base.drivers.dialogue import Line, Status
 from trolley_base.drivers.interface import ChassisReading, DriverError
@@ -92,6 +93,77 @@ def pid_command(pid: PidConfig) -> str:
     return f"u {argument}"
 
 
+class QuestionSchedule:
+    """Which question is asked next.
+
+    Args:
+        questions: all that are asked again and again.
+    """
+
+    def __init__(self, questions: list[Question]) -> None:
+        self._questions = questions
+
+    def begin(self, now_ns: int) -> None:
+        """Make all of them due."""
+        for question in self._questions:
+            question.due_ns = now_ns
+
+    def hasten(self, text: str, at_ns: int) -> None:
+        """Make one due at a time if it is not due before."""
+        for question in self._questions:
+            if question.text == text:
+                question.due_ns = min(question.due_ns, at_ns)
+
+    def pop_due(self, now_ns: int) -> str | None:
+        """Return what is to be asked now, None if nothing is due."""
+        # The one that waits longest, measured by its own pace: if there are too many for the
+        # line, all of them become slower alike.
+        due = max(self._questions, key=lambda known: (now_ns - known.due_ns) / known.period_ns)
+        if due.due_ns > now_ns:
+            return None
+        due.due_ns = max(due.due_ns + due.period_ns, now_ns)
+        return due.text
+
+
+class MotorCommands:
+    """What the motors shall do, and what they were told last.
+
+    Args:
+        targets: turns velocities into ticks.
+    """
+
+    def __init__(self, targets: TickTargets) -> None:
+        self._targets = targets
+        self.wanted = Twist2D.zero()
+        self.driven: Twist2D | None = None
+        """What they were told last, None if that is not known."""
+        self.told_ns = 0
+        """When that was."""
+
+    @property
+    def are_stopped(self) -> bool:
+        """Whether they were told to stand."""
+        return self.driven is not None and self.driven.is_zero
+
+    def want(self, twist: Twist2D) -> None:
+        """Set the wanted velocity."""
+        self.wanted = twist
+
+    def forget(self) -> None:
+        """Note that what they do is not known."""
+        self.driven = None
+
+    def lose(self) -> None:
+        """Note that it is not known either when they were told something."""
+        self.driven, self.told_ns = None, 0
+
+    def tell(self, twist: Twist2D, now_ns: int) -> str:
+        """Return the command, which is sent now."""
+        self.driven, self.told_ns = twist, now_ns
+        left, right = self._targets.of(twist)
+        return f"{MOTORS} {left} {right}"
+
+
 class ArduinoBridgeDialogue:
     """Talks to the firmware.
 
@@ -109,11 +181,11 @@ class ArduinoBridgeDialogue:
         self._gains = "" if config.pid is None else pid_command(config.pid)
         self._report = Report()
         self._wheels = WheelOdometry(wheels, self._report.count)
-        self._targets = TickTargets(wheels)
+        self._motors = MotorCommands(TickTargets(wheels))
         self._inputs = Inputs(config.inputs)
-        self._motors = Question(MOTORS, MOTORS_EVERY_NS)
-        self._questions = [self._motors, Question(ENCODERS, ENCODERS_EVERY_NS)]
-        self._questions += [Question(*item) for item in self._inputs.questions().items()]
+        questions = [Question(MOTORS, MOTORS_EVERY_NS), Question(ENCODERS, ENCODERS_EVERY_NS)]
+        questions += [Question(*item) for item in self._inputs.questions().items()]
+        self._schedule = QuestionSchedule(questions)
         self.begin(0)
 
     @property
@@ -125,11 +197,10 @@ class ArduinoBridgeDialogue:
         """The port has been opened: ask who is there, command nothing."""
         self._wheels.reset()
         self._inputs.reset()
-        self._wanted = Twist2D.zero()
+        self._motors.want(Twist2D.zero())
         self._partial = b""
         self._in_flight: deque[tuple[str, int]] = deque()
-        self._answer_ns = now_ns
-        self._encoders_ns: int | None = None
+        self._heard = LastHeard(now_ns)
         self._greeted_ns: int | None = None
         self._strays = 0
         self._invalid_in_row = 0
@@ -141,8 +212,7 @@ class ArduinoBridgeDialogue:
         self._in_flight.clear()
         self._partial = b""
         self._is_in_step = False
-        self._driven: Twist2D | None = None
-        self._motors_ns = 0
+        self._motors.lose()
 
     # What arrives.
     def receive(self, data: bytes, arrived_ns: int) -> None:
@@ -173,7 +243,7 @@ class ArduinoBridgeDialogue:
             self._report.count("stray_lines")
             self._strays += 1
             return
-        self._answer_ns = arrived_ns
+        self._heard.hear(arrived_ns)
         self._in_flight.popleft()
 
     def _meet(self, now_ns: int) -> None:
@@ -181,13 +251,12 @@ class ArduinoBridgeDialogue:
         while self._in_flight[0][0] != BAUD:
             # Not answered: a stop, perhaps not heard.
             self._in_flight.popleft()
-            self._driven = None
+            self._motors.forget()
         self._is_in_step = self._is_known = True
         if self._is_greeted:
             return
         self._is_greeted = self._owes_gains = True
-        for question in self._questions:
-            question.due_ns = now_ns
+        self._schedule.begin(now_ns)
 
     def _take_answer(self, question: str, line: bytes, stamp_ns: int, arrived_ns: int) -> None:
         if question[0] in "em":
@@ -199,7 +268,7 @@ class ArduinoBridgeDialogue:
             if scan is not None:
                 self._report.add_range(scan)
         elif question == ENCODERS:
-            self._encoders_ns = arrived_ns
+            self._heard.take_report(arrived_ns)
             left, right = (int(number) for number in line.split())
             motion = self._wheels.add(Counts(left, right, stamp_ns))
             if motion is not None:
@@ -208,19 +277,19 @@ class ArduinoBridgeDialogue:
                 self._report.add_jump()
             if self._wheels.has_restarted:
                 self._report.count("restarts")
-                self._owes_gains, self._driven = True, None
+                self._owes_gains = True
+                self._motors.forget()
 
     # What is sent.
     def drive(self, twist: Twist2D) -> None:
         """Set the wanted velocity; what it says of sideways is left out."""
-        self._wanted = Twist2D(twist.vx, 0.0, twist.wz)
+        self._motors.want(Twist2D(twist.vx, 0.0, twist.wz))
 
     def outgoing(self, now_ns: int) -> bytes:
         """Return a stop at once, anything else when the line is free."""
         self._give_up(now_ns)
-        wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
-        is_stopped = self._driven is not None and self._driven.is_zero
-        if self._is_known and wanted.is_zero and not is_stopped:
+        wanted = self._motors.wanted if self._heard.is_reporting(now_ns) else Twist2D.zero()
+        if self._is_known and wanted.is_zero and not self._motors.are_stopped:
             # Even to a board that does not answer: it may hear.
             stop = self._command(wanted, now_ns)
             return stop if self._is_in_step else stop + self._greet(now_ns)
@@ -230,21 +299,15 @@ class ArduinoBridgeDialogue:
             return self._greet(now_ns)
         if self._gains and self._owes_gains:
             return self._ask(self._gains, now_ns)
-        if wanted != self._driven:
-            soon_ns = self._motors_ns + NEW_MOTORS_EVERY_NS
-            self._motors.due_ns = min(self._motors.due_ns, soon_ns)
-        # The one that waits longest, measured by its own pace: if there are too many for the
-        # line, all of them become slower alike.
-        due = max(self._questions, key=lambda known: (now_ns - known.due_ns) / known.period_ns)
-        if due.due_ns > now_ns:
+        if wanted != self._motors.driven:
+            self._schedule.hasten(MOTORS, self._motors.told_ns + NEW_MOTORS_EVERY_NS)
+        due = self._schedule.pop_due(now_ns)
+        if due is None:
             return b""
-        due.due_ns = max(due.due_ns + due.period_ns, now_ns)
-        return self._command(wanted, now_ns) if due is self._motors else self._ask(due.text, now_ns)
+        return self._command(wanted, now_ns) if due == MOTORS else self._ask(due, now_ns)
 
     def _command(self, twist: Twist2D, now_ns: int) -> bytes:
-        self._driven, self._motors_ns = twist, now_ns
-        left, right = self._targets.of(twist)
-        return self._ask(f"{MOTORS} {left} {right}", now_ns)
+        return self._ask(self._motors.tell(twist, now_ns), now_ns)
 
     def _greet(self, now_ns: int) -> bytes:
         waited = self._greeted_ns is None or now_ns - self._greeted_ns >= GREET_EVERY_NS
@@ -264,7 +327,7 @@ class ArduinoBridgeDialogue:
         if self._is_greeted:
             self._report.count("timeouts")
         self._lose_step()
-        if now_ns - self._answer_ns >= SILENCE_NS:
+        if now_ns - self._heard.heard_ns >= SILENCE_NS:
             self._is_greeted = False
 
     def goodbye(self) -> tuple[bytes, ...]:
@@ -272,13 +335,10 @@ class ArduinoBridgeDialogue:
         return (STOP.encode() + b"\r",) if self._is_known else ()
 
     # How it goes.
-    def _is_reporting(self, now_ns: int) -> bool:
-        return self._encoders_ns is not None and now_ns - self._encoders_ns <= SILENCE_NS
-
     def status(self, now_ns: int) -> Status:
         """Say how it goes."""
-        is_silent = now_ns - self._answer_ns >= REOPEN_AFTER_NS
-        if self._encoders_ns is None and self._strays >= MOST_STRAYS:
+        is_silent = self._heard.is_silent(now_ns)
+        if not self._heard.has_reported and self._strays >= MOST_STRAYS:
             sentence = (
                 "What arrives is not ROSArduinoBridge's: is this the motor board's port, and is "
                 f"{self._baud} the firmware's baud rate?"
@@ -296,16 +356,16 @@ class ArduinoBridgeDialogue:
                 "The motor board knows no motors: its sketch was built without USE_BASE. Remove "
                 "the comment slashes before #define USE_BASE and flash it again.",
             )
-        if self._is_reporting(now_ns):
+        if self._heard.is_reporting(now_ns):
             return Status("up")
-        if self._encoders_ns is not None:
+        if self._heard.has_reported:
             return Status("down", "The motor board has stopped answering; it is asked again.")
         return Status("searching", "The motor board is being greeted.")
 
     def take(self, now_ns: int) -> ChassisReading:
         """Hand over what was reported."""
         inputs = self._inputs
-        contacts = inputs.contacts() if self._is_reporting(now_ns) else ()
+        contacts = inputs.contacts() if self._heard.is_reporting(now_ns) else ()
         return self._report.take(self.status(now_ns), inputs.alarms(), inputs.battery, contacts)
 
 

@@ -27,6 +27,7 @@ from trolley_base.differential import sides_of
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
+from trolley_base.drivers.boards.last_heard import LastHeard
 from trolley_base.drivers.boards.models import (
     Answer,
     BoardDriver,
@@ -34,7 +35,7 @@ from trolley_base.drivers.boards.models import (
     BoardQuestion,
     count_nothing,
 )
-from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.report import Report
 from trolley_base.drivers.boards.wheel_ticks import StreamedOdometry
 from trolley_base.drivers.dialogue import Line, Status, travel_ns
 from trolley_base.drivers.interface import ChassisReading, Contact, Sector
@@ -230,9 +231,7 @@ class Create2Dialogue:
         self._senses: Senses | None = None
         self._counts: tuple[int, int] | None = None
         self._num_frames = self._settled_ns = 0
-        self._byte_ns = now_ns
-        self._frame_ns: int | None = None
-        self._has_bytes = False
+        self._heard = LastHeard(now_ns)
         self._pace.reset()
         self._started_ns: int | None = None
         self._mode_ns: int | None = None
@@ -243,7 +242,7 @@ class Create2Dialogue:
         """Take bytes."""
         if not data:
             return
-        self._byte_ns, self._has_bytes = arrived_ns, True
+        self._heard.hear(arrived_ns)
         frames, has_skipped = self._reader.feed(data)
         if has_skipped:
             self._wheels.miss()
@@ -253,10 +252,11 @@ class Create2Dialogue:
 
     def _take(self, senses: Senses, left_ns: int, arrived_ns: int) -> None:
         before = self._senses
-        if self._frame_ns is not None and arrived_ns - self._frame_ns > SILENCE_NS:
+        if self._heard.has_reported and not self._heard.is_reporting(arrived_ns):
             self._settled_ns = arrived_ns + SETTLES_NS
             self._wheels.miss()
-        self._senses, self._frame_ns = senses, arrived_ns
+        self._senses = senses
+        self._heard.take_report(arrived_ns)
         if senses.capacity:
             share = senses.charge / senses.capacity
             is_charging = senses.charging in CHARGES
@@ -298,7 +298,7 @@ class Create2Dialogue:
 
     def _command(self, now_ns: int) -> bytes:
         """Return a command: stops and starts at once, zeros too, since one may be lost."""
-        if self._frame_ns is None:
+        if not self._heard.has_reported:
             return b""
         wanted = self._wanted if self._is_usable(now_ns) else Twist2D.zero()
         if not self._pace.is_due(now_ns, stands=wanted.is_zero):
@@ -313,7 +313,7 @@ class Create2Dialogue:
 
     def _must_change_mode(self, now_ns: int) -> bool:
         """Whether it is to be started, or put into safe mode, now."""
-        if not self._is_reporting(now_ns):
+        if not self._heard.is_reporting(now_ns):
             waited = self._started_ns is None or now_ns - self._started_ns >= START_EVERY_NS
             return waited or bool(self._steps)
         senses = self._senses
@@ -326,7 +326,7 @@ class Create2Dialogue:
         if not self._must_change_mode(now_ns):
             return b""
         self._mode_ns = now_ns
-        if self._is_reporting(now_ns):
+        if self._heard.is_reporting(now_ns):
             self._steps = []
             return bytes((SAFE,))
         if not self._steps:
@@ -343,21 +343,18 @@ class Create2Dialogue:
 
     def goodbye(self) -> tuple[bytes, ...]:
         """Stop the wheels, then the reports, then the interface: its buttons work again."""
-        return () if self._frame_ns is None else (STOP, PAUSE_STREAM + END)
+        return (STOP, PAUSE_STREAM + END) if self._heard.has_reported else ()
 
     # How it goes.
-    def _is_reporting(self, now_ns: int) -> bool:
-        return self._frame_ns is not None and now_ns - self._frame_ns <= SILENCE_NS
-
     def _is_usable(self, now_ns: int) -> bool:
         senses = self._senses
         if senses is None or senses.mode != SAFE_MODE or now_ns < self._settled_ns:
             return False
-        return self._is_reporting(now_ns)
+        return self._heard.is_reporting(now_ns)
 
     def status(self, now_ns: int) -> Status:
         """Say how it goes."""
-        if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
+        if self._heard.is_silent(now_ns):
             return Status(
                 "down",
                 "The Create is silent. Is it switched on? Press its Clean button once to wake it, "
@@ -366,11 +363,11 @@ class Create2Dialogue:
             )
         if self._is_usable(now_ns):
             return Status("up")
-        if self._is_reporting(now_ns) and self._senses is not None:
+        if self._heard.is_reporting(now_ns) and self._senses is not None:
             return Status("down", _why_not(self._senses))
-        if self._frame_ns is not None:
+        if self._heard.has_reported:
             return Status("down", "The Create has stopped reporting; it is started again.")
-        if self._has_bytes:
+        if self._heard.has_bytes:
             return Status(
                 "searching",
                 "What arrives is not a Create's: is this its port, and is "
@@ -383,7 +380,7 @@ class Create2Dialogue:
         found, contacts = set(self._gauge.alarms()), ()
         if self._senses is not None:
             found |= self._senses.alarms()
-            contacts = self._senses.contacts() if self._is_reporting(now_ns) else ()
+            contacts = self._senses.contacts() if self._heard.is_reporting(now_ns) else ()
         alarms = tuple(sorted(found))
         return self._report.take(self.status(now_ns), alarms, self._gauge.battery, contacts)
 

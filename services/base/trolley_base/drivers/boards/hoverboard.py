@@ -26,6 +26,7 @@ from trolley_base.differential import sides_of, twist_of
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.fixed_frames import FrameFormat, FrameReader
+from trolley_base.drivers.boards.last_heard import LastHeard
 from trolley_base.drivers.boards.models import (
     SETTINGS,
     Answer,
@@ -34,7 +35,7 @@ from trolley_base.drivers.boards.models import (
     BoardQuestion,
     count_nothing,
 )
-from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.report import Report
 from trolley_base.drivers.boards.velocities import VelocityIntegrator
 from trolley_base.drivers.boards.wheel_ticks import MOST_SPEED
 from trolley_base.drivers.dialogue import Line, Status, travel_ns
@@ -136,11 +137,8 @@ class HoverboardDialogue:
         self._wheels.reset()
         self._gauge.reset()
         self._wanted = Twist2D.zero()
-        self._byte_ns = now_ns
-        self._frame_ns: int | None = None
-        self._no_rpm_ns: int | None = None
+        self._heard = LastHeard(now_ns)
         self._pace.reset()
-        self._has_bytes = False
         self._rest = (0.0, 0.0)
 
     # What arrives.
@@ -148,7 +146,7 @@ class HoverboardDialogue:
         """Take bytes."""
         if not data:
             return
-        self._byte_ns, self._has_bytes = arrived_ns, True
+        self._heard.hear(arrived_ns)
         frames, _ = self._reader.feed(data)
         for frame in frames:
             late_ns = travel_ns(frame.following, self._baud)
@@ -160,9 +158,9 @@ class HoverboardDialogue:
         if max(abs(left), abs(right)) > MOST_SPEED:
             self._report.note("warning", NO_RPM)
             self._report.count("bad_messages")
-            self._no_rpm_ns = arrived_ns
+            self._heard.take_nonsense(arrived_ns)
             return
-        self._frame_ns = arrived_ns
+        self._heard.take_report(arrived_ns)
         self._gauge.take_voltage(max(0, told.centivolts) * 1e-2, arrived_ns)
         motion = self._wheels.add(twist_of(left, right, self._half_track_m), left_ns)
         if motion is not None:
@@ -175,9 +173,9 @@ class HoverboardDialogue:
 
     def outgoing(self, now_ns: int) -> bytes:
         """Return a command: stops and starts at once, zeros too, or it beeps and lets go."""
-        if self._frame_ns is None:
+        if not self._heard.has_reported:
             return b""
-        wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
+        wanted = self._wanted if self._heard.is_reporting(now_ns) else Twist2D.zero()
         if not self._pace.is_due(now_ns, stands=wanted.is_zero):
             return b""
         self._pace.note(now_ns, stands=wanted.is_zero)
@@ -202,28 +200,25 @@ class HoverboardDialogue:
 
     def goodbye(self) -> tuple[bytes, ...]:
         """Stop the wheels."""
-        return () if self._frame_ns is None else (STOP,)
+        return (STOP,) if self._heard.has_reported else ()
 
     # How it goes.
-    def _is_reporting(self, now_ns: int) -> bool:
-        return self._frame_ns is not None and now_ns - self._frame_ns <= SILENCE_NS
-
     def status(self, now_ns: int) -> Status:
         """Say how it goes."""
-        if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
+        if self._heard.is_silent(now_ns):
             return Status(
                 "down",
                 "The hoverboard is silent. Is it switched on (it switches itself off after 8 min "
                 "of rest), and is its firmware built with VARIANT_USART?",
                 reopen=True,
             )
-        if self._is_reporting(now_ns):
+        if self._heard.is_reporting(now_ns):
             return Status("up")
-        if self._no_rpm_ns is not None and now_ns - self._no_rpm_ns <= SILENCE_NS:
+        if self._heard.is_talking_nonsense(now_ns):
             return Status("down", NO_RPM)
-        if self._frame_ns is not None:
+        if self._heard.has_reported:
             return Status("down", "The hoverboard has stopped reporting.")
-        if self._has_bytes:
+        if self._heard.has_bytes:
             return Status(
                 "searching",
                 "What arrives is not a hoverboard's feedback: is this its port, is its firmware "

@@ -18,6 +18,7 @@ from trolley.drivers import API
 from trolley.geometry import Twist2D
 from trolley_base.drivers.boards import rosserial_answer
 from trolley_base.drivers.boards.command_pace import CommandPace
+from trolley_base.drivers.boards.last_heard import LastHeard
 from trolley_base.drivers.boards.lino_messages import (
     CMD_VEL,
     PID,
@@ -35,7 +36,7 @@ from trolley_base.drivers.boards.models import (
     FollowUp,
 )
 from trolley_base.drivers.boards.negotiation import Negotiation
-from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.report import Report
 from trolley_base.drivers.boards.rosserial import (
     LOG,
     PUBLISHER,
@@ -96,17 +97,15 @@ class LinorobotDialogue:
         self._wheels.reset()
         self._wanted = Twist2D.zero()
         self._pace.reset()
-        self._looked_ns = self._byte_ns = self._time_request_ns = now_ns
-        self._velocity_ns: int | None = None
-        self._no_speed_ns: int | None = None
-        self._has_bytes = self._has_frames = False
+        self._heard = LastHeard(now_ns)
+        self._looked_ns = self._time_request_ns = now_ns
         self._time_requests = 0
         self._owes_pid = False
 
     def _look(self, now_ns: int) -> None:
         """Notice that base itself stood still: nothing of that time speaks against the board."""
         if now_ns - self._looked_ns >= STALL_NS:
-            self._byte_ns = now_ns
+            self._heard.forgive_silence(now_ns)
             self._topics.note_stall(now_ns)
         self._looked_ns = now_ns
 
@@ -119,9 +118,9 @@ class LinorobotDialogue:
         """Take bytes."""
         if not data:
             return
-        self._byte_ns, self._has_bytes = arrived_ns, True
+        self._heard.hear(arrived_ns)
         for frame in self._decoder.feed(data):
-            self._has_frames = True
+            self._heard.take_frame()
             if not self._take_frame(frame, arrived_ns):
                 self._report.count("bad_messages")
 
@@ -166,9 +165,9 @@ class LinorobotDialogue:
         twist = parse_velocities(payload)
         if twist is None:
             self._report.note("warning", NO_SPEED)
-            self._no_speed_ns = arrived_ns
+            self._heard.take_nonsense(arrived_ns)
             return False
-        self._velocity_ns = arrived_ns
+        self._heard.take_report(arrived_ns)
         if not self._can_drive_sideways:
             twist = Twist2D(twist.vx, 0.0, twist.wz)
         motion = self._wheels.add(twist, left_ns)
@@ -231,11 +230,7 @@ class LinorobotDialogue:
 
     # How it goes.
     def _is_reporting(self, now_ns: int) -> bool:
-        return (
-            self._topics.is_usable
-            and self._velocity_ns is not None
-            and now_ns - self._velocity_ns <= SILENCE_NS
-        )
+        return self._topics.is_usable and self._heard.is_reporting(now_ns)
 
     def _has_forgotten_us(self, now_ns: int) -> bool:
         """Whether a board that announced its topics must be asked again, as after a reboot."""
@@ -244,7 +239,7 @@ class LinorobotDialogue:
 
     def status(self, now_ns: int) -> Status:
         """Say how it goes."""
-        if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
+        if self._heard.is_silent(now_ns):
             return Status(
                 "down",
                 "The motor board is silent. Is it powered, and does it run linorobot's firmware?",
@@ -254,11 +249,11 @@ class LinorobotDialogue:
             return Status("down", self._topics.fault)
         if self._is_reporting(now_ns):
             return Status("up")
-        if self._no_speed_ns is not None and now_ns - self._no_speed_ns <= SILENCE_NS:
+        if self._heard.is_talking_nonsense(now_ns):
             return Status("down", NO_SPEED)
-        if self._velocity_ns is not None:
+        if self._heard.has_reported:
             return Status("down", "The motor board has stopped reporting; it is asked again.")
-        if self._has_bytes and not self._has_frames:
+        if self._heard.speaks_otherwise:
             return Status(
                 "searching",
                 "What arrives is not rosserial: is this the motor board's port, and does it run "

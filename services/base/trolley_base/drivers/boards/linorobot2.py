@@ -27,6 +27,7 @@ from trolley_base.drivers.boards import linorobot2_messages as messages
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.command_pace import CommandPace
 from trolley_base.drivers.boards.device_clock import DeviceClock
+from trolley_base.drivers.boards.last_heard import LastHeard
 from trolley_base.drivers.boards.linorobot2_messages import NoMessageError
 from trolley_base.drivers.boards.models import (
     Answer,
@@ -35,7 +36,7 @@ from trolley_base.drivers.boards.models import (
     BoardQuestion,
     count_nothing,
 )
-from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.report import SILENCE_NS, Report
 from trolley_base.drivers.boards.sonar import sonar_scan, sonar_sense
 from trolley_base.drivers.boards.velocities import NO_SPEED, StampedVelocities
 from trolley_base.drivers.boards.xrce_agent import Delivery, XrceAgent, matches
@@ -123,11 +124,8 @@ class Linorobot2Dialogue:
         self._pace.reset()
         self._wanted = Twist2D.zero()
         self._address = 0
-        self._byte_ns = now_ns
+        self._heard = LastHeard(now_ns)
         self._session_ns = now_ns
-        self._odometry_ns: int | None = None
-        self._no_speed_ns: int | None = None
-        self._has_bytes = self._has_frames = False
         self._num_sessions = self._num_synchronized = 0
 
     # What arrives.
@@ -135,9 +133,9 @@ class Linorobot2Dialogue:
         """Take bytes."""
         if not data:
             return
-        self._byte_ns, self._has_bytes = arrived_ns, True
+        self._heard.hear(arrived_ns)
         for frame in self._decoder.feed(data):
-            self._has_frames = True
+            self._heard.take_frame()
             self._address = frame.source
             deliveries = self._agent.take(frame.message, arrived_ns)
             self._set_pings()
@@ -159,7 +157,7 @@ class Linorobot2Dialogue:
                 self._report.count("sessions")
             self._num_sessions = self._agent.num_sessions
             self._session_ns = now_ns
-            self._odometry_ns = None
+            self._heard.forget_reports()
             self._pace.reset()
         if self._agent.num_synchronized != self._num_synchronized:
             self._num_synchronized = self._agent.num_synchronized
@@ -199,9 +197,9 @@ class Linorobot2Dialogue:
             odometry = messages.parse_odometry(body)
         except NoMessageError:
             self._report.note("warning", NO_SPEED)
-            self._no_speed_ns = arrived_ns
+            self._heard.take_nonsense(arrived_ns)
             raise
-        self._odometry_ns = arrived_ns
+        self._heard.take_report(arrived_ns)
         twist = odometry.twist
         if not self._can_drive_sideways:
             twist = Twist2D(twist.vx, 0.0, twist.wz)
@@ -229,8 +227,9 @@ class Linorobot2Dialogue:
 
     def _is_senseless(self, now_ns: int) -> bool:
         """Whether the board's streams and ours have come apart, as with two agents on a port."""
-        sensible_ns = max(self._session_ns, self._odometry_ns or 0, self._no_speed_ns or 0)
-        is_sending = now_ns - self._byte_ns <= SILENCE_NS
+        heard = self._heard
+        sensible_ns = max(self._session_ns, heard.report_ns or 0, heard.nonsense_ns or 0)
+        is_sending = now_ns - heard.heard_ns <= SILENCE_NS
         has_reader = self._agent.reader_of(messages.CMD_VEL) is not None
         return has_reader and is_sending and now_ns - sensible_ns > SENSELESS_NS
 
@@ -239,7 +238,7 @@ class Linorobot2Dialogue:
         reader = self._agent.reader_of(messages.CMD_VEL)
         if reader is None or self._fault(now_ns):
             return
-        wanted = self._wanted if self._is_reporting(now_ns) else Twist2D.zero()
+        wanted = self._wanted if self._heard.is_reporting(now_ns) else Twist2D.zero()
         if not self._pace.is_due(now_ns, stands=wanted.is_zero):
             return
         vy = wanted.vy if self._can_drive_sideways else 0.0
@@ -254,15 +253,11 @@ class Linorobot2Dialogue:
         reader = self._agent.reader_of(messages.CMD_VEL)
         if reader is None:
             return ()
-        self._agent.send(reader, messages.encode_twist(Twist2D.zero()), self._byte_ns)
-        return (
-            b"".join(encode(one, self._address) for one in self._agent.outgoing(self._byte_ns)),
-        )
+        self._agent.send(reader, messages.encode_twist(Twist2D.zero()), self._heard.heard_ns)
+        last = self._agent.outgoing(self._heard.heard_ns)
+        return (b"".join(encode(one, self._address) for one in last),)
 
     # How it goes.
-    def _is_reporting(self, now_ns: int) -> bool:
-        return self._odometry_ns is not None and now_ns - self._odometry_ns <= SILENCE_NS
-
     def _fault(self, now_ns: int) -> str:
         """Say why this is no firmware that can be driven, "" where it may be."""
         if self._agent.is_incompatible:
@@ -285,19 +280,19 @@ class Linorobot2Dialogue:
 
     def status(self, now_ns: int) -> Status:
         """Say how it goes."""
-        if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
+        if self._heard.is_silent(now_ns):
             return Status("down", SILENT + (ON_WIFI if self._is_on_wifi else ""), reopen=True)
         if fault := self._fault(now_ns):
             return Status("down", fault)
         if self._agent.is_estranged:
             return Status("down", STRANGER)
-        if self._is_reporting(now_ns) and self._agent.reader_of(messages.CMD_VEL) is not None:
+        if self._heard.is_reporting(now_ns) and self._agent.reader_of(messages.CMD_VEL) is not None:
             return Status("up")
-        if self._no_speed_ns is not None and now_ns - self._no_speed_ns <= SILENCE_NS:
+        if self._heard.is_talking_nonsense(now_ns):
             return Status("down", NO_SPEED)
-        if self._odometry_ns is not None:
+        if self._heard.has_reported:
             return Status("down", "The motor board has stopped reporting; it is waited for.")
-        if self._has_bytes and not self._has_frames:
+        if self._heard.speaks_otherwise:
             return Status(
                 "searching",
                 "What arrives is not micro-ROS: is this the motor board's port, does it run "

@@ -30,6 +30,7 @@ from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of, twist_of
 from trolley_base.drivers.boards.battery import BatteryGauge
 from trolley_base.drivers.boards.command_pace import CommandPace
+from trolley_base.drivers.boards.last_heard import LastHeard
 from trolley_base.drivers.boards.models import (
     SETTINGS,
     Answer,
@@ -37,7 +38,7 @@ from trolley_base.drivers.boards.models import (
     BoardFacts,
     BoardQuestion,
 )
-from trolley_base.drivers.boards.report import REOPEN_AFTER_NS, SILENCE_NS, Report
+from trolley_base.drivers.boards.report import Report
 from trolley_base.drivers.boards.velocities import VelocityIntegrator
 from trolley_base.drivers.boards.wheel_ticks import MOST_SPEED, StreamedOdometry
 from trolley_base.drivers.dialogue import Line, Status, travel_ns
@@ -127,11 +128,10 @@ class WaveshareUgvDialogue:
         self._partial = b""
         self._wanted = Twist2D.zero()
         self._gauge.reset()
-        self._byte_ns = now_ns
-        self._reported_ns: int | None = None
+        self._heard = LastHeard(now_ns)
         self._set_up_ns: int | None = None
         self._pace.reset()
-        self._has_bytes = self._is_ugv = self._lacks_encoders = False
+        self._is_ugv = self._lacks_encoders = False
         self._ways.reset()
         self._lose()
 
@@ -147,7 +147,7 @@ class WaveshareUgvDialogue:
         """Take bytes."""
         if not data:
             return
-        self._byte_ns, self._has_bytes = arrived_ns, True
+        self._heard.hear(arrived_ns)
         *lines, self._partial = (self._partial + data).split(b"\n")
         following = sum(len(line) + 1 for line in lines) + len(self._partial)
         for line in lines:
@@ -182,7 +182,7 @@ class WaveshareUgvDialogue:
         if speeds is None:
             return False
         self._is_ugv = True
-        self._reported_ns = arrived_ns
+        self._heard.take_report(arrived_ns)
         if max(map(abs, speeds)) > MOST_SPEED:
             self._lacks_encoders = True
             return True
@@ -215,7 +215,7 @@ class WaveshareUgvDialogue:
 
     def outgoing(self, now_ns: int) -> bytes:
         """Return a command if one is due, and what the board is to be told."""
-        if self._reported_ns is not None and now_ns - self._reported_ns > SILENCE_NS:
+        if self._heard.has_reported and not self._heard.is_reporting(now_ns):
             self._lose()
         return self._command(now_ns) + self._set_up(now_ns)
 
@@ -263,14 +263,11 @@ class WaveshareUgvDialogue:
     def _is_usable(self, now_ns: int) -> bool:
         if self._unconfirmed or self._lacks_encoders:
             return False
-        return self._is_reporting(now_ns)
-
-    def _is_reporting(self, now_ns: int) -> bool:
-        return self._reported_ns is not None and now_ns - self._reported_ns <= SILENCE_NS
+        return self._heard.is_reporting(now_ns)
 
     def status(self, now_ns: int) -> Status:
         """Say how it goes."""
-        if now_ns - self._byte_ns >= REOPEN_AFTER_NS:
+        if self._heard.is_silent(now_ns):
             return Status(
                 "down",
                 "The motor board is silent. Is the robot switched on, and is this its port?",
@@ -281,11 +278,11 @@ class WaveshareUgvDialogue:
         if self._is_usable(now_ns):
             return Status("up")
         since_ns = now_ns if self._asked_since_ns is None else self._asked_since_ns
-        if self._is_reporting(now_ns) and now_ns - since_ns > CONFIRMS_WITHIN_NS:
+        if self._heard.is_reporting(now_ns) and now_ns - since_ns > CONFIRMS_WITHIN_NS:
             return Status("down", UNCONFIRMED)
-        if self._is_ugv and not self._is_reporting(now_ns):
+        if self._is_ugv and not self._heard.is_reporting(now_ns):
             return Status("down", "The motor board has stopped reporting; it is set up again.")
-        if self._has_bytes and not self._is_ugv:
+        if self._heard.has_bytes and not self._is_ugv:
             return Status(
                 "searching",
                 "What arrives is not a Waveshare UGV's: is this the motor board's port, and is "
