@@ -127,6 +127,88 @@ class Publisher:
     is_reliable: bool
 
 
+class ReliableOutput:
+    """What is sent in order and kept until the agent acknowledges it.
+
+    Args:
+        number: of the next message.
+    """
+
+    def __init__(self, number: int = 0) -> None:
+        self._written = self._acknowledged = number
+        """Number of the next message, and of the first that is not acknowledged."""
+        self.kept: dict[int, bytes] = {}
+        """What is not acknowledged, by its number."""
+        self.heartbeat_ns: int | None = None
+        """When to ask for an acknowledgement, None while nothing is kept."""
+        self._heartbeats = 0
+
+    def keep(self, data: bytes, now_ns: int) -> int:
+        """Keep a message, and return its number."""
+        number, self._written = self._written, self._written + 1 & 0xFFFF
+        self.kept[number] = data
+        if self.heartbeat_ns is None:
+            self.heartbeat_ns = now_ns + HEARTBEAT_NS
+            self._heartbeats = 1
+        return number
+
+    def heartbeat(self, now_ns: int) -> bytes | None:
+        """Return the question for an acknowledgement, None if it is not due."""
+        if not self.kept:
+            self.heartbeat_ns = None
+        if self.heartbeat_ns is None or now_ns < self.heartbeat_ns:
+            return None
+        self._heartbeats += 1
+        self.heartbeat_ns = now_ns + (HEARTBEAT_NS << min(self._heartbeats, 20))
+        last = self._written - 1 & 0xFFFF
+        return struct.pack("<HHB", self._acknowledged, last, RELIABLE_STREAM)
+
+    def acknowledge(self, first: int, now_ns: int) -> None:
+        """Take what the agent has: all before `first`."""
+        while self._acknowledged != first and self._acknowledged in self.kept:
+            del self.kept[self._acknowledged]
+            self._acknowledged = self._acknowledged + 1 & 0xFFFF
+        self._heartbeats = 0
+        self.heartbeat_ns = now_ns + HEARTBEAT_NS if self.kept else None
+
+
+class ReliableInput:
+    """What comes in order, however it arrives.
+
+    Args:
+        number: of the next message.
+    """
+
+    def __init__(self, number: int = 0) -> None:
+        self._next = number
+        self._early: dict[int, bytes] = {}
+
+    def take(self, number: int, data: bytes) -> list[bytes]:
+        """Take a message, and return those whose turn it is."""
+        if (number - self._next & 0xFFFF) < HISTORY:
+            self._early[number] = data
+        found: list[bytes] = []
+        while self._next in self._early:
+            found.append(self._early.pop(self._next))
+            self._next = self._next + 1 & 0xFFFF
+        return found
+
+    def skip_to(self, first: int) -> None:
+        """Wait no more for what the agent no longer has."""
+        if (first - self._next + 0x8000 & 0xFFFF) > 0x8000:
+            self._next = first
+
+    def acknack(self) -> bytes:
+        """Return which message is next, and which of those after it are missing."""
+        bits = 0
+        if self._early:
+            last = max(number - self._next & 0xFFFF for number in self._early)
+            for place in range(last + 1):
+                if self._next + place & 0xFFFF not in self._early:
+                    bits |= 1 << place
+        return struct.pack("<HBBB", self._next, bits >> 8, bits & 255, RELIABLE_STREAM)
+
+
 class MicroRosClient:
     """A session with an agent, from the board's side.
 
@@ -149,15 +231,10 @@ class MicroRosClient:
         """Forget the session."""
         self._key = struct.pack(">I", key)
         self._request = 9
-        self._written = self._acknowledged = 0
-        """Number of the next reliable message, and of the first that is not acknowledged."""
-        self._kept: dict[int, bytes] = {}
-        self._next_input = 0
-        self._early: dict[int, bytes] = {}
+        self._output = ReliableOutput()
+        self._input = ReliableInput()
         self._newest_best_effort = -1
         self._best_effort = 0
-        self._heartbeat_ns: int | None = None
-        self._heartbeats = 0
         self._statuses: dict[int, int] = {}
         self._session_status: int | None = None
         self._pong: int | None = None
@@ -165,8 +242,8 @@ class MicroRosClient:
 
     def resume(self, number: int, expected: int) -> None:
         """Be in the middle of a session with somebody else."""
-        self._written = self._acknowledged = number
-        self._next_input = expected
+        self._output = ReliableOutput(number)
+        self._input = ReliableInput(expected)
 
     def receive(self, data: bytes) -> bool:
         """Take what came over the line; True if it holds a whole message."""
@@ -185,9 +262,11 @@ class MicroRosClient:
                 return True
             if self.now_ns >= until_ns:
                 return False
-            self._ask_for_acknowledgement()
-            due_ns = until_ns if self._heartbeat_ns is None else self._heartbeat_ns
-            yield min(until_ns, due_ns)
+            told = self._output.heartbeat(self.now_ns)
+            if told is not None:
+                self._put(framed(self._header(0, 0) + part(11, told)))
+            due_ns = self._output.heartbeat_ns
+            yield until_ns if due_ns is None else min(until_ns, due_ns)
 
     def ping(self, timeout_ns: int, attempts: int) -> Sleep:
         """Look for an agent; whatever else comes meanwhile is thrown away, as in the library."""
@@ -259,7 +338,7 @@ class MicroRosClient:
                 for at in range(0, len(whole), room)
             ]
         )
-        if len(self._kept) + len(pieces) > HISTORY and not (yield from self._confirmed()):
+        if len(self._output.kept) + len(pieces) > HISTORY and not (yield from self._confirmed()):
             return False
         for piece in pieces:
             self._write_reliably(piece)
@@ -267,7 +346,7 @@ class MicroRosClient:
         return True if not publisher.is_reliable else (yield from self._confirmed())
 
     def _confirmed(self) -> Sleep:
-        return (yield from self.wait(PUBLISH_NS, lambda: not self._kept))
+        return (yield from self.wait(PUBLISH_NS, lambda: not self._output.kept))
 
     # The line.
     def _next_request(self) -> int:
@@ -278,22 +357,8 @@ class MicroRosClient:
         return bytes((SESSION, stream, number & 255, number >> 8))
 
     def _write_reliably(self, data: bytes) -> None:
-        number, self._written = self._written, self._written + 1 & 0xFFFF
-        self._kept[number] = data
+        number = self._output.keep(data, self.now_ns)
         self._put(framed(self._header(RELIABLE_STREAM, number) + data))
-        if self._heartbeat_ns is None:
-            self._heartbeat_ns = self.now_ns + HEARTBEAT_NS
-            self._heartbeats = 1
-
-    def _ask_for_acknowledgement(self) -> None:
-        if not self._kept:
-            self._heartbeat_ns = None
-        elif self._heartbeat_ns is not None and self.now_ns >= self._heartbeat_ns:
-            self._heartbeats += 1
-            self._heartbeat_ns = self.now_ns + (HEARTBEAT_NS << min(self._heartbeats, 20))
-            last = self._written - 1 & 0xFFFF
-            told = struct.pack("<HHB", self._acknowledged, last, RELIABLE_STREAM)
-            self._put(framed(self._header(0, 0) + part(11, told)))
 
     def _take(self, message: bytes) -> None:
         if len(message) <= 8 or message[0] != SESSION:
@@ -302,12 +367,7 @@ class MicroRosClient:
         if stream == 0:
             self._take_parts(message[4:])
         elif stream >= 0x80:
-            ahead = number - self._next_input & 0xFFFF
-            if ahead < HISTORY:
-                self._early[number] = message[4:]
-            while self._next_input in self._early:
-                data = self._early.pop(self._next_input)
-                self._next_input = self._next_input + 1 & 0xFFFF
+            for data in self._input.take(number, message[4:]):
                 self._take_parts(data)
             self._acknowledge()
         elif number > self._newest_best_effort:
@@ -315,14 +375,7 @@ class MicroRosClient:
             self._take_parts(message[4:])
 
     def _acknowledge(self) -> None:
-        bits = 0
-        if self._early:
-            last = max(number - self._next_input & 0xFFFF for number in self._early)
-            for place in range(last + 1):
-                if self._next_input + place & 0xFFFF not in self._early:
-                    bits |= 1 << place
-        told = struct.pack("<HBBB", self._next_input, bits >> 8, bits & 255, RELIABLE_STREAM)
-        self._put(framed(self._header(0, 0) + part(10, told)))
+        self._put(framed(self._header(0, 0) + part(10, self._input.acknack())))
 
     def _take_parts(self, data: bytes) -> None:
         at = 0
@@ -346,8 +399,7 @@ class MicroRosClient:
                 self._take_acknack(payload)
             case 11:
                 first, _last, _stream = struct.unpack("<HHB", payload)
-                if (first - self._next_input + 0x8000 & 0xFFFF) > 0x8000:
-                    self._next_input = first
+                self._input.skip_to(first)
                 self._acknowledge()
             case 15:
                 self._take_time(payload)
@@ -358,13 +410,9 @@ class MicroRosClient:
         first, high, low, stream = struct.unpack("<HBBB", payload)
         if stream != RELIABLE_STREAM:
             return
-        while self._acknowledged != first and self._acknowledged in self._kept:
-            del self._kept[self._acknowledged]
-            self._acknowledged = self._acknowledged + 1 & 0xFFFF
-        self._heartbeats = 0
-        self._heartbeat_ns = self.now_ns + HEARTBEAT_NS if self._kept else None
+        self._output.acknowledge(first, self.now_ns)
         if high or low:
-            for number, data in self._kept.items():
+            for number, data in self._output.kept.items():
                 self._put(framed(self._header(RELIABLE_STREAM, number) + data))
 
     def _take_time(self, payload: bytes) -> None:
