@@ -3,7 +3,7 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test unit slow lint format audit sbom bench docs api wheels release lock clean
+.PHONY: help setup demo test unit slow arm64 lint format audit sbom bench docs api wheels release lock clean
 
 # The newest suitable Python that really runs (a pyenv shim may exist and fail).
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
@@ -29,7 +29,7 @@ export PYTHONDONTWRITEBYTECODE :=
 
 help: ## Show this list.
 	@echo 'Usage: make TARGET [ARGS="..."]   (Python for .venv: make setup PYTHON=python3.12)'
-	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  \1\t\2/p' Makefile | expand -t 12
+	@sed -nE 's/^([a-z0-9]+):[^#]*## (.*)/  \1\t\2/p' Makefile | expand -t 12
 
 setup: $(STAMPS)/kernels ## Install everything into .venv and compile the kernels (once).
 
@@ -50,6 +50,9 @@ unit: setup ## The quick tests, while you work: no whole drives, no other progra
 
 slow: setup ## The tests that take longer: whole drives, more seeds, most of the browser's.
 	@$(BIN)/python tests/parts.py slow
+
+arm64: setup ## Try the last commit on 64-bit ARM, emulated; as root, takes an hour or two.
+	@$(BIN)/python -m bench.arm64 $(ARGS)
 
 lint: setup ## ruff, its formatter and pyright, changing nothing.
 	@$(BIN)/ruff check .
@@ -137,10 +140,12 @@ $(STAMPS)/venv:
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(VENV)/uv.txt
 	@mkdir -p $(STAMPS) && touch $@
 
+# Empty where the time of the first start counts for less: Python compiles what it imports.
+COMPILE_BYTECODE ?= --compile-bytecode
 # uv does not read pip's settings: where only those know the way to the packages, pip does the work.
 $(STAMPS)/packages: $(STAMPS)/venv requirements.lock
 	@echo "Installing the packages of requirements.lock ..."
-	@$(UV) pip sync --quiet --python $(BIN)/python --require-hashes --compile-bytecode requirements.lock || { \
+	@$(UV) pip sync --quiet --python $(BIN)/python --require-hashes $(COMPILE_BYTECODE) requirements.lock || { \
 		echo "uv could not; trying pip ..."; \
 		$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements.lock; }
 	@touch $@

@@ -161,7 +161,7 @@ make_environment() {
             die "apt-get failed. Is there a network? Try: sudo apt install python3-venv"
         fi
     fi
-    say "Making the environment (about 500 MB; some minutes on a Raspberry Pi) ..."
+    say "Making the environment (about 700 MB; some minutes on a Raspberry Pi) ..."
     "$python" -m venv "$folder/.venv"
     local bin=$folder/.venv/bin
     awk '/^[^ ]/ { wanted = /^uv==/ } wanted' "$folder/requirements.lock" > "$folder/.venv/uv.txt"
