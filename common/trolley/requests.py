@@ -143,6 +143,9 @@ CONFIG_SET = Request(
     "base",
     (codes.ONLY_IN_FILE, codes.FILE_CHANGED, codes.NOT_SAVED, codes.BUSY),
 )
+SETUP_ANSWER = Request(
+    "setup/answer", request_params.AnswerSetup, m.SetupState, "setup", (codes.NOT_CURRENT,)
+)
 MAP_LIST = Request("map/list", request_params.Nothing, list[str], "localizer")
 MAP_LOAD = Request(
     "map/load",

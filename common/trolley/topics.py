@@ -173,6 +173,7 @@ COMMAND = Topic(
 CMD_VEL = Topic("cmd_vel", m.VelocityCommand, "base", "10 Hz", Qos.SENSOR, of_epoch=True)
 BASE = Topic("base", m.BaseState, "base", "on change, 1 Hz", Qos.STATE)
 PROPOSALS = Topic("proposals", m.Proposals, "base", "on change", Qos.STATE)
+SETUP = Topic("setup", m.SetupState, "setup", "on change", Qos.STATE)
 CONFIG = Topic("config", m.ConfigChanges, "base", "on change", Qos.STATE)
 _WHERE = "localizer, or mapper while it maps"
 MAP = Topic(

@@ -3,20 +3,27 @@
 import os
 import pty
 import signal
+import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 from support.metal import make_hall, settings
-from support.processes import write_config
+from support.processes import Process, own_router, write_config
 from support.waiting import PATIENCE_S, wait_until
 
+from trolley import codes, requests, topics
+from trolley.client import Robot
+from trolley.codes import Refused
 from trolley.config import load_config
 from trolley.geometry import Pose2D
+from trolley.messages import SetupQuestion, SetupState
+from trolley.messages.request_params import AnswerSetup
 from trolley_base.emulators import EmulatedRobot, Mount, RobotInWorld
 from trolley_base.world.world_file import load_world
 
@@ -89,6 +96,7 @@ class Rig:
     """An emulated robot, its robot.toml, and people who set it up."""
 
     def __init__(self, folder: Path, robot: EmulatedRobot, *, is_mirrored: bool) -> None:
+        self.folder = folder
         self.robot = robot
         self.is_mirrored = is_mirrored
         more = 'imu_axes = ["x", "y", "z"]  # as the chip has them'
@@ -138,6 +146,7 @@ def test_a_robot_sets_itself_up_and_takes_it_back(rig: Rig) -> None:
         rig.robot.fault(f"{LINOROBOT}:ok")
         rig.robot.fault(f"{LINOROBOT}:gyro")
         person.type("y\n")
+        person.answer("Write this to robot.toml?", "y")
         assert person.end() == 0, person.said
     base = load_config(rig.config).base
     found = base.lidar.pose.as_pose()
@@ -242,11 +251,13 @@ def test_what_only_the_owner_knows_is_asked(tmp_path: Path) -> None:
         devices = [str(ports / name) for name in ("arduino_bridge", "ld19")]
         with closing(Person(path, *devices)) as person:
             person.answer("Name", "Karl")
-            person.answer("Error: 1 to 32 of a-z", "karl")
-            person.answer("Length", "0.3")
+            person.answer("Error: A robot's name has 1 to 32 of a-z", "karl")
+            person.answer("Length", "wide")
+            person.answer("Error: Please answer with a number.", "0.3")
             person.answer("Width", "0.24")
+            person.answer("open the robot's page?", "n")
             person.answer("ticks_per_revolution:", "0")
-            person.answer("Error: 0.0 is not in the range", "1550")
+            person.answer("Error: It must be above 0.", "1550")
             person.answer("diameter_m:", "0.1")
             person.answer("track_m:", "0.2")
             person.answer("Do the wheels hang free?", "n")
@@ -258,3 +269,152 @@ def test_what_only_the_owner_knows_is_asked(tmp_path: Path) -> None:
     with closing(Person(path, "--undo")) as person:
         assert person.end() == 0
     assert not path.exists()
+
+
+class Phone:
+    """Answers `trolley setup --page` over the wire, as a page of the viewer does."""
+
+    def __init__(self, robot: Robot, who: str) -> None:
+        self.robot = robot
+        self.who = who
+        self._is_there = threading.Event()
+        self._hand: threading.Thread | None = None
+
+    @property
+    def state(self) -> SetupState:
+        state = self.robot.latest(topics.SETUP)
+        assert state is not None
+        return state
+
+    def wait_for(self, words: str) -> SetupQuestion:
+        def is_asked() -> bool:
+            question = self.state.question
+            return question is not None and words in question.text
+
+        wait_until(is_asked, lambda: f"it asks {words!r}: {self.state}", 3 * PATIENCE_S)
+        question = self.state.question
+        assert question is not None
+        return question
+
+    def answer(self, words: str, answer: str) -> None:
+        self.say(self.wait_for(words), answer)
+
+    def say(self, question: SetupQuestion, answer: str) -> SetupState:
+        params = AnswerSetup(
+            run=self.state.run, question=question.number, answer=answer, who=self.who
+        )
+        return self.robot.ask(requests.SETUP_ANSWER, params)
+
+    def hold(self) -> None:
+        """Hold whenever that is asked for, until `leave`."""
+        self._is_there.set()
+        self._hand = threading.Thread(target=self._hold)
+        self._hand.start()
+
+    def _hold(self) -> None:
+        while self._is_there.is_set():
+            state = self.robot.latest(topics.SETUP)
+            question = None if state is None else state.question
+            if question is not None and question.kind == "hold":
+                with suppress(Refused, AssertionError):  # it has ended meanwhile
+                    self.say(question, "hold")
+            time.sleep(0.1)
+
+    def leave(self) -> None:
+        self._is_there.clear()
+        if self._hand is not None:
+            self._hand.join()
+
+
+@contextmanager
+def paged(rig: Rig, *arguments: str) -> Iterator[tuple[Process, Robot]]:
+    """`trolley setup --page` at a router of the test's, without a viewer."""
+    with own_router() as endpoint, occupied_port() as viz_port:
+        text = rig.before.replace("tcp/127.0.0.1:7999", endpoint)
+        rig.config.write_text(f"{text}\n[viz]\nport = {viz_port}\n")
+        rig.before = rig.config.read_text()
+        command = ["-m", "trolley.cli", "setup", "--page", "--config", str(rig.config)]
+        process = Process([*command, *arguments], rig.config.with_name("page.log"))
+        with closing(Robot("tester", endpoint, connect_timeout=PATIENCE_S)) as robot:
+            try:
+                wait_until(
+                    lambda: robot.latest(topics.SETUP) is not None or not process.is_running,
+                    lambda: f"it is on the wire: {process.log}",
+                )
+                assert process.is_running, process.log
+                yield process, robot
+            finally:
+                process.kill()
+
+
+@contextmanager
+def occupied_port() -> Iterator[int]:
+    """A port at which somebody listens, as a viewer that runs already."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server.getsockname()[1]
+
+
+def test_a_page_that_is_closed_stops_the_robot_and_the_next_one_goes_on(rig: Rig) -> None:
+    lift(rig)
+    with paged(rig, "--short") as (process, robot):
+        anna, ben = Phone(robot, "anna"), Phone(robot, "ben")
+        asked = anna.wait_for("Do the wheels hang free?")
+        for rubbish in ("maybe", "", "\0", "y" * 1000):
+            with pytest.raises(Refused) as refused:
+                anna.say(asked, rubbish)
+            assert refused.value.code == codes.BAD_REQUEST
+        anna.hold()
+        anna.answer("hang free?", "yes")
+        anna.answer("told to go ahead", "f")
+        anna.answer("told to turn to the left", "r")
+        anna.wait_for("may it drive?")
+        rig.robot.fault(f"{LINOROBOT}:ok")
+        anna.answer("may it drive?", "yes")
+        wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+        # Ben's page looks on, which is no hand on Stop.
+        held = ben.state.question
+        assert held is not None
+        with pytest.raises(Refused):
+            ben.say(held, "hold")
+        anna.leave()
+        wait_until(rig.stands, "it stands")
+        asked = ben.wait_for("What next?")
+        assert "closed or hidden" in ben.state.said[-1]
+        assert ben.state.outcome == "interrupted"
+        ben.hold()
+        ben.say(asked, "again")
+        ben.answer("may it drive?", "yes")
+        wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+        robot.stop()  # anybody's Stop
+        wait_until(rig.stands, "it stands")
+        asked = ben.wait_for("What next?")
+        assert ben.state.said[-1] == "Stopped."
+        assert rig.config.read_text() == rig.before
+        ben.say(asked, "again")
+        ben.answer("may it drive?", "yes")
+        wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+        process.send(signal.SIGINT)
+        assert process.wait() == 130, process.log
+        wait_until(rig.stands, "it stands")
+        ben.leave()
+    assert rig.config.read_text() == rig.before
+
+
+def test_a_robot_whose_base_runs_is_not_set_up(rig: Rig) -> None:
+    with own_router() as endpoint:
+        text = rig.before.replace("tcp/127.0.0.1:7999", endpoint)
+        simulated = rig.config.with_name("simulated.toml")
+        write_config(simulated, endpoint)
+        rig.config.write_text(text)
+        base = Process(["-m", "trolley_base", "--config", str(simulated)], rig.folder / "base.log")
+        try:
+            with closing(Robot("tester", endpoint, connect_timeout=PATIENCE_S)) as robot:
+                wait_until(lambda: robot.latest(topics.ROBOT) is not None, "base is there")
+            with occupied_port() as port:
+                rig.config.write_text(f"{text}\n[viz]\nport = {port}\n")
+                command = ["-m", "trolley.cli", "setup", "--page", "--config", str(rig.config)]
+                setup = Process(command, rig.folder / "page.log")
+                assert setup.wait() != 0
+            assert "base of the robot tester is running" in setup.log
+        finally:
+            base.kill()

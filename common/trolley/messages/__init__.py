@@ -58,6 +58,13 @@ from trolley.messages.sensing import (
     Suspects,
 )
 from trolley.messages.settings import ChangedSetting, ConfigChanges, Setting, Settings
+from trolley.messages.setup import (
+    AnswerKind,
+    SetupChoice,
+    SetupOutcome,
+    SetupQuestion,
+    SetupState,
+)
 from trolley.messages.system import Alive, ErrorReply, Health
 from trolley.messages.touring import (
     CapturedPose,
@@ -82,6 +89,7 @@ __all__ = [
     "SUSPECTED",
     "UNUSED",
     "Alive",
+    "AnswerKind",
     "BaseState",
     "Battery",
     "BeamClasses",
@@ -135,6 +143,10 @@ __all__ = [
     "ScheduleEntry",
     "Setting",
     "Settings",
+    "SetupChoice",
+    "SetupOutcome",
+    "SetupQuestion",
+    "SetupState",
     "Stop",
     "StopResult",
     "SuspectLine",

@@ -200,3 +200,12 @@ class SetConfig(Struct, frozen=True, kw_only=True):
     section: str
     values: dict[str, Any]
     save: bool = True
+
+
+class AnswerSetup(Struct, frozen=True, kw_only=True):
+    """Answer the question `question` of a setup's `run`; `who` tells pages and programs apart."""
+
+    run: Annotated[str, Meta(max_length=64)]
+    question: int
+    answer: Annotated[str, Meta(max_length=1000)]
+    who: Annotated[str, Meta(min_length=1, max_length=64)]

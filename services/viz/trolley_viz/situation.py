@@ -13,6 +13,7 @@ from trolley.messages import (
     MappingStatus,
     PoseEstimate,
     SavedPose,
+    SetupState,
     Tour,
     TourStatus,
 )
@@ -84,11 +85,28 @@ class RobotState:
     away_s: float | None = None
     """For how long nothing has been heard of it [s], None where that is not known."""
     mapping: MappingStatus | None = None
+    setup: SetupState | None = None
+    """Its setup, while there is one."""
 
 
 def situation(known: RobotState) -> StatusLine:
     """Say the one thing that matters most: first what keeps it from driving, then what it does."""
     return next(words for say in RULES if (words := say(known)) is not None)
+
+
+def _setup(known: RobotState) -> StatusLine | None:
+    setup = known.setup
+    if setup is None:
+        return None
+    match setup.outcome:
+        case "done":
+            return StatusLine("The robot is set up.", "good")
+        case "interrupted":
+            return StatusLine("The setup was interrupted.", "warn")
+        case _:
+            is_moving = setup.question is not None and setup.question.kind == "hold"
+            now = "The wheels turn" if is_moving else "Setting up the robot"
+            return StatusLine(f"{now}: step {setup.step} of {setup.steps}.", "busy")
 
 
 def _away(known: RobotState) -> StatusLine | None:
@@ -311,6 +329,7 @@ def _of(topic: Topic[Any], rule: Rule) -> Rule:
 
 
 RULES: Sequence[Rule] = (
+    _setup,
     _away,
     _of(topics.BASE, _base),
     _of(topics.BASE, _by_hand),

@@ -256,6 +256,7 @@ class OwnScene:
 MADE_UP = {
     "Fits.",
     "It is the file that robot.toml names.",
+    "Something <is> so.",
     "Stored.",
     "appeared-2: Something <is> so.",
     "gone-1: Something <is> so.",

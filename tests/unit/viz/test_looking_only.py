@@ -15,7 +15,7 @@ from trolley_viz.controls.messages import Value
 from trolley_viz.joystick.joystick import Grip
 from trolley_viz.overlays.pages import Click
 from trolley_viz.pointing.pointer import Pointed
-from trolley_viz.server.messages import Gesture, Press, Resume, Said, Stop
+from trolley_viz.server.messages import Gesture, Hold, Press, Resume, Said, Stop
 from trolley_viz.server.visitors import Visitor
 
 if TYPE_CHECKING:
@@ -98,6 +98,9 @@ def words(stage: "Stage") -> dict[str, list[Said]]:
             Said(gesture=Gesture(at_ms=now_ms, size=(390.0, 844.0))),
         ],
         "grip": [Said(grip=Grip(held=held, sent_ms=now_ms, **pad)) for held in (True, True, False)],
+        "hold": [
+            Said(hold=Hold(at_ms=now_ms, control=id_)) for id_ in (*stage.page(0).controls.all, -1)
+        ],
         "overlay": [
             Said(overlay=Click(id="menu", index=1)),
             Said(overlay=Click(id="menu", csv=True)),

@@ -1,17 +1,11 @@
-"""The robot as the setup wants it: its devices opened, and a person whose hand stops it."""
+"""The robot as the setup wants it: its devices opened, and driven while a hand is on Stop."""
 
 import contextlib
-import os
 import queue
-import select
-import sys
-import termios
 import time
-import tty
 from collections.abc import Callable, Generator, Sequence
 from typing import Protocol
 
-from trolley.cli.show import Progress
 from trolley.config import RobotConfig
 from trolley.geometry import Twist2D
 from trolley.messages import Imu
@@ -19,6 +13,7 @@ from trolley_base.drivers import Hardware, LidarScan, MotionSample
 from trolley_base.drivers.interface import ChassisReading, LidarReading
 from trolley_base.drivers.real_device import RealDevice
 from trolley_base.odometry.warmup import warm_up
+from trolley_base.setup.person import Hand, StoppedByHand
 from trolley_base.setup.record import SetupRefused
 
 PERIOD_S = 0.025
@@ -80,34 +75,31 @@ class OpenRobot:
         finally:
             self._hardware.close()
 
-    def run(self, machine: Machine, step: Step, doing: Callable[[], str]) -> None:
+    def run(self, machine: Machine, step: Step, doing: Callable[[], str], hand: Hand) -> None:
         """Let a machine drive until it has ended, or a hand stops it.
 
         Raises:
             SetupRefused: it was given up, with the reason.
-            KeyboardInterrupt: a key or a signal has stopped it.
+            StoppedByHand: the hand has stopped it.
         """
-        progress = Progress()
         try:
-            with hand_on_stop() as is_stopped:
-                well_ns = time.monotonic_ns()
-                while not machine.has_ended:
-                    chassis, lidar = self._read()
-                    now_ns = time.monotonic_ns()
-                    trouble = _trouble_of(chassis, lidar)
-                    if not trouble:
-                        well_ns = now_ns
-                    elif chassis.alarms or now_ns - well_ns > PATIENCE_S * 1e9:
-                        machine.give_up(trouble)
-                    twist = step(now_ns, chassis.motions, lidar.scans, chassis.imu)
-                    if is_stopped():
-                        self._hardware.chassis.drive(Twist2D.zero())
-                        raise KeyboardInterrupt
-                    self._hardware.chassis.drive(Twist2D.zero() if trouble else twist)
-                    progress.show(f"{doing()} (any key stops)", doing())
-                    time.sleep(PERIOD_S)
+            well_ns = time.monotonic_ns()
+            while not machine.has_ended:
+                chassis, lidar = self._read()
+                now_ns = time.monotonic_ns()
+                trouble = _trouble_of(chassis, lidar)
+                if not trouble:
+                    well_ns = now_ns
+                elif chassis.alarms or now_ns - well_ns > PATIENCE_S * 1e9:
+                    machine.give_up(trouble)
+                twist = step(now_ns, chassis.motions, lidar.scans, chassis.imu)
+                if hand.is_stopped:
+                    self._hardware.chassis.drive(Twist2D.zero())
+                    raise StoppedByHand
+                self._hardware.chassis.drive(Twist2D.zero() if trouble else twist)
+                hand.show(doing())
+                time.sleep(PERIOD_S)
         finally:
-            progress.clear()
             self.stand()
         if machine.problem is not None:
             raise SetupRefused(machine.problem)
@@ -172,28 +164,3 @@ def _trouble_of(chassis: ChassisReading, lidar: LidarReading) -> str:
         if link.state != "up":
             return f"The {what} has failed: {link.message or link.state}"
     return ""
-
-
-@contextlib.contextmanager
-def hand_on_stop() -> Generator[Callable[[], bool]]:
-    """Let any key stop, without Enter where this is a terminal; yield what tells it.
-
-    Where the input ends, nobody has a hand on it any more: that stops, too.
-    """
-    number = sys.stdin.fileno()
-    before = termios.tcgetattr(number) if sys.stdin.isatty() else None
-    if before is not None:
-        tty.setcbreak(number)
-        termios.tcflush(number, termios.TCIFLUSH)
-
-    def is_stopped() -> bool:
-        readable, _, _ = select.select([number], [], [], 0.0)
-        return bool(readable)
-
-    try:
-        yield is_stopped
-    finally:
-        if before is not None:
-            termios.tcsetattr(number, termios.TCSAFLUSH, before)
-        elif is_stopped():
-            os.read(number, 4096)  # the key that stopped it answers no question

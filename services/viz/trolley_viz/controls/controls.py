@@ -252,8 +252,28 @@ class Check(Field[bool]):
         return value
 
 
+class Hold(Control):
+    """Says again and again that its page is in sight, as long as it is."""
+
+    _act: Act | None = None
+
+    def on_hold(self, act: Act) -> None:
+        """Call `act` each time."""
+        self._act = act
+
+    def hear(self) -> None:
+        """Hear it once more."""
+        if self._act is not None:
+            self._act()
+
+
 class Number(Field[float]):
     """A number within bounds, typed or set by a slider."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing stands in it."""
+        return self._look.value is None
 
     def set_range(self, least: float, greatest: float | None) -> None:
         """Allow numbers between these two only."""
@@ -316,6 +336,10 @@ class Container(Control):
 
     def __exit__(self, *_: object) -> None:
         self._tree.leave()
+
+    def clear(self) -> None:
+        """Take out all that is in it."""
+        self._tree.empty(self)
 
 
 class Folder(Container):
@@ -421,6 +445,10 @@ class Controls:
         look = self._look("button", visible, label=label, icon=icon, colour=colour)
         return Button(self, structs.replace(look, is_name=is_name))
 
+    def add_hold(self) -> Hold:
+        """Add what says that the page is in sight; nothing is seen of it."""
+        return Hold(self, self._look("hold", True))
+
     def add_choice(self, label: str, options: Sequence[str], *, visible: bool = True) -> Choice:
         """Add a row of buttons."""
         return Choice(self, self._look("choice", visible, label=label, options=tuple(options)))
@@ -432,7 +460,7 @@ class Controls:
     def add_number(
         self,
         label: str,
-        value: float,
+        value: float | None,
         *,
         min: float | None = None,
         max: float | None = None,
@@ -440,7 +468,7 @@ class Controls:
         hint: str = "",
         visible: bool = True,
     ) -> Number:
-        """Add a field for a number."""
+        """Add a field for a number; with None nothing stands in it at first."""
         look = self._look("number", visible, label=label, value=value, hint=hint)
         return Number(self, structs.replace(look, min=min, max=max, step=step))
 
@@ -561,6 +589,12 @@ class Controls:
             raise NotThere
         found.handle(value)
 
+    def hold(self, control: int) -> None:
+        """Hear that the page of a `Hold` is in sight; it may be gone by now."""
+        found = self._controls.get(control)
+        if isinstance(found, Hold) and self._can_be_used(found):
+            found.hear()
+
     def clear(self) -> None:
         """Take everything out of the page."""
         for control in list(self._controls.values()):
@@ -607,14 +641,18 @@ class Controls:
 
     def drop(self, control: Control) -> None:
         """Forget a control and all that is in it."""
-        for inner in self.inside(control.id):
-            self.drop(self._controls[inner])
+        self.empty(control)
         if self._controls.pop(control.id, None) is not None:
             self._gone.add(control.id)
             self._changed.discard(control.id)
             self._told.discard(control.id)
             if self._commands.pop(control.id, None) is not None:
                 self._has_new_commands = True
+
+    def empty(self, control: Control) -> None:
+        """Forget all that is in a control."""
+        for inner in self.inside(control.id):
+            self.drop(self._controls[inner])
 
     def enter(self, parent: int) -> None:
         """Add what comes next inside of this one."""

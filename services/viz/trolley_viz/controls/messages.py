@@ -14,6 +14,7 @@ Kind = Literal[
     "choice",
     "check",
     "folder",
+    "hold",
     "html",
     "list",
     "number",
@@ -39,7 +40,8 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
             large buttons in two columns, `actions` what ends an edit and why it cannot end yet;
             over the map, `bar` holds small ones, `card` what there is to a thing that was touched,
             and `strip` what goes along its lower edge. A `timeline` is a slider over times of a
-            day [s], beginning at midnight.
+            day [s], beginning at midnight. A `hold` is not seen: as long as the page is in sight,
+            it says so every 0.2 s.
         parent: the folder or tab that it is in, 0 for the page.
         order: among its brothers, lowest first.
         label: what stands on it or before it.

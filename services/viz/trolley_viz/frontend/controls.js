@@ -4,7 +4,7 @@ import { letMove } from "./dragging.js";
 import { fill } from "./html.js";
 import { t } from "./words.js";
 
-const TYPING_MS = 300, OVER_MAP = ["bar", "card", "strip"];
+const TYPING_MS = 300, HOLD_MS = 200, OVER_MAP = ["bar", "card", "strip"];
 
 export class Controls {
   constructor(root, over, line, notices) {
@@ -189,6 +189,15 @@ const MAKERS = {
         element.disabled = Boolean(look.is_disabled);
       },
     };
+  },
+
+  // Says that the page is in sight; who locks the screen or looks at something else has let go.
+  hold(controls, id) {
+    const element = make("div"), timer = setInterval(() => {
+      if (!element.isConnected) clearInterval(timer);
+      else if (!document.hidden && element.closest("[hidden]") === null) controls.line.hold(Number(id));
+    }, HOLD_MS);
+    return { element, show: () => {} };
   },
 
   choice(controls, id) {

@@ -133,6 +133,10 @@ const DOES = {
     if (grip.held && socket !== null && socket.bufferedAmount > MAX_WAITING_BYTES) return;
     send({ grip });
   },
+  hold({ ageMs, control }, seen) {
+    const isStuck = socket !== null && socket.bufferedAmount > MAX_WAITING_BYTES;
+    if (isSeen(seen) && !isStuck) send({ hold: { at_ms: viewerTime(ageMs), control } });
+  },
   say: send,
   retry() {
     if (state !== "open") reopen();

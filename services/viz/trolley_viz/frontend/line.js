@@ -73,6 +73,11 @@ export class Line {
     this.say("gesture", { ageMs: age(), ...gesture });
   }
 
+  // Say that the page is in sight.
+  hold(control) {
+    this.say("hold", { ageMs: age(), control });
+  }
+
   // Any other: "grip" of the joystick, "say" what needs neither time nor answer, "retry" now.
   say(what, said) {
     this.worker.postMessage([what, said, this.opening]);

@@ -40,6 +40,7 @@ function told(message) {
   if (state !== undefined) {
     speakNow(state.language);
     status.show(state);
+    document.body.classList.toggle("set-up", Boolean(state.is_set_up));
     scene.hasSession = state.has_scene;
     document.getElementById("scene-wait").hidden = state.has_scene;
   }

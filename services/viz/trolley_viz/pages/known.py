@@ -49,6 +49,7 @@ def robot_state(view: View) -> RobotState:
         mapping=streams.latest(topics.MAPPING),
         ages=_ages(view, age_s),
         away_s=view.away_s,
+        setup=view.setup,
     )
 
 
@@ -74,6 +75,8 @@ def under_way(known: RobotState) -> str | None:
 
 def state_lines(known: RobotState, sender: str = "") -> list[StatusLine]:
     """The lines of the state: position, what holds it, where it is going, the trip, who sent it."""
+    if known.setup is not None:
+        return []
     if known.is_away:
         return [away_line(known.away_s)]
     goal = known.goal

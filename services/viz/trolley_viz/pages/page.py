@@ -28,6 +28,7 @@ from trolley_viz.server.messages import (
     Answer,
     Gesture,
     Hello,
+    Hold,
     PageState,
     Press,
     Resume,
@@ -52,6 +53,8 @@ GOES_ON_NS = 2_000_000_000
 """What was stopped continues this long after “Drive on” was answered, if the robot may drive."""
 AHEAD_MS = 500.0
 """No press comes from farther in the future; the clock of a page that says so is wrong."""
+LATE_HOLD_MS = 700.0
+"""A page that was in sight so long ago need not be any more."""
 ROBOT_NAME = re.compile(r"[a-z0-9_-]{1,32}")
 """Pattern of `RobotName`: no other name may get into a key."""
 
@@ -183,6 +186,8 @@ class Page:
             self._gesture(said.gesture, is_late=is_late)
         if said.grip is not None and self.may_drive:
             self._grip(said.grip)
+        if said.hold is not None:
+            self._hold(said.hold, now_ms)
         if said.overlay is not None:
             shown = self._shown_overlays()
             if shown is not None:
@@ -236,6 +241,7 @@ class Page:
             has_letters=self.session.preferences.has_letters,
             is_pointing=self.session.pointing.tool is not None,
             has_cursor=self.session.pointing.cursor is not None,
+            is_set_up=view.setup is not None,
             stopped_by=f"Stopped by {stopper}" if stopper else "",
         )
         pad = self._shared.joystick.state(self._number, view) if self.may_drive else None
@@ -286,6 +292,10 @@ class Page:
         else:
             answer = Answer(id=press.id, is_done=True)
         self.say(Told(answer=answer))
+
+    def _hold(self, hold: Hold, now_ms: float) -> None:
+        if -AHEAD_MS <= now_ms - hold.at_ms <= LATE_HOLD_MS:
+            self.controls.hold(hold.control)
 
     def _stop(self, stop: Stop) -> None:
         hub = self._hub

@@ -12,6 +12,7 @@ from trolley_viz.panels.past_bar import PastBar
 from trolley_viz.panels.people import PeoplePanel
 from trolley_viz.panels.robots import RobotsPanel
 from trolley_viz.panels.settings import SettingsPanel
+from trolley_viz.panels.setup import SetupPanel
 from trolley_viz.panels.shortcuts import add_shortcuts
 from trolley_viz.panels.touch_card import Leads, TouchCard
 from trolley_viz.panels.tours_tab import TourTab
@@ -40,6 +41,7 @@ class Console:
         self._settings: SettingsPanel | None = None
         self._link_card: LinkCard | None = None
         self._past_bar = PastBar(gui, session)
+        self._setup = SetupPanel(gui, session)
         tabs = self._tabs = gui.add_tabs()
         self._unseen_due_ns = 0
         if session.may_drive:
@@ -74,6 +76,8 @@ class Console:
         are_due = view.now_ns >= self._unseen_due_ns
         if are_due:
             self._unseen_due_ns = view.now_ns + UNSEEN_PERIOD_NS
+        self._setup.update(view.setup)
+        tabs.visible = view.setup is None
         self._robots.update(view.fleet, session.robot_labels(), session.robot)
         if self._go is not None and (are_due or tabs.is_open(self._go_tab)):
             self._go.update(view)

@@ -5,13 +5,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from trolley import topics
-from trolley.messages import OccupancyGrid, Robot
+from trolley.messages import OccupancyGrid, Robot, SetupState
 from trolley.topics import Topic
 from trolley_viz.robots.ages import overdue_s
 from trolley_viz.robots.fleet import Member
 from trolley_viz.robots.past_trips import PastTrips
 from trolley_viz.robots.placement import Placement
 from trolley_viz.robots.streams import Streams
+
+SETUP_S = 2.0
+"""A setup that has said nothing for so long has ended [s]; it speaks at 2 Hz."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,13 @@ class View:
         """Whether the robot stands until somebody lets it drive on."""
         base = self.streams.latest(topics.BASE)
         return base is not None and base.is_halted and not self.is_away
+
+    @property
+    def setup(self) -> SetupState | None:
+        """How far its setup is, None while there is none."""
+        state = self.streams.latest(topics.SETUP)
+        is_there = self.is_fresh(topics.SETUP, SETUP_S)
+        return state if is_there and state is not None and state.outcome != "ended" else None
 
     @property
     def map(self) -> OccupancyGrid | None:

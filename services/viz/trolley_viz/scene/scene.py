@@ -59,6 +59,7 @@ ALWAYS: tuple[Topic[Any], ...] = (
     topics.HEALTH,
     topics.CONFIG,
     topics.PROPOSALS,
+    topics.SETUP,
 )
 """What the panels and several layers need whatever is switched off."""
 

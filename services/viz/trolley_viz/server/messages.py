@@ -66,6 +66,13 @@ class Gesture(Struct, frozen=True, kw_only=True):
     """Width and height of the picture."""
 
 
+class Hold(Struct, frozen=True, kw_only=True):
+    """The page is in sight, as a control of the kind `hold` wants to hear; it is not answered."""
+
+    at_ms: Time
+    control: int
+
+
 class Said(Struct, frozen=True, kw_only=True):
     """What a page says: one of these."""
 
@@ -82,6 +89,7 @@ class Said(Struct, frozen=True, kw_only=True):
     """That of the device, as a tag such as "de-AT"."""
     gesture: Gesture | None = None
     grip: Grip | None = None
+    hold: Hold | None = None
     overlay: Click | None = None
 
 
@@ -129,6 +137,7 @@ class PageState(Struct, frozen=True, kw_only=True):
         has_letters: whether keys that are single letters do something.
         is_pointing: whether something is to be pointed out on the map.
         has_cursor: whether arrow keys point at something already.
+        is_set_up: whether the robot is being set up: there is no map to see.
     """
 
     robot: str
@@ -145,6 +154,7 @@ class PageState(Struct, frozen=True, kw_only=True):
     has_letters: bool = True
     is_pointing: bool = False
     has_cursor: bool = False
+    is_set_up: bool = False
 
 
 class Told(Struct, frozen=True, kw_only=True, omit_defaults=True):
