@@ -256,6 +256,7 @@ def test_what_only_the_owner_knows_is_asked(tmp_path: Path) -> None:
             person.answer("Error: Please answer with a number.", "0.3")
             person.answer("Width", "0.24")
             person.answer("open the robot's page?", "n")
+            person.answer("Are these the devices of this robot?", "y")
             person.answer("ticks_per_revolution:", "0")
             person.answer("Error: It must be above 0.", "1550")
             person.answer("diameter_m:", "0.1")

@@ -17,6 +17,8 @@ from trolley.codes import Refused
 from trolley.messages import BaseState, SetupChoice, SetupQuestion, SetupState
 from trolley.messages.request_params import AnswerSetup, Nothing
 from trolley.runtime.service import Service, answers, every
+from trolley_viz.controls.controls import NotThere
+from trolley_viz.controls.messages import Look
 from trolley_viz.languages.translator import translator_of
 from trolley_viz.server.messages import Hold, Said
 from trolley_viz.server.visitors import Visitor
@@ -120,11 +122,18 @@ def test_the_page_shows_the_setup_and_nothing_else(setting: Setting) -> None:
     assert state.sentence.headline == "Setting up the robot: step 2 of 3."
 
 
+def looks_of(setting: Setting) -> list[tuple[int, Look]]:
+    controls = setting.stage.page().controls.all
+    return [(id_, one.look) for id_, one in controls.items()]
+
+
 def test_a_question_is_answered_once(setting: Setting) -> None:
     page = page_of(setting.stage)
+    (no,) = [id_ for id_, look in looks_of(setting) if look.label == "No"]
     page.press("Yes")
-    page.press("Yes")
-    page.press("No")
+    assert not page.is_shown("No")
+    with pytest.raises(NotThere):  # a second press that was under way
+        setting.stage.page().controls.handle(no, None)
     setting.stage.runtime.run(0.5)
     (answer,) = setting.setup.answered
     assert (answer.run, answer.question, answer.answer) == ("r1", 1, "yes")

@@ -178,17 +178,18 @@ class SetupDialogue:
             missing = "lidar" if board else "motor board"
             said = [f"No {missing} was found; `trolley detect` says more.", *proposal.notes]
             raise SetupRefused(" ".join(said))
+        ports = [
+            values.get((*detected.CHASSIS, "port"), chassis.port),
+            values.get((*detected.LIDAR, "port"), lidar.port),
+        ]
+        person.tell(f"Found {board} at {ports[0]}, {model} at {ports[1]}.")
+        for note in proposal.sense_notes:
+            person.tell(note)
+        self._confirm("Are these the devices of this robot?")
         values |= self._ask_owner(proposal)
         new = robot_toml.with_values(text, values, tables=proposal.sense_tables)
         if new != text:
             robot_toml.replace_text(path, new)
-        now = load_config(path).base
-        person.tell(
-            f"Found {now.chassis.board} at {now.chassis.port}, {now.lidar.model} at "
-            f"{now.lidar.port}."
-        )
-        for note in proposal.sense_notes:
-            person.tell(note)
 
     def _ask_owner(self, proposal: detected.Proposal) -> detected.Settings:
         """Ask for what the devices need to know of the robot."""

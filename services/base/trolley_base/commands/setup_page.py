@@ -5,6 +5,7 @@ base with. So the command itself is on the wire in base's place, as a guest: it 
 answers `setup/answer`, and stops on `base/stop`, which every page, phone and program may send.
 """
 
+import os
 import secrets
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple, NoReturn
 
 from trolley import codes, ports, requests, topics
 from trolley.cli import exits
@@ -41,6 +43,7 @@ from trolley_base.commands.setup_dialogue import EVERYWHERE, STEPS, USUAL_NAME, 
 from trolley_base.setup.person import StoppedByHand
 from trolley_base.setup.record import SetupRefused
 
+CLI = ("-m", "trolley.cli")
 PERIOD_S = 0.5
 TAKEN_WITHIN_S = 3.0
 """How long another program of the robot may take to answer [s]."""
@@ -61,7 +64,12 @@ host = "{EVERYWHERE}"
 AGAIN = SetupChoice(answer="again", label="Try this step again")
 BEGIN = SetupChoice(answer="again", label="Begin anew")
 UNDO = SetupChoice(answer="undo", label="Take everything back")
+START = SetupChoice(answer="start", label="Start the robot")
 END = SetupChoice(answer="end", label="End the setup")
+STARTS = (
+    "The robot starts, and this page comes back in a few seconds. If it does not, `trolley "
+    "viewer-link --qr` on the robot prints its link."
+)
 
 
 class SetupService(Service):
@@ -119,14 +127,23 @@ def run_on_page(path: Path, make: Callable[[SetupDesk], SetupDialogue], *, again
         make: the dialogue with a person.
         again: whether to begin with the first step.
     """
+    code = _serve(path, make, again=again)
+    if code is None:
+        _start_robot(path)
+    return code
+
+
+def _serve(path: Path, make: Callable[[SetupDesk], SetupDialogue], *, again: bool) -> int | None:
+    """Do it; returns the exit code, None to start the robot."""
     set_up_logging()
     interrupts = Interrupts()
     try:
         with (
             interrupts.handled(),
             tempfile.TemporaryDirectory(prefix="trolley-setup-") as folder,
-            _viewer(path, Path(folder), interrupts) as config,
+            _viewer(path, Path(folder), interrupts) as viewer,
         ):
+            config = viewer.config
             service = SetupService()
             try:
                 keys = keys_for(config.zenoh.connect, config.path(config.zenoh.keys))
@@ -134,10 +151,11 @@ def run_on_page(path: Path, make: Callable[[SetupDesk], SetupDialogue], *, again
                 raise ConfigError(str(error)) from error
             with guest(service, config.robot.name, config.zenoh.connect, keys):
                 _refuse_others(service)
-                code = _talk(service.desk, make(service.desk), again=again)
+                dialogue = make(service.desk)
+                ended = _talk(service.desk, dialogue, again=again, may_start=viewer.is_own)
                 service.desk.set_outcome("ended")
                 time.sleep(FAREWELL_S)
-                return code
+                return ended
     except NotConnected as error:
         raise ConfigError(str(error)) from error
     except KeyboardInterrupt:
@@ -145,15 +163,32 @@ def run_on_page(path: Path, make: Callable[[SetupDesk], SetupDialogue], *, again
         return exits.INTERRUPTED
 
 
-def _talk(desk: SetupDesk, dialogue: SetupDialogue, *, again: bool) -> int:
-    """Go through the steps until somebody ends it; returns the exit code."""
+def _start_robot(path: Path) -> NoReturn:
+    """Go on as `trolley up`."""
+    say(f"`trolley viewer-link --qr --config {path}` prints the page's link again.")
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, *CLI, "up", "--config", str(path)])
+
+
+def _talk(desk: SetupDesk, dialogue: SetupDialogue, *, again: bool, may_start: bool) -> int | None:
+    """Go through the steps until somebody ends it.
+
+    Args:
+        desk: where pages answer.
+        dialogue: the steps.
+        again: whether to begin with the first.
+        may_start: whether the robot may be started in the end.
+
+    Returns:
+        The exit code, None to start the robot.
+    """
     while True:
         desk.set_outcome("running")
         try:
             dialogue.run(again=again)
             desk.set_outcome("done")
             desk.tell("All is written. Next comes the robot's first map.")
-            choices, code = [END, UNDO], exits.OK
+            choices, code = [*([START] if may_start else []), END, UNDO], exits.OK
         except (SetupRefused, ConfigError) as refusal:
             desk.set_outcome("interrupted")
             desk.tell(str(refusal))
@@ -170,6 +205,9 @@ def _talk(desk: SetupDesk, dialogue: SetupDialogue, *, again: bool) -> int:
             except ConfigError as error:
                 desk.tell(str(error))
             chosen = desk.choose("What next?", [BEGIN, END])
+        if chosen == START.answer:
+            desk.tell(STARTS)
+            return None
         if chosen == END.answer:
             return code
 
@@ -189,9 +227,18 @@ def _refuse_others(service: SetupService) -> None:
         )
 
 
+class Viewer(NamedTuple):
+    """The viewer that shows the setup."""
+
+    config: RobotConfig
+    """What it runs with."""
+    is_own: bool
+    """Whether the setup has started it, and the router: both end with it."""
+
+
 @contextmanager
-def _viewer(path: Path, folder: Path, interrupts: Interrupts) -> Generator[RobotConfig]:
-    """A router and a viewer, as far as they do not run yet; yields what they run with."""
+def _viewer(path: Path, folder: Path, interrupts: Interrupts) -> Generator[Viewer]:
+    """A router and a viewer, as far as they do not run yet."""
     if not path.exists():
         path = folder / "robot.toml"
         path.write_text(FIRST_FILE, encoding="utf-8")
@@ -215,12 +262,12 @@ def _viewer(path: Path, folder: Path, interrupts: Interrupts) -> Generator[Robot
             announce_viewer(config)
             _print_links(path)
         say("Open the page, on a phone too, and follow it. Ctrl-C ends the setup.")
-        yield config
+        yield Viewer(config, bool(modules) and router is not None)
 
 
 def _print_links(path: Path) -> None:
     """Print the links with which other devices get in."""
-    command = [sys.executable, "-m", "trolley.cli", "viewer-link", "--config", str(path)]
+    command = [sys.executable, *CLI, "viewer-link", "--config", str(path)]
     if sys.stdout.isatty():
         command.append("--qr")
     left = LINKS_TRIES

@@ -64,6 +64,7 @@ class SetupPanel:
             return
         self._shown, self._is_held_elsewhere = now, False
         self._place.clear()
+        self._place.visible = True
         self._asked.visible = question is not None
         if question is None:
             return
@@ -102,11 +103,12 @@ class SetupPanel:
         if self._shown is None or self._shown == self._sent:
             return
         asked = self._sent = self._shown
+        self._place.visible = False  # until it is refused, or something else is asked
 
         def finish(reply: SetupState | Refused) -> None:
             if isinstance(reply, Refused):
                 if self._sent == asked:
-                    self._sent = None
+                    self._sent, self._place.visible = None, True
                 self._session.tell("Not done", refusal(reply), "warn")
 
         self._say(asked, answer, finish)
