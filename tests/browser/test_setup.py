@@ -33,6 +33,7 @@ connect = ["tcp/127.0.0.1:{router}"]
 [viz]
 port = {viewer}
 """
+TRIES = 3
 DRIVES_MS = 3.0 * PATIENCE_MS
 
 
@@ -119,26 +120,36 @@ def try_wheels(page: Page) -> None:
     answer(page, "told to turn to the left.", "the right one forward, the left one back")
 
 
+def measure(page: Page) -> None:
+    """Wait until it has measured; on a busy computer the emulated robot stutters: try again."""
+    done, again = page.get_by_text("Write this to robot.toml?"), page.get_by_text("What next?")
+    for _ in range(TRIES):
+        expect(done.or_(again)).to_be_visible(timeout=DRIVES_MS)
+        if done.is_visible():
+            return
+        answer(page, "What next?", "Try this step again")
+        answer(page, "may it drive?", "Yes")
+    raise AssertionError("it measures nothing, however often it tries")
+
+
 def test_a_phone_sets_a_robot_up_and_takes_it_back(rig: Rig, pictures: Path) -> None:
     phone = rig.open(390, 844)
     try_wheels(phone)
-    asked(phone, "may it drive?")
-    assert tomllib.loads(rig.config.read_text())["base"]["chassis"]["board"] == BOARD
-    rig.robot.fault(f"{BOARD}:ok")
-    answer(phone, "may it drive?", "Yes")
-    asked(phone, "Measuring: turn 1 of 8")
-    phone.screenshot(path=pictures / "setup-phone.png")
     # A second page of somebody who may drive looks on; a guest is offered nothing to answer.
     desk, guest = rig.open(1440, 900), rig.open(390, 844, rig.token_to_look())
-    asked(desk, "Another page has its hand on Stop.")
+    asked(guest, "may it drive?")
     asked(guest, "Somebody who may drive has to answer.")
-    desk.screenshot(path=pictures / "setup-desk.png")
+    expect(guest.get_by_role("button", name="Yes")).to_have_count(0)
+    assert tomllib.loads(rig.config.read_text())["base"]["chassis"]["board"] == BOARD
+    rig.robot.fault(f"{BOARD}:ok")
     for page in (phone, desk, guest):
         expect(page.locator("#stop")).to_be_in_viewport()
         expect(page.locator("#map")).to_be_hidden()
+    answer(phone, "may it drive?", "Yes")
+    asked(desk, "Another page has its hand on Stop.")
     desk.close()
-    asked(phone, "Write this to robot.toml?")
-    expect(guest.get_by_role("button", name="Yes")).to_have_count(0)
+    guest.close()
+    measure(phone)
     expect(phone.get_by_role("button", name="Yes", exact=True)).to_be_in_viewport()
     phone.screenshot(path=pictures / "setup-phone-measured.png")
     answer(phone, "Write this to robot.toml?", "Yes")
@@ -153,6 +164,7 @@ def test_a_phone_sets_a_robot_up_and_takes_it_back(rig: Rig, pictures: Path) -> 
     assert "# with the bumper" in written
     assert rig.robot.truth().collisions == 0
     answer(phone, "What next?", "Take everything back")
+    expect(phone.get_by_role("button", name="Begin anew")).to_be_visible()
     answer(phone, "What next?", "End the setup")
     assert rig.command.wait(3 * PATIENCE_S) == 0, rig.command.log
     assert rig.config.read_text() == rig.before
