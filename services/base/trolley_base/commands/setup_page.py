@@ -45,8 +45,8 @@ from trolley_base.setup.record import SetupRefused
 
 CLI = ("-m", "trolley.cli")
 PERIOD_S = 0.5
-TAKEN_WITHIN_S = 3.0
-"""How long another program of the robot may take to answer [s]."""
+KNOWN_WITHIN_S = 6.0
+"""How long it may take until it is known what else of the robot runs: two gets [s]."""
 FAREWELL_S = 0.6
 """How long the last word may take to the pages [s]."""
 LINKS_TRIES = 10
@@ -79,10 +79,10 @@ class SetupService(Service):
 
     def __init__(self) -> None:
         self.desk = SetupDesk(secrets.token_hex(4), len(STEPS), self._changed)
-        self.is_alone = threading.Event()
-        """Set once it is known that no base and no other setup of this robot runs."""
         self.others: list[str] = []
-        self._is_heard = False
+        """What else of this robot runs and has its devices."""
+        self.knows_others = threading.Event()
+        """Set once that is known; nothing is published before."""
 
     def start(self) -> None:
         """Ask whether the robot is in use."""
@@ -93,15 +93,14 @@ class SetupService(Service):
 
         def heard_setup(found: dict[tuple[str, ...], SetupState]) -> None:
             self.others += ["another `trolley setup`"] if found else []
-            self._is_heard = True
-            self.is_alone.set()
+            self.knows_others.set()
 
         self.get(topics.ROBOT, then=heard_base)
 
     @every(PERIOD_S, clock="local")
     def tell(self) -> None:
         """Publish how far it is."""
-        if self._is_heard and not self.others:
+        if self.knows_others.is_set() and not self.others:
             self.publish(topics.SETUP, self.desk.state)
 
     @answers(requests.SETUP_ANSWER)
@@ -218,7 +217,7 @@ def _refuse_others(service: SetupService) -> None:
     Raises:
         ConfigError: It is, or the router does not answer.
     """
-    if not service.is_alone.wait(2.0 * TAKEN_WITHIN_S):
+    if not service.knows_others.wait(KNOWN_WITHIN_S):
         raise ConfigError("the router does not answer")
     if service.others:
         raise ConfigError(
