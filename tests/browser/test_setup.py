@@ -121,6 +121,11 @@ def try_wheels(page: Page) -> None:
     answer(page, "told to turn to the left.", "the right one forward, the left one back")
 
 
+def try_again(page: Page) -> None:
+    answer(page, "What next?", "Try this step again")
+    expect(page.get_by_text("What next?")).to_be_hidden()
+
+
 def reach(page: Page, question: str) -> None:
     """Wait for a question; on a busy computer the emulated robot stutters, so it may try again."""
     wanted, again = page.get_by_text(question), page.get_by_text("What next?")
@@ -128,7 +133,7 @@ def reach(page: Page, question: str) -> None:
         expect(wanted.or_(again)).to_be_visible(timeout=DRIVES_MS)
         if wanted.is_visible():
             return
-        answer(page, "What next?", "Try this step again")
+        try_again(page)
         if question != MAY_IT_DRIVE:
             reach(page, MAY_IT_DRIVE)
             answer(page, MAY_IT_DRIVE, "Yes")
@@ -187,7 +192,7 @@ def test_a_page_that_is_out_of_sight_stops_the_robot_and_takes_it_all_back(rig: 
     wait_until(rig.stands, "it stands")
     asked(other, "closed or hidden")
     # Its script hangs: nobody could press Stop there.
-    answer(other, "What next?", "Try this step again")
+    try_again(other)
     reach(other, MAY_IT_DRIVE)
     answer(other, MAY_IT_DRIVE, "Yes")
     wait_until(rig.drives, "it turns")
@@ -195,7 +200,7 @@ def test_a_page_that_is_out_of_sight_stops_the_robot_and_takes_it_all_back(rig: 
     wait_until(rig.stands, "it stands")
     asked(other, "closed or hidden")
     # Hidden, as by the screen that is locked.
-    answer(other, "What next?", "Try this step again")
+    try_again(other)
     reach(other, MAY_IT_DRIVE)
     answer(other, MAY_IT_DRIVE, "Yes")
     wait_until(rig.drives, "it turns")
@@ -205,7 +210,7 @@ def test_a_page_that_is_out_of_sight_stops_the_robot_and_takes_it_all_back(rig: 
     wait_until(rig.stands, "it stands")
     other.evaluate("delete document.hidden")
     # Stopped by a guest who may do nothing else.
-    answer(other, "What next?", "Try this step again")
+    try_again(other)
     reach(other, MAY_IT_DRIVE)
     answer(other, MAY_IT_DRIVE, "Yes")
     wait_until(rig.drives, "it turns")
