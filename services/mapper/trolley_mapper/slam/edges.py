@@ -1,13 +1,20 @@
 """Edges of a new keyframe: from odometry, and from the scans that it was matched with."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.scan_matching.layout import Cloud
 from trolley_mapper.slam.local_map import LocalMap
-from trolley_mapper.slam.pose_graph import ODOMETRY, SCAN_MATCH, Edge, between, to_frame
+from trolley_mapper.slam.pose_graph import (
+    ODOMETRY,
+    SCAN_MATCH,
+    Edge,
+    between,
+    compose,
+    to_frame,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,20 +68,60 @@ def scan_match_edges(
     return edges, own if edges else hessians.sum(axis=0)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Travel:
+    """What the odometry says of the path since the newest keyframe.
+
+    Attributes:
+        step: (3,) keyframe_T_base.
+        covariance: (3, 3) of it, in `map`.
+        start_covariance: (3, 3) of the keyframe's own pose when it was taken, in `map`.
+    """
+
+    step: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    start_covariance: NDArray[np.float64]
+
+    @classmethod
+    def begin(cls, start_covariance: NDArray[np.float64]) -> "Travel":
+        """The robot is where the newest keyframe was taken."""
+        return cls(np.zeros(3), np.zeros((3, 3)), start_covariance)
+
+    def then(self, step: NDArray[np.float64], covariance: NDArray[np.float64]) -> "Travel":
+        """Return the path with one more step (3,) of a covariance (3, 3)."""
+        return replace(self.less_sure(covariance), step=compose(self.step, step))
+
+    def less_sure(self, covariance: NDArray[np.float64]) -> "Travel":
+        """Return the same with more covariance (3, 3)."""
+        return replace(self, covariance=self.covariance + covariance)
+
+
 def odometry_edge(
     numbers: tuple[int, int],
     poses: tuple[NDArray[np.float64], NDArray[np.float64]],
-    odometry: NDArray[np.float64],
+    travel: Travel,
     matched: NDArray[np.float64],
 ) -> Edge:
     """Return the edge to a keyframe from the one before.
 
+    A match that moves the new keyframe away from where the odometry led corrects the step between
+    the two and the one before, each by its share of the covariance. Where the place along a
+    corridor was not seen for long, and then is, the last step would else take all the drift.
+
     Args:
         numbers: of the one before and the new one.
         poses: (3,) map_T_base of both.
-        odometry: (3, 3) covariance of the motion between them, in `map`.
+        travel: between them.
         matched: (3, 3) information from the scans, in `map`.
+
+    Source:
+        Rauch, Tung, Striebel, Maximum likelihood estimates of linear dynamic systems (1965).
     """
-    information = np.linalg.inv(odometry + PARAMS.odometry_variance * np.eye(3)) + matched
-    step = between(*poses)
-    return Edge(numbers[0], numbers[1], step, to_frame(information, float(poses[1][2])), ODOMETRY)
+    yaw = float(poses[1][2])
+    odometry = travel.covariance + PARAMS.odometry_variance * np.eye(3)
+    by_odometry = to_frame(odometry, yaw)
+    either = by_odometry + to_frame(travel.start_covariance, yaw)
+    away = between(travel.step, between(*poses))
+    step = compose(travel.step, by_odometry @ np.linalg.solve(either, away))
+    information = to_frame(np.linalg.inv(odometry) + matched, yaw)
+    return Edge(numbers[0], numbers[1], step, information, ODOMETRY)

@@ -22,7 +22,7 @@ from trolley.scan_matching.sweep import FRONT_END, Sweep, read_sweep
 from trolley.scanning import Motion, Reject, ScanInput, motion_since, problem_of
 from trolley_mapper.slam import sentences
 from trolley_mapper.slam.back_end import BackEnd, MapJob
-from trolley_mapper.slam.edges import odometry_edge, scan_match_edges
+from trolley_mapper.slam.edges import Travel, odometry_edge, scan_match_edges
 from trolley_mapper.slam.estimate import Anchor, MapEstimate
 from trolley_mapper.slam.finishing import FinishJob
 from trolley_mapper.slam.join_watch import CutJob, JoinWatch, across
@@ -99,9 +99,8 @@ class Mapper:
         # doubted; and why one was cut off.
         self._watch: JoinWatch | None = None
         self._cut_message = ""
-        # Covariance (3, 3) of the odometry since the newest keyframe; None where the two are not
-        # connected.
-        self._odometry_covariance: NDArray[np.float64] | None = None
+        # Since the newest keyframe; None where the odometry does not lead there.
+        self._travel: Travel | None = None
         self._is_paused = False
         self._closed_loop = False
         self._matcher.reset((start or Pose2D.identity()).as_array(), PARAMS.origin_devs)
@@ -164,11 +163,12 @@ class Mapper:
         motion = motion_since(self._latest, scan, FRONT_END)
         if motion.is_jump:
             self._matcher.loosen(PARAMS.jump_devs)
-            self._add_odometry(_covariance(PARAMS.jump_devs))
+            self._doubt_odometry(_covariance(PARAMS.jump_devs))
         step = self._odometry_model.correct(motion.step)
         covariance = self._odometry_model.covariance(step)
         self._matcher.predict(step, covariance)
-        self._add_odometry(covariance)
+        if self._travel is not None:
+            self._travel = self._travel.then(step.as_array(), covariance)
         return motion
 
     def _judge(self, quality: MatchQuality, motion: Motion) -> None:
@@ -177,7 +177,7 @@ class Mapper:
             quality, motion.elapsed_s, _distance_m(motion.step), self._config.lost_after_s
         )
         if self._matcher.is_slipping:
-            self._add_odometry(_covariance(PARAMS.slip_devs))
+            self._doubt_odometry(_covariance(PARAMS.slip_devs))
 
     def _may_grow(self, quality: MatchQuality) -> bool:
         """Say whether a scan may become part of the map."""
@@ -233,7 +233,7 @@ class Mapper:
         self._drop_small_part()
         self._tracking = TrackingState.lost()
         self._matcher.reset(joint.pose, PARAMS.origin_devs)
-        self._odometry_covariance = None
+        self._travel = None
         self._add_keyframe(scan, sweep)
         self._back_end.part_began(joint)
 
@@ -241,10 +241,10 @@ class Mapper:
         """Return what the odometry says of how a part that begins here lies to the map."""
         store, pose, number = self._map.store, self._matcher.pose.copy(), self._map.next_number
         covariance = edge = None
-        if store.newest.is_blind and self._odometry_covariance is not None:
+        if store.newest.is_blind and self._travel is not None:
             poses = (store.poses[-1], pose)
             ends = (store.newest.number, number)
-            edge = odometry_edge(ends, poses, self._odometry_covariance, np.zeros((3, 3)))
+            edge = odometry_edge(ends, poses, self._travel, np.zeros((3, 3)))
         breaks = self._tracking.breaks
         was_on_map = (breaks or not self._tracking.is_lost) and self._is_connected
         if was_on_map and not store.is_loose(store.newest.number):
@@ -271,7 +271,7 @@ class Mapper:
             self._watch = JoinWatch(joint, edges, has_stood=True)
         self._map.add(Keyframe.of(number, scan.stamp_ns, sweep), pose, edges)
         self._odometry_model.restart()
-        self._odometry_covariance = np.zeros((3, 3))
+        self._travel = Travel.begin(self._matcher.covariance.copy())
         self._neighbourhood.invalidate()
         if len(sweep.cloud.points):
             self._back_end.keyframe_added()
@@ -293,8 +293,8 @@ class Mapper:
 
     def _edges(self, number: int, match: ScanMatch | None) -> list[Edge]:
         """Return the edges of a new keyframe; its match teaches the odometry's scale, too."""
-        store, pose, odometry = self._map.store, self._matcher.pose, self._odometry_covariance
-        previous = None if odometry is None else store.newest.number
+        store, pose, travel = self._map.store, self._matcher.pose, self._travel
+        previous = None if travel is None else store.newest.number
         edges: list[Edge] = []
         matched = np.zeros((3, 3))
         if match is not None and match.quality.is_good:
@@ -303,20 +303,20 @@ class Mapper:
             if previous is not None:
                 moved = between(store.poses[-1], pose)
                 self._odometry_model.learn(moved, to_frame(match.information, float(pose[2])))
-        if previous is not None and odometry is not None:
+        if previous is not None and travel is not None:
             poses = (store.poses[-1], pose)
-            edges.append(odometry_edge((previous, number), poses, odometry, matched))
+            edges.append(odometry_edge((previous, number), poses, travel, matched))
         return edges
 
-    def _add_odometry(self, covariance: NDArray[np.float64]) -> None:
+    def _doubt_odometry(self, covariance: NDArray[np.float64]) -> None:
         """Let the odometry since the newest keyframe be less sure."""
-        if self._odometry_covariance is not None:
-            self._odometry_covariance = self._odometry_covariance + covariance
+        if self._travel is not None:
+            self._travel = self._travel.less_sure(covariance)
 
     @property
     def _is_connected(self) -> bool:
         """Whether odometry leads from the newest keyframe to the robot without a break."""
-        return self._odometry_covariance is not None
+        return self._travel is not None
 
     def _local_map(self) -> LocalMap:
         """Return the surfaces near the robot."""
@@ -354,7 +354,7 @@ class Mapper:
             self._watch = JoinWatch(job.joint, job.accepted)
         if isinstance(job, JoinJob) and self._is_paused:
             self._remove([self._map.store.rows[number] for number in part])
-            self._odometry_covariance = None
+            self._travel = None
 
     # The end.
 
@@ -417,10 +417,13 @@ class Mapper:
         """Remove keyframes, given by their rows."""
         poses = self._map.store.poses
         for step in between(poses[rows[:-1]], poses[rows[1:]]):
-            self._add_odometry(motion_covariance(math.hypot(step[0], step[1]), abs(step[2])))
+            self._doubt_odometry(motion_covariance(math.hypot(step[0], step[1]), abs(step[2])))
         self._map.remove(rows)
         if self._map.store.newest.is_prior:
-            self._odometry_covariance = None
+            self._travel = None
+        if self._travel is not None:
+            here = between(self._map.store.poses[-1], self._matcher.pose)
+            self._travel = replace(self._travel, step=here)
         self._back_end.keyframes_removed(self._map.store)
         self._neighbourhood.invalidate()
 
