@@ -132,7 +132,9 @@ class JoinWatch:
         poses = store.poses[[store.rows[n] for n in part]]
         away = np.hypot(*(poses[:, :2] - pose[:2]).T)
         numbers = [n for n, away_m in zip(part, away, strict=True) if away_m < PARAMS.around_m]
-        before = [n for n in numbers if n < self.joint.number and n != store.prior]
+        # What lies farther along the edges may be off by drift, which is for loops to take away.
+        tied = store.distances_from(store.newest.number, config.local_way_m)
+        before = [n for n in numbers if n < self.joint.number and n != store.prior and n in tied]
         since = [n for n in numbers if n >= self.joint.number]
         always = [] if store.prior is None else [store.prior]
         here = [store.newest.number]
