@@ -272,7 +272,18 @@ def cast_scan_into(
 def record(building: Building, drive: Drive, seed: int) -> Recording:
     """Drive through a building; the same seed gives the same drive."""
     rng = np.random.default_rng([seed, 1])
-    path = driven_path(route(building, drive, rng))
+    return record_along(building, route(building, drive, rng), drive, seed, rng)
+
+
+def record_along(
+    building: Building,
+    points: NDArray[np.float64],
+    drive: Drive,
+    seed: int,
+    rng: np.random.Generator,
+) -> Recording:
+    """Drive along points (n, 2) [m]."""
+    path = driven_path(points)
     odom = wheels(path, drive, rng)
     stamps = _stamps(path, drive.stands, np.random.default_rng([seed, 2]))
     kept = sampled(path, drive.step_m, drive.step_rad)

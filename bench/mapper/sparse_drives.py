@@ -132,11 +132,11 @@ def follow(
     begin_mb = _forget_peak_mb()
     mapper = Mapper(MapperConfig(), start, prior)
     drive = map_drive(mapper, (recording.scan(row) for row in range(len(recording.stamps))))
-    grown_mb = _memory_mb("VmHWM") - begin_mb
+    grown_mb = memory_mb("VmHWM") - begin_mb
     return Result(name, recording, mapper.grid(), drive, mapper.num_loops, grown_mb, peer)
 
 
-def _memory_mb(what: str) -> float:
+def memory_mb(what: str) -> float:
     """What this process takes now (`VmRSS`) or took at most (`VmHWM`) [MB]."""
     status = Path("/proc/self/status").read_text()
     found = re.search(rf"^{what}:\s+(\d+) kB$", status, re.MULTILINE)
@@ -147,7 +147,7 @@ def _memory_mb(what: str) -> float:
 def _forget_peak_mb() -> float:
     """Let the greatest memory count anew from now on; returns what is taken now [MB]."""
     Path("/proc/self/clear_refs").write_text("5")
-    return _memory_mb("VmRSS")
+    return memory_mb("VmRSS")
 
 
 def known_part(building: Building, share: float, resolution_m: float) -> GridMap:
