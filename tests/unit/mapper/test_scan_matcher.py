@@ -1,0 +1,52 @@
+"""Where scan and odometry together have the robot."""
+
+import math
+
+import numpy as np
+import pytest
+
+from trolley.geometry import Pose2D
+from trolley.scan_matching.layout import Cloud
+from trolley.scan_matching.sweep import Sweep
+from trolley.scanning import ScanInput
+from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.local_map import LocalMap
+from trolley_mapper.slam.scan_matcher import ScanMatcher
+
+
+def beside_somebody(x: float) -> Sweep:
+    """What is seen at x [m] in a bare corridor 2 m wide, of somebody half a metre ahead, too."""
+    along = np.arange(-4.0, 12.0, 0.1) - x
+    walls = [np.column_stack([along, np.full_like(along, y)]) for y in (-1.0, 1.0)]
+    facing = [np.tile([0.0, sign], (len(along), 1)) for sign in (1.0, -1.0)]
+    angles = np.linspace(0.6, 1.4, 60) * math.pi
+    rays = np.column_stack([np.cos(angles), np.sin(angles)])
+    points = np.vstack([*walls, np.array([0.7, -0.3]) + 0.2 * rays])
+    return Sweep(Cloud(points, np.vstack([*facing, rays])), np.zeros(2), is_blind=False)
+
+
+def scan(x: float) -> ScanInput:
+    """The odometry that belongs to it: the sweep has the echoes."""
+    pose = Pose2D(x, 0.0, 0.0)
+    return ScanInput(
+        stamp_ns=1,
+        ranges=np.full(10, np.inf, np.float32),
+        angle_min=0.0,
+        angle_increment=0.1,
+        range_min=0.1,
+        range_max=8.0,
+        base_T_laser=Pose2D.identity(),
+        odom_T_base=pose,
+        odom_T_base_end=pose,
+    )
+
+
+@pytest.mark.parametrize("dev_m", [0.03, 0.18])
+def test_somebody_met_again_does_not_make_a_robot_stand_that_drives(dev_m: float) -> None:
+    keyframe = Keyframe.of(0, 0, beside_somebody(0.0))
+    local = LocalMap([keyframe], np.zeros((1, 3)), np.zeros(2), 14.0)
+    matcher = ScanMatcher(30.0)
+    matcher.reset(np.zeros(3), (dev_m, 0.01))
+    matcher.predict(Pose2D(0.7, 0.0, 0.0), np.diag([0.03**2, 0.03**2, 0.03**2]))
+    matcher.correct(local, beside_somebody(0.7), scan(0.7))
+    assert matcher.pose == pytest.approx([0.7, 0.0, 0.0], abs=0.1)
