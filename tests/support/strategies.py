@@ -81,7 +81,8 @@ def _strings(shape: inspect.StrType) -> st.SearchStrategy[str]:
     if shape.pattern is not None:
         # Python reads the end of a pattern as msgspec does.
         return st.from_regex(shape.pattern)
-    return st.text(max_size=min(shape.max_length or 8, 8))
+    low = shape.min_length or 0
+    return st.text(min_size=low, max_size=max(low, min(shape.max_length or 8, 8)))
 
 
 def _lists(shape: inspect.ListType) -> st.SearchStrategy[list[Any]]:
