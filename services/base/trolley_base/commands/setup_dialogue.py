@@ -24,7 +24,7 @@ from trolley_base.setup.clearance import Body
 from trolley_base.setup.drive import PARAMS as DRIVE
 from trolley_base.setup.drive import SetupDrive
 from trolley_base.setup.findings import Settings, describe, evaluate, settings_of
-from trolley_base.setup.person import Person, ask_number, is_confirmed
+from trolley_base.setup.person import Person, ask_number, is_confirmed, value_of
 from trolley_base.setup.record import SetupRefused
 from trolley_base.setup.sight import Beams, Sector, near_sectors, usual_ranges
 from trolley_base.setup.wheels import Seen, WheelTrial, judge_counts, judge_wiring
@@ -193,11 +193,12 @@ class SetupDialogue:
 
     def _ask_owner(self, proposal: detected.Proposal) -> detected.Settings:
         """Ask for what the devices need to know of the robot."""
-        return {
-            (*table, key.name): _value_of(key, self._person.ask(question_about(key)))
-            for table, keys in proposal.missing.items()
-            for key in keys
-        }
+        answers: detected.Settings = {}
+        for table, keys in proposal.missing.items():
+            for key in keys:
+                question = question_about(key)
+                answers[*table, key.name] = value_of(question, self._person.ask(question))
+        return answers
 
     def _make_file(self) -> None:
         person = self._person
@@ -359,10 +360,3 @@ def question_about(key: Key) -> SetupQuestion:
         greatest=key.greatest,
         is_above="above" in key.allowed,
     )
-
-
-def _value_of(key: Key, answer: str) -> str | float:
-    """Return an answer as the setting's value."""
-    if "number" not in key.allowed:
-        return answer
-    return int(answer) if key.allowed.startswith("whole number") else float(answer)

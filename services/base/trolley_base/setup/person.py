@@ -65,12 +65,22 @@ def is_confirmed(person: Person, question: str) -> bool:
     return person.ask(asked) == YES
 
 
-def ask_number(
-    person: Person, text: str, least: float, greatest: float, *, default: str = ""
-) -> float:
+def ask_number(person: Person, text: str, least: float, greatest: float) -> float:
     """Ask for a number within bounds."""
-    asked = SetupQuestion(text=text, kind="number", least=least, greatest=greatest, default=default)
-    return float(person.ask(asked))
+    return float(
+        person.ask(SetupQuestion(text=text, kind="number", least=least, greatest=greatest))
+    )
+
+
+def value_of(question: SetupQuestion, answer: str) -> str | float:
+    """Return an answer that `checked` accepts as what it says: a number, or words."""
+    match question.kind:
+        case "whole":
+            return int(answer)
+        case "number":
+            return float(answer)
+        case _:
+            return answer
 
 
 def checked(question: SetupQuestion, answer: str) -> str:
