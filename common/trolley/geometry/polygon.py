@@ -148,12 +148,12 @@ def edges_of(polygon: Floats) -> Floats:
 
 def distance_to_segments(points: Floats, starts: Floats, ends: Floats) -> Floats:
     """Return the distance from each point (n, 2) to the nearest of m segments (m, 2), (n,) [m]."""
-    edges = ends - starts
-    squared = np.maximum(np.sum(edges * edges, axis=1), np.finfo(np.float64).tiny)
-    offsets = points[:, None, :] - starts[None, :, :]
-    along = np.clip(np.sum(offsets * edges, axis=2) / squared, 0.0, 1.0)
-    gaps = offsets - along[..., None] * edges
-    return np.min(np.hypot(gaps[..., 0], gaps[..., 1]), axis=1)
+    # One row a segment, x and y apart: sums and minima over short rows cost numpy the most.
+    (x, y), (edge_x, edge_y) = points.T, (ends - starts).T[..., None]
+    dx, dy = x - starts[:, :1], y - starts[:, 1:]
+    squared = np.maximum(edge_x * edge_x + edge_y * edge_y, np.finfo(np.float64).tiny)
+    along = np.clip((dx * edge_x + dy * edge_y) / squared, 0.0, 1.0)
+    return np.min(np.hypot(dx - along * edge_x, dy - along * edge_y), axis=0)
 
 
 def distance_to_outline(polygon: Floats, points: Floats) -> Floats:
