@@ -1,11 +1,12 @@
-"""A depth camera as a further sense: obstacles above the floor, and where the floor ends.
+"""A depth camera as an extra sensor: obstacles above the floor, and where the floor ends.
 
     python examples/depth.py front --focal 431 431 --centre 320 200 --height 0.25 --tilt 20
 
 Depth images come from another program, over Zenoh: an array as `numpy.save` writes it, (rows,
 columns), float in metres along the optical axis or whole numbers in millimetres, 0 where nothing
 was measured, put under `trolley/<robot>/depth/<name>`. What comes of them is published as
-`scan/<name>`, which `[base.scans.<name>]` in robot.toml makes stop the robot (docs/senses.md). Its
+`scan/<name>`, which `[base.scans.<name>]` in robot.toml makes stop the robot
+(docs/extra-sensors.md). Its
 frame lies on the floor below the camera, x straight ahead.
 
 A hole that sends nothing back, such as a deep dark stairwell, is not known to be one.
@@ -166,7 +167,7 @@ def metres(image: NDArray[np.generic]) -> Floats:
 def main() -> None:
     """Turn the depth images of one camera into scans until it is ended."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("name", help="of the sense, as in [base.scans.NAME]")
+    parser.add_argument("name", help="of the sensor, as in [base.scans.NAME]")
     parser.add_argument("--router", default="tcp/127.0.0.1:7447", help="where images come from")
     parser.add_argument("--focal", type=float, nargs=2, required=True, help="fx fy [pixels]")
     parser.add_argument("--centre", type=float, nargs=2, required=True, help="cx cy [pixels]")
@@ -202,7 +203,7 @@ def main() -> None:
                     scanners[depth.shape] = DepthScanner(camera, depth.shape)
                 if stamp_ns is not None:
                     scan = scanners[depth.shape].scan(depth, stamp_ns, given.name)
-                    robot.publish(topics.SENSE, scan, given.name)
+                    robot.publish(topics.EXTRA_SCAN, scan, given.name)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A Luxonis OAK-D as a further sense, with `pip install "depthai>=3,<4"`: see depth.py.
+"""A Luxonis OAK-D as an extra sensor, with `pip install "depthai>=3,<4"`: see depth.py.
 
     python examples/oak.py front --height 0.25 --tilt 20
 
@@ -46,7 +46,7 @@ def age_ns(dai: Any, image: Any) -> int:
 def main() -> None:
     """Publish what the camera sees until it is ended."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("name", help="of the sense, as in [base.scans.NAME]")
+    parser.add_argument("name", help="of the sensor, as in [base.scans.NAME]")
     parser.add_argument("--height", type=float, required=True, help="above the floor [m]")
     parser.add_argument("--tilt", type=float, default=0.0, help="looks down by this [degrees]")
     given = parser.parse_args()
@@ -72,7 +72,7 @@ def main() -> None:
             now_ns = robot.now_ns()
             if now_ns is not None:
                 scan = scanner.scan(depth, now_ns - age_ns(dai, image), given.name)
-                robot.publish(topics.SENSE, scan, given.name)
+                robot.publish(topics.EXTRA_SCAN, scan, given.name)
 
 
 if __name__ == "__main__":

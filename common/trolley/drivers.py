@@ -87,13 +87,13 @@ class DriverUnusable(Exception):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoardSense:
+class BoardSensor:
     """A sensor of a motor board: it leaves echoes once robot.toml lists it.
 
     Attributes:
         name: of its table `[base.scans.NAME]`.
         meaning: what it is and what its echoes are good for, as sentences.
-        settings: what the table says, as `SenseConfig` reads it.
+        settings: what the table says, as `ExtraSensorConfig` reads it.
         is_usual: `trolley detect --write` lists it; else it writes the table as a comment, for its
             owner to decide or to fill in.
     """
@@ -116,7 +116,7 @@ class Driver:
             name.
         example: tables of `[base.chassis]` or `[base.lidar]` that fit the emulated device.
         emulator: what emulates it, such as "trolley_acme.emulator:EMULATORS": a dict by name.
-        senses: bumpers, cliff sensors and the like that a board always has, or may have.
+        sensors: bumpers, cliff sensors and the like that a board always has, or may have.
     """
 
     group: ClassVar[str] = ""
@@ -125,7 +125,7 @@ class Driver:
     settings: type[Struct] = NoSettings
     example: Mapping[str, Any] = field(default_factory=dict[str, Any])
     emulator: str = ""
-    senses: tuple[BoardSense, ...] = ()
+    sensors: tuple[BoardSensor, ...] = ()
 
 
 D = TypeVar("D", bound=Driver)

@@ -136,7 +136,7 @@ _MAP_BYTES = 32 << 20
 ROBOT = Topic("robot", m.Robot, "base", "on change", Qos.STATE, max_bytes=2 << 20)
 CLOCK = Topic("clock", m.Clock, "base", "10 Hz", Qos.SENSOR, real_time=True)
 SCAN = Topic("scan", m.Scan, "base", "5-50 Hz", Qos.SENSOR, of_epoch=True)
-SENSE = Topic(
+EXTRA_SCAN = Topic(
     "scan/{name}",
     m.Scan,
     "anyone",

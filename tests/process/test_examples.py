@@ -94,7 +94,7 @@ def test_depth_images_on_the_wire_become_scans(robot: None, endpoint: str) -> No
     settings.insert_json5("connect/endpoints", f'["{endpoint}"]')
     with (
         Robot(connect=endpoint) as watcher,
-        watcher.subscribe(topics.SENSE) as heard,
+        watcher.subscribe(topics.EXTRA_SCAN) as heard,
         zenoh.open(settings) as session,
         subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as running,
     ):

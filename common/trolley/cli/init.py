@@ -16,7 +16,7 @@ from trolley.config.describe import (
     Section,
     driver_sections,
     sections,
-    sense_tables,
+    sensor_tables,
     to_toml,
 )
 from trolley.config.robot_toml import check_text
@@ -90,7 +90,7 @@ def render(chosen: Mapping[str, str]) -> str:
     head = "# One robot. Settings that are commented out have the value shown, or none.\n"
     own = [_render_section(section, chosen) for section in sections()]
     of_drivers = [_render_driver(*one) for one in driver_sections()]
-    return head + "".join([*own, *of_drivers, *(f"\n{table}" for table in sense_tables())])
+    return head + "".join([*own, *of_drivers, *(f"\n{table}" for table in sensor_tables())])
 
 
 def _render_driver(name: str, section: Section) -> str:

@@ -9,7 +9,7 @@ from trolley.config.hardware import (
     ImuConfig,
     LidarConfig,
     OdometryConfig,
-    SenseName,
+    SensorName,
 )
 from trolley.config.robot import PoseConfig
 
@@ -70,22 +70,22 @@ class LimitsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     worse downhill."""
 
 
-SenseUse = Literal["stop", "mark"]
+SensorUse = Literal["stop", "mark"]
 
 
-class SenseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[base.scans.NAME]`: a further sense, published as `scan/NAME` by a program or the board."""
+class ExtraSensorConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[base.scans.NAME]`: an extra sensor, published as `scan/NAME` by a program or the board."""
 
     pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
     """Its pose in `base_link`: x forward, y left, yaw counter-clockwise to angle 0."""
     z_m: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.2
     """Height above the floor."""
-    uses: Annotated[list[SenseUse], Meta(min_length=1)] = field(
+    uses: Annotated[list[SensorUse], Meta(min_length=1)] = field(
         default_factory=lambda: ["stop", "mark"]
     )
     """What its echoes are for: `stop`, the stop field; `mark`, the planner's obstacles."""
     kept_s: Annotated[float, Meta(ge=0.5, le=600.0)] = 3.0
-    """For how long an echo stays that the sense does not see past; a bumper, which sees nothing
+    """For how long an echo stays that the sensor does not see past; a bumper, which sees nothing
     from afar, wants a minute."""
 
 
@@ -105,7 +105,7 @@ class BaseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         default_factory=lambda: {"teleop": 20, "calibrate": 15, "ros2": 12, "planner": 10}
     )
     """Priority of each source that may drive; the highest with a fresh command wins."""
-    scans: dict[SenseName, SenseConfig] = {}
+    scans: dict[SensorName, ExtraSensorConfig] = {}
     """Sensors beside the lidar, each a table `[base.scans.NAME]`; only those listed are used."""
     stop_margin_m: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
     """Distance from an obstacle at which the stop field stops the robot [m]."""

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple, cast
 import msgspec
 from msgspec import inspect as shapes
 
-from trolley.config.base import SenseConfig
+from trolley.config.base import ExtraSensorConfig
 from trolley.config.load import RobotConfig
 from trolley.config.robot import FootprintConfig, PoseConfig
-from trolley.drivers import BOARDS, BUILT_IN, LIDARS, BoardSense, Driver, Drivers
+from trolley.drivers import BOARDS, BUILT_IN, LIDARS, BoardSensor, Driver, Drivers
 
 INLINE: dict[type[msgspec.Struct], str] = {
     FootprintConfig: "{length_m, width_m}, {radius_m} or {polygon_m = [[x, y], ...]}",
-    SenseConfig: "{pose, z_m, uses, kept_s}",
+    ExtraSensorConfig: "{pose, z_m, uses, kept_s}",
     PoseConfig: "{x, y, yaw} or {x, y, orientation = [x, y, z, w]}",
 }
 """Structs that stand on one line of the file, and how."""
@@ -86,17 +86,19 @@ def driver_sections() -> list[tuple[str, Section]]:
     return found
 
 
-def sense_tables() -> list[str]:
-    """The tables of the boards' own senses, all commented out; imports all drivers of boards."""
+def sensor_tables() -> list[str]:
+    """The tables of the boards' own sensors, all commented out; imports all drivers of boards."""
     drivers = Drivers(Driver, BOARDS).items()
-    return [as_comment(sense_table(name, one)) for name, driver in drivers for one in driver.senses]
+    return [
+        as_comment(sensor_table(name, one)) for name, driver in drivers for one in driver.sensors
+    ]
 
 
-def sense_table(board: str, sense: BoardSense) -> str:
-    """The lines that list a sense of a board, with its meaning as comments above them."""
-    lines = textwrap.wrap(f"With {board}: {sense.meaning}", COMMENT_WIDTH)
-    table = [f"{key} = {to_toml(value)}" for key, value in sense.settings.items()]
-    return "\n".join([*(f"# {line}" for line in lines), f"[base.scans.{sense.name}]", *table, ""])
+def sensor_table(board: str, sensor: BoardSensor) -> str:
+    """The lines that list a sensor of a board, with its meaning as comments above them."""
+    lines = textwrap.wrap(f"With {board}: {sensor.meaning}", COMMENT_WIDTH)
+    table = [f"{key} = {to_toml(value)}" for key, value in sensor.settings.items()]
+    return "\n".join([*(f"# {line}" for line in lines), f"[base.scans.{sensor.name}]", *table, ""])
 
 
 def as_comment(text: str) -> str:

@@ -12,7 +12,7 @@ LidarModel = Annotated[str, Meta(max_length=32, extra={"drivers": LIDARS})]
 Baud = Annotated[int, Meta(ge=1200, le=4_000_000)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 Pin = Annotated[int, Meta(ge=0, le=99)]
-SenseName = Annotated[str, Meta(pattern="^[a-z0-9_-]{1,32}$")]
+SensorName = Annotated[str, Meta(pattern="^[a-z0-9_-]{1,32}$")]
 Scale = Annotated[float, Meta(ge=0.5, le=2.0)]
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
@@ -81,7 +81,7 @@ class InputsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """What a bumper pin reads when it is hit; a switch to ground with a pull-up reads 0."""
     cliff_active: Annotated[int, Meta(ge=0, le=1)] = 1
     """What a cliff pin reads when there is no floor."""
-    sonar_pins: Annotated[dict[SenseName, Pin], Meta(max_length=4)] = {}
+    sonar_pins: Annotated[dict[SensorName, Pin], Meta(max_length=4)] = {}
     """Digital pins of sonars with one pin for both ways (PING))), SEN136B5B), each by the name of
     its table `[base.scans.NAME]`."""
     battery_pin: Pin | None = None

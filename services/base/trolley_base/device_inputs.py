@@ -4,12 +4,12 @@ import numpy as np
 
 from trolley import codes, topics
 from trolley.config import RobotConfig
+from trolley.extra_sensors import ExtraSensors
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley.messages import Battery, Link, Odometry, Scan, Transform, floats_to_bytes
 from trolley.messages.motion import CHASSIS
 from trolley.runtime.service import Service, gets, on
-from trolley.senses import Senses
-from trolley_base.board_senses import BoardSenses
+from trolley_base.board_sensors import BoardSensors
 from trolley_base.device_log import DeviceLog
 from trolley_base.drivers import ChassisReading, Hardware, LidarScan
 from trolley_base.odometry.dead_reckoning import DeadReckoning, Measured
@@ -28,8 +28,8 @@ class DeviceInputs:
     Args:
         sight: what the lidar sees.
         base_T_laser: where it sits.
-        senses: further senses that may stop the robot.
-        board_senses: those of the motor board.
+        extra_sensors: extra sensors that may stop the robot.
+        board_sensors: those of the motor board.
     """
 
     def __init__(
@@ -37,12 +37,12 @@ class DeviceInputs:
         service: Service,
         sight: LidarSight,
         base_T_laser: Pose2D,
-        senses: Senses,
-        board_senses: BoardSenses,
+        extra_sensors: ExtraSensors,
+        board_sensors: BoardSensors,
     ) -> None:
         self._service = service
-        self._senses = senses
-        self._board_senses = board_senses
+        self._extra_sensors = extra_sensors
+        self._board_sensors = board_sensors
         self._base_T_laser = base_T_laser
         self.sight = sight
         """What the lidar sees."""
@@ -53,9 +53,9 @@ class DeviceInputs:
         self.battery: Battery | None = None
         """The newest charge, None while the board has not measured it."""
         self.echoes = sight.echoes(Pose2D.identity())
-        """(n, 2) what the lidar, and further senses, saw near the robot [m] in `base_link`."""
-        self.silent_senses: list[str] = []
-        """Names of further senses that have gone silent."""
+        """(n, 2) what the lidar, and extra sensors, saw near the robot [m] in `base_link`."""
+        self.silent_sensors: list[str] = []
+        """Names of extra sensors that have gone silent."""
         self.unseen = sight.unseen(Pose2D.identity())
         """What it has not seen near the robot, in `base_link`."""
 
@@ -64,7 +64,7 @@ class DeviceInputs:
     ) -> None:
         """Begin a run with devices that have been opened."""
         self._hardware = hardware
-        self._senses.forget()
+        self._extra_sensors.forget()
         self._reckoning = DeadReckoning(config, scales, epoch_ns, self._base_T_laser)
         self.sight.begin(knows_motion=self._reckoning.has_wheels)
         self._device_log = DeviceLog(self._service.log, self._service.count)
@@ -105,9 +105,9 @@ class DeviceInputs:
         self._read_chassis(now_ns)
         self._read_lidar(now_ns)
         odom_T_base = self._reckoning.track.odom_T_base
-        further = odom_T_base.inverse().transform_points(self._senses.points_odom(now_ns))
+        further = odom_T_base.inverse().transform_points(self._extra_sensors.points_odom(now_ns))
         self.echoes = np.concatenate([self.sight.echoes(odom_T_base), further])
-        self.silent_senses = self._senses.silent(now_ns)
+        self.silent_sensors = self._extra_sensors.silent(now_ns)
         self.unseen = self.sight.unseen(odom_T_base)
 
     def command(self, now_ns: int, twist: Twist2D) -> None:
@@ -119,9 +119,9 @@ class DeviceInputs:
         self._has_moved = self._has_moved or bool(reading.motions)
         for imu in reading.imu:
             self._service.publish(topics.IMU, imu)
-        for scan in self._board_senses.scans(reading, now_ns):
-            self._service.publish(topics.SENSE, scan, scan.frame)
-            self._add_sense(scan, scan.frame)
+        for scan in self._board_sensors.scans(reading, now_ns):
+            self._service.publish(topics.EXTRA_SCAN, scan, scan.frame)
+            self._add_sensor(scan, scan.frame)
         self.battery = reading.battery or self.battery
         self._device_log.add(now_ns, reading.link, reading.notes, reading.counts)
 
@@ -162,18 +162,18 @@ class DeviceInputs:
         )
         self._service.publish(topics.SCAN, message)
 
-    @on(topics.SENSE)
-    def take_sense(self, scan: Scan, name: str) -> None:
-        """Take the echoes of a further sense; what the board feels did not have to come back."""
-        if name not in self._board_senses.names:
-            self._add_sense(scan, name)
+    @on(topics.EXTRA_SCAN)
+    def take_extra_scan(self, scan: Scan, name: str) -> None:
+        """Take the echoes of an extra sensor; what the board feels did not have to come back."""
+        if name not in self._board_sensors.names:
+            self._add_sensor(scan, name)
 
-    def _add_sense(self, scan: Scan, name: str) -> None:
+    def _add_sensor(self, scan: Scan, name: str) -> None:
         def odom_T_base(stamp_ns: int) -> Pose2D:
             x, y, yaw = self._reckoning.track.poses_at(np.array([stamp_ns])).tolist()[0]
             return Pose2D(x, y, wrap_angle(yaw))
 
-        trouble = self._senses.update(name, scan, self._service.stamp_ns, odom_T_base)
+        trouble = self._extra_sensors.update(name, scan, self._service.stamp_ns, odom_T_base)
         if trouble:
             self._service.count(f"scan/{trouble}")
 

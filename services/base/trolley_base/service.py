@@ -7,10 +7,10 @@ import msgspec
 from trolley import topics
 from trolley.config import RobotConfig
 from trolley.config.changeable_settings import all_keys
+from trolley.extra_sensors import ExtraSensors
 from trolley.messages import Transform
 from trolley.runtime.service import Service, every
-from trolley.senses import Senses
-from trolley_base.board_senses import BoardSenses
+from trolley_base.board_sensors import BoardSensors
 from trolley_base.description import describe_robot, footprint_of, half_track_of, limits_of
 from trolley_base.device_factory import choose_device
 from trolley_base.device_inputs import DeviceInputs
@@ -76,8 +76,8 @@ class BaseService(Service):
                 LidarView(footprint, mount),
             ),
             mount,
-            Senses(config.base.scans, "stop"),
-            BoardSenses(config.base.scans, footprint),
+            ExtraSensors(config.base.scans, "stop"),
+            BoardSensors(config.base.scans, footprint),
         )
         blur_s = LIDAR_BLUR_S if config.base.odometry.source == "lidar" else 0.0
         half_track_m = half_track_of(config, footprint)
@@ -179,13 +179,13 @@ class BaseService(Service):
             z=self._config.base.lidar.z_m,
         )
         self.publish(topics.TF, laser, "laser")
-        for name, sense in self._config.base.scans.items():
+        for name, sensor in self._config.base.scans.items():
             mount = Transform(
                 stamp_ns=now_ns,
                 parent="base_link",
                 child=name,
-                pose=sense.pose.as_pose(),
-                z=sense.z_m,
+                pose=sensor.pose.as_pose(),
+                z=sensor.z_m,
             )
             self.publish(topics.TF, mount, name)
         if self._robot.max_speed < self._config.base.limits.max_speed_mps:

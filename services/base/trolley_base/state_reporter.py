@@ -109,8 +109,8 @@ class StateReporter:
             )
         elif self._inputs.trouble:
             self._service.set_health("degraded", self._inputs.trouble)
-        elif self._inputs.silent_senses:
-            names = " and ".join(f"scan/{name}" for name in self._inputs.silent_senses)
+        elif self._inputs.silent_sensors:
+            names = " and ".join(f"scan/{name}" for name in self._inputs.silent_sensors)
             self._service.set_health(
                 "degraded", f"Nothing comes from {names} any more: does its program still run?"
             )

@@ -6,6 +6,7 @@ from typing import TypeVar
 from trolley import requests, topics
 from trolley.codes import Refused
 from trolley.config import PlannerConfig, RobotConfig
+from trolley.extra_sensors import ExtraSensors
 from trolley.geometry import Pose2D
 from trolley.messages import (
     BaseState,
@@ -25,7 +26,6 @@ from trolley.messages import (
 from trolley.messages.request_params import FollowPerson, SendGoal, WhichGoal
 from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Later, Service, answers, every, gets, on
-from trolley.senses import Senses
 from trolley_planner.navigator import Navigator
 from trolley_planner.sensing.inputs import OWN_SOURCE, odometry_at
 from trolley_planner.warmup import warm_up
@@ -66,7 +66,7 @@ class PlannerService(Service):
     def __init__(self, config: RobotConfig) -> None:
         self._config = config.planner
         self.navigator = Navigator(config.planner)
-        self.navigator.inputs.senses = Senses(config.base.scans, "mark")
+        self.navigator.inputs.extra_sensors = ExtraSensors(config.base.scans, "mark")
         self._command_ns = command_period_ns(config.planner)
         self.parts = (LiveConfig(self, config, self._use),)
         self._commanded_ns = 0
@@ -168,13 +168,13 @@ class PlannerService(Service):
         self.navigator.maintain(now_ns)
         self._publish_changes()
 
-    @on(topics.SENSE, wakes=False)
-    def on_sense(self, scan: Scan, name: str) -> None:
-        """Keep the echoes of a further sense; the next scan of the lidar puts them on the map."""
+    @on(topics.EXTRA_SCAN, wakes=False)
+    def on_extra_scan(self, scan: Scan, name: str) -> None:
+        """Keep the echoes of an extra sensor; the next scan of the lidar puts them on the map."""
         history = list(self._odometry.history)
         if not history:
             return
-        trouble = self.navigator.inputs.senses.update(
+        trouble = self.navigator.inputs.extra_sensors.update(
             name, scan, self.stamp_ns, lambda stamp_ns: odometry_at(history, stamp_ns)
         )
         if trouble:

@@ -241,7 +241,7 @@ def test_a_restarted_planner_has_no_goal_and_is_silent(stage: Stage, far_side: P
     ("silent", "reason"),
     [("pose", codes.STALE), ("scan", codes.SCAN_LOST), ("odom", codes.LINK_LOST)],
 )
-def test_it_stands_while_its_senses_are_silent(stage, far_side, silent, reason) -> None:
+def test_it_stands_while_its_sensors_are_silent(stage, far_side, silent, reason) -> None:
     stage.send(far_side)
     stage.lockstep.run(2.0)
     stage.robot.silent.add(silent)

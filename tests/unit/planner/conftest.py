@@ -24,12 +24,12 @@ class Ride:
         self.pose_state = "localized"
         self.commands: list[Twist2D | None] = []
         self.statuses: list[GoalStatus] = []
-        senses = self.navigator.inputs
-        senses.robot = world.robot()
-        senses.base_T_laser = world.base_T_laser
-        if senses.frame == "map":
-            senses.map, senses.zones = world.map(), world.zone_list()
-        senses.base = BaseState(stamp_ns=0, mode="ok")
+        inputs = self.navigator.inputs
+        inputs.robot = world.robot()
+        inputs.base_T_laser = world.base_T_laser
+        if inputs.frame == "map":
+            inputs.map, inputs.zones = world.map(), world.zone_list()
+        inputs.base = BaseState(stamp_ns=0, mode="ok")
         self.step()
 
     def step(self, num: int = 1) -> None:
@@ -37,12 +37,12 @@ class Ride:
         for _ in range(num):
             self.now_ns += STEP_NS
             odometry = self.world.odometry(self.now_ns)
-            senses = self.navigator.inputs
-            senses.odometry = odometry
+            inputs = self.navigator.inputs
+            inputs.odometry = odometry
             if (self.now_ns // STEP_NS) % 2:
-                if senses.frame == "map":
-                    senses.update_correction(self.world.correction(self.now_ns))
-                    senses.pose = self.world.estimate(self.now_ns, self.pose_state)
+                if inputs.frame == "map":
+                    inputs.update_correction(self.world.correction(self.now_ns))
+                    inputs.pose = self.world.estimate(self.now_ns, self.pose_state)
                 scan = self.world.scan(self.now_ns)
                 self.navigator.update_scan(scan, [odometry], self.now_ns, self.now_ns)
             twist = self.navigator.command(self.now_ns)

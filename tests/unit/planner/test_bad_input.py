@@ -57,8 +57,8 @@ def test_on_a_map_of_nothing_known_no_goal_is_taken(ride) -> None:
 @pytest.mark.parametrize("outline", [CROSSED, BESIDE, [(0.1, 0.0), (-0.1, 0.0), (0.2, 0.0)]])
 def test_an_outline_that_is_none_is_named(ride, outline) -> None:
     drive = ride(Flatland(empty_room(), START))
-    senses = drive.navigator.inputs
-    senses.robot = msgspec.structs.replace(senses.robot, footprint=outline)
+    inputs = drive.navigator.inputs
+    inputs.robot = msgspec.structs.replace(inputs.robot, footprint=outline)
     drive.step(4)
     refusal = refused(drive, Pose2D(3.0, 3.0, 0.0))
     assert refusal.code == codes.NOT_READY
@@ -69,8 +69,8 @@ def test_an_outline_that_becomes_none_ends_the_goal(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     drive.send(Pose2D(5.0, 3.0, 0.0))
     drive.step(20)
-    senses = drive.navigator.inputs
-    senses.robot = msgspec.structs.replace(senses.robot, footprint=CROSSED)
+    inputs = drive.navigator.inputs
+    inputs.robot = msgspec.structs.replace(inputs.robot, footprint=CROSSED)
     drive.step(4)
     status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.reason) == ("failed", codes.NOT_READY)
@@ -81,8 +81,8 @@ def test_an_outline_that_becomes_none_ends_the_goal(ride) -> None:
 
 def test_with_an_outline_that_is_none_nothing_turns_to_look_round(ride) -> None:
     drive = ride(Flatland(empty_room(), START), PlannerConfig(turn_to_find=True))
-    senses = drive.navigator.inputs
-    senses.robot = msgspec.structs.replace(senses.robot, footprint=BESIDE)
+    inputs = drive.navigator.inputs
+    inputs.robot = msgspec.structs.replace(inputs.robot, footprint=BESIDE)
     drive.pose_state = "lost"
     plain = drive.world.estimate
     drive.world.estimate = lambda *given: msgspec.structs.replace(plain(*given), wants_turn=True)

@@ -64,7 +64,7 @@ def detect_command(
     text = robot_toml.read_text(path) if path is not None else ""
     seen = look_at_ports(ports)
     proposal = settings.propose(seen, tomllib.loads(text))
-    proposal.notes += [*proposal.sense_notes, *what_is_left_out()]
+    proposal.notes += [*proposal.sensor_notes, *what_is_left_out()]
     if as_json:
         print_json(_plain(seen, proposal))
     else:

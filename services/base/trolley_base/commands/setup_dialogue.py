@@ -183,11 +183,11 @@ class SetupDialogue:
             values.get((*detected.LIDAR, "port"), lidar.port),
         ]
         person.tell(f"Found {board} at {ports[0]}, {model} at {ports[1]}.")
-        for note in proposal.sense_notes:
+        for note in proposal.sensor_notes:
             person.tell(note)
         self._confirm("Are these the devices of this robot?")
         values |= self._ask_owner(proposal)
-        new = robot_toml.with_values(text, values, tables=proposal.sense_tables)
+        new = robot_toml.with_values(text, values, tables=proposal.sensor_tables)
         if new != text:
             robot_toml.replace_text(path, new)
 

@@ -8,15 +8,15 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from trolley.config.describe import Key, as_comment, keys_of, sense_table, table_of, to_toml
+from trolley.config.describe import Key, as_comment, keys_of, sensor_table, table_of, to_toml
 from trolley.config.hardware import ChassisConfig
-from trolley.drivers import BoardSense
+from trolley.drivers import BoardSensor
 from trolley.network_ports import is_network
 from trolley_base.detection.detector import devices_of
 from trolley_base.detection.ports import Port
 from trolley_base.detection.results import FoundDevice, PortResult
 from trolley_base.drivers.boards import BOARDS, BoardDriver
-from trolley_base.drivers.boards.inputs import wired_senses
+from trolley_base.drivers.boards.inputs import wired_sensors
 from trolley_base.drivers.lidars import MODELS
 
 CHASSIS, LIDAR = ("base", "chassis"), ("base", "lidar")
@@ -39,10 +39,10 @@ class Proposal:
         waiting: what must be commented out until a person has completed it.
         missing: the settings that a device needs and only its owner knows, by their tables.
         templates: the tables of those, commented out.
-        sense_tables: what lists the board's senses, with comments; some are commented out.
-        senses: those that are listed.
+        sensor_tables: what lists the board's sensors, with comments; some are commented out.
+        sensors: those that are listed.
         notes: sentences for the person.
-        sense_notes: those about what the board feels.
+        sensor_notes: those about what the board feels.
     """
 
     values: Settings = field(default_factory=Settings)
@@ -51,15 +51,15 @@ class Proposal:
         default_factory=dict[tuple[str, ...], list[Key]]
     )
     templates: list[str] = field(default_factory=list[str])
-    sense_tables: list[str] = field(default_factory=list[str])
-    senses: list[BoardSense] = field(default_factory=list[BoardSense])
+    sensor_tables: list[str] = field(default_factory=list[str])
+    sensors: list[BoardSensor] = field(default_factory=list[BoardSensor])
     notes: list[str] = field(default_factory=list[str])
-    sense_notes: list[str] = field(default_factory=list[str])
+    sensor_notes: list[str] = field(default_factory=list[str])
 
     @property
     def tables(self) -> list[str]:
         """Whole tables for the file."""
-        return [*self.templates, *self.sense_tables]
+        return [*self.templates, *self.sensor_tables]
 
 
 def propose(seen: Sequence[PortResult], settings: dict[str, Any]) -> Proposal:
@@ -76,7 +76,7 @@ def propose(seen: Sequence[PortResult], settings: dict[str, Any]) -> Proposal:
         _propose_board(proposal, *board, base.get("chassis", {}))
         driver = BOARDS[board[1].model or ""]
         chassis = msgspec.convert(base.get("chassis", {}), ChassisConfig)
-        _propose_senses(proposal, driver, board[1], chassis, base.get("scans", {}))
+        _propose_sensors(proposal, driver, board[1], chassis, base.get("scans", {}))
         _check_footprint(proposal, driver, settings.get("robot", {}).get("footprint"))
     if lidar := _the_only(lidars, "lidar", proposal):
         _propose_lidar(proposal, *lidar, base.get("lidar", {}))
@@ -105,10 +105,12 @@ def render(proposal: Proposal) -> str:
 
 
 def by_name(proposal: Proposal) -> dict[str, Any]:
-    """Return the settings by their names with dots, those of senses too."""
+    """Return the settings by their names with dots, those of sensors too."""
     found: dict[str, Any] = {".".join(keys): value for keys, value in proposal.values.items()}
-    for sense in proposal.senses:
-        found |= {f"base.scans.{sense.name}.{key}": sense.settings[key] for key in sense.settings}
+    for sensor in proposal.sensors:
+        found |= {
+            f"base.scans.{sensor.name}.{key}": sensor.settings[key] for key in sensor.settings
+        }
     return found
 
 
@@ -169,7 +171,7 @@ def _propose(
     )
 
 
-def _propose_senses(
+def _propose_sensors(
     proposal: Proposal,
     driver: BoardDriver,
     found: FoundDevice,
@@ -177,26 +179,27 @@ def _propose_senses(
     listed: Mapping[str, Any],
 ) -> None:
     """List what the board feels, unless the file lists some of it already: then its owner chose."""
-    senses = [*driver.senses, *(wired_senses(chassis.inputs) if driver.facts.has_inputs else ())]
-    if not senses or any(one.name in listed for one in senses):
+    sensors = [*driver.sensors, *(wired_sensors(chassis.inputs) if driver.facts.has_inputs else ())]
+    if not sensors or any(one.name in listed for one in sensors):
         return
-    for one in senses:
-        table = sense_table(found.model or "", one)
-        proposal.sense_tables.append(table if one.is_usual else as_comment(table))
-    proposal.senses = [one for one in senses if one.is_usual]
-    if proposal.senses:
-        proposal.sense_notes.append(
-            f"What the {found.title} feels is remembered as obstacles: {_names(proposal.senses)}."
+    for one in sensors:
+        table = sensor_table(found.model or "", one)
+        proposal.sensor_tables.append(table if one.is_usual else as_comment(table))
+    proposal.sensors = [one for one in sensors if one.is_usual]
+    if proposal.sensors:
+        proposal.sensor_notes.append(
+            f"What the {found.title} feels is remembered as obstacles: {_names(proposal.sensors)}."
         )
-    others = [one for one in senses if not one.is_usual]
+    others = [one for one in sensors if not one.is_usual]
     if others:
-        proposal.sense_notes.append(
-            f"Commented out, for you to decide or to fill in: {_names(others)}; see docs/senses.md."
+        proposal.sensor_notes.append(
+            f"Commented out, for you to decide or to fill in: {_names(others)}; "
+            "see docs/extra-sensors.md."
         )
 
 
-def _names(senses: Sequence[BoardSense]) -> str:
-    return ", ".join(f"[base.scans.{one.name}]" for one in senses)
+def _names(sensors: Sequence[BoardSensor]) -> str:
+    return ", ".join(f"[base.scans.{one.name}]" for one in sensors)
 
 
 def _check_footprint(proposal: Proposal, driver: BoardDriver, footprint: Any) -> None:
@@ -204,7 +207,7 @@ def _check_footprint(proposal: Proposal, driver: BoardDriver, footprint: Any) ->
     radius_m = driver.facts.radius_m
     if radius_m is None or footprint is None or footprint == {"radius_m": radius_m}:
         return
-    proposal.sense_notes.append(
+    proposal.sensor_notes.append(
         f"A {driver.facts.title} is round: [robot] footprint = {{ radius_m = {radius_m} }}, or "
         "larger if something stands out over its rim. Yours says "
         f"{to_toml(footprint)}."

@@ -322,7 +322,7 @@ class CostmapManager:
             context.costmap.set_suspects([line.points for line in lines])
         shape = ScanShape(scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
         body = inputs.base_T_laser.inverse().transform_points(context.footprint.polygon)
-        further = inputs.senses.points_odom(now_ns)
+        further = inputs.extra_sensors.points_odom(now_ns)
         if inputs.frame_T_odom is not None:
             further = inputs.frame_T_odom.transform_points(further)
         sweep = Sweep(ranges, shape, poses[0], poses[1], body)

@@ -142,7 +142,7 @@ class Costmap:
         Args:
             sweep: the scan.
             now_ns: its robot time.
-            further: (n, 2) echoes of further senses [m], which only mark.
+            further: (n, 2) echoes of extra sensors [m], which only mark.
         """
         grid_T_frame = self.grid_T_frame
         in_grid = Sweep(

@@ -87,7 +87,7 @@ class ObstacleLayer:
             wall_distance_m: (rows, cols) distance to the nearest wall [m].
             segments: (m, 4) mirrors, glass, and where mirrors are suspected, in `grid` [m].
             now_ns: robot time of the scan.
-            further: (n, 2) echoes of further senses in `grid` [m], which only mark.
+            further: (n, 2) echoes of extra sensors in `grid` [m], which only mark.
         """
         self._scan_number += 1
         self._walls = walls

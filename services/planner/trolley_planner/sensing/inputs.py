@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from trolley import codes
 from trolley.config import PlannerConfig
+from trolley.extra_sensors import ExtraSensors
 from trolley.geometry import Pose2D, Twist2D, integrate_twist, interpolate
 from trolley.messages import (
     BaseState,
@@ -21,7 +22,6 @@ from trolley.messages import (
 )
 from trolley.messages.types import floats_from_bytes
 from trolley.scanning import end_ns
-from trolley.senses import Senses
 from trolley_planner.sensing.published_costs import PublishedCosts
 
 OWN_SOURCE = "planner"
@@ -62,7 +62,7 @@ class Inputs:
         self.zones: Zones | None = None
         self.suspects: Suspects | None = None
         self.costs = PublishedCosts()
-        self.senses = Senses({}, "mark")
+        self.extra_sensors = ExtraSensors({}, "mark")
         self.pose: PoseEstimate | None = None
         self.base: BaseState | None = None
         self.places: SavedPoses | None = None
@@ -102,7 +102,7 @@ class Inputs:
     def begin_epoch(self) -> None:
         """Forget what was measured before the base restarted."""
         self.scan = self.odometry = self.pose = None
-        self.senses.forget()
+        self.extra_sensors.forget()
         if self.frame == "map":
             self.frame_T_odom = self.steady_T_odom = None
 

@@ -176,7 +176,7 @@ def test_lists_what_a_create_feels(tmp_path: Path, is_explained: bool) -> None:
 
 def test_says_what_a_create_feels_and_how_large_it_is() -> None:
     proposal = settings.propose((CREATE, LD19), tomllib.loads(ROBOT))
-    notes = " ".join(proposal.sense_notes)
+    notes = " ".join(proposal.sensor_notes)
     assert "[base.scans.bumper], [base.scans.cliff]" in notes
     assert "Commented out" in notes
     assert "footprint = { radius_m = 0.17 }" in notes
@@ -184,8 +184,8 @@ def test_says_what_a_create_feels_and_how_large_it_is() -> None:
     base = base_of(settings.render(proposal))
     assert base["scans"].keys() == {"bumper", "cliff"}
     round_one = {"robot": {"footprint": {"radius_m": 0.17}}}
-    assert "footprint" not in " ".join(settings.propose((CREATE,), round_one).sense_notes)
-    assert settings.propose((LINOROBOT, LD19), tomllib.loads(ROBOT)).sense_notes == []
+    assert "footprint" not in " ".join(settings.propose((CREATE,), round_one).sensor_notes)
+    assert settings.propose((LINOROBOT, LD19), tomllib.loads(ROBOT)).sensor_notes == []
 
 
 def test_lists_none_of_what_a_board_feels_where_its_owner_has_chosen() -> None:
@@ -199,7 +199,7 @@ def test_lists_none_of_what_a_board_feels_where_its_owner_has_chosen() -> None:
     "scans",
     ["[base.scans]\nfront = { z_m = 0.3 }\n", "[base]\nscans = { front = { z_m = 0.3 } }\n"],
 )
-def test_lists_it_beside_senses_that_are_written_on_one_line(scans: str) -> None:
+def test_lists_it_beside_sensors_that_are_written_on_one_line(scans: str) -> None:
     found = base_of(changed(f"{ROBOT}\n{scans}", CREATE))["scans"]
     assert found["front"] == {"z_m": 0.3}
     assert found["bumper"] == {"z_m": 0.05, "kept_s": 60.0}

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from trolley import codes
 from trolley.config.hardware import ChassisConfig, WheelsConfig
-from trolley.drivers import API, FELT_KEPT_S, BoardSense
+from trolley.drivers import API, FELT_KEPT_S, BoardSensor
 from trolley.geometry import Twist2D
 from trolley_base.differential import sides_of
 from trolley_base.drivers.boards.battery import BatteryGauge
@@ -123,7 +123,7 @@ LIGHT_M = 0.05
 decides, from a few millimetres to about 10 cm [m]."""
 
 
-class Senses(NamedTuple):
+class Sensors(NamedTuple):
     """What a frame holds."""
 
     bumps: int
@@ -191,9 +191,9 @@ def is_sound(frame: bytes) -> bool:
 FRAME = FrameFormat(HEAD, WHOLE, is_sound)
 
 
-def parse_frame(frame: bytes) -> Senses:
+def parse_frame(frame: bytes) -> Sensors:
     """Read a sound frame."""
-    return Senses(*BODY.unpack_from(frame, len(HEAD))[1::2])
+    return Sensors(*BODY.unpack_from(frame, len(HEAD))[1::2])
 
 
 def drive_direct(left_mmps: int, right_mmps: int) -> bytes:
@@ -228,7 +228,7 @@ class Create2Dialogue:
         self._wheels.reset()
         self._gauge.reset()
         self._wanted = Twist2D.zero()
-        self._senses: Senses | None = None
+        self._sensors: Sensors | None = None
         self._counts: tuple[int, int] | None = None
         self._num_frames = self._settled_ns = 0
         self._heard = LastHeard(now_ns)
@@ -250,26 +250,26 @@ class Create2Dialogue:
             late_ns = travel_ns(frame.following, self._baud)
             self._take(parse_frame(frame.data), arrived_ns - late_ns, arrived_ns)
 
-    def _take(self, senses: Senses, left_ns: int, arrived_ns: int) -> None:
-        before = self._senses
+    def _take(self, sensors: Sensors, left_ns: int, arrived_ns: int) -> None:
+        before = self._sensors
         if self._heard.has_reported and not self._heard.is_reporting(arrived_ns):
             self._settled_ns = arrived_ns + SETTLES_NS
             self._wheels.miss()
-        self._senses = senses
+        self._sensors = sensors
         self._heard.take_report(arrived_ns)
-        if senses.capacity:
-            share = senses.charge / senses.capacity
-            is_charging = senses.charging in CHARGES
-            voltage = senses.millivolts * 1e-3
+        if sensors.capacity:
+            share = sensors.charge / sensors.capacity
+            is_charging = sensors.charging in CHARGES
+            voltage = sensors.millivolts * 1e-3
             self._gauge.take_charge(share, EMPTY_CHARGE, voltage, arrived_ns, charging=is_charging)
-        if senses.overcurrents & WHEEL_OVERCURRENTS and not (before and before.overcurrents):
+        if sensors.overcurrents & WHEEL_OVERCURRENTS and not (before and before.overcurrents):
             self._report.note(
                 "warning", "A wheel of the Create takes too much current: it is stuck."
             )
         self._num_frames += 1
         if self._num_frames % COUNTED_FRAMES or arrived_ns < self._settled_ns:
             return
-        motion = self._wheels.add(*self._unwrapped(senses), left_ns)
+        motion = self._wheels.add(*self._unwrapped(sensors), left_ns)
         if self._wheels.wheels.has_jumped:
             self._report.add_jump()
         if self._wheels.wheels.has_restarted:
@@ -277,12 +277,15 @@ class Create2Dialogue:
         if motion is not None:
             self._report.add_motion(motion)
 
-    def _unwrapped(self, senses: Senses) -> tuple[int, int]:
+    def _unwrapped(self, sensors: Sensors) -> tuple[int, int]:
         """Return the counts of 16 bits as such that go on beyond them."""
         if self._counts is None:
-            self._counts = (FIRST_COUNT + senses.left, FIRST_COUNT + senses.right)
+            self._counts = (FIRST_COUNT + sensors.left, FIRST_COUNT + sensors.right)
         left, right = self._counts
-        self._counts = (left + _shorter(senses.left - left), right + _shorter(senses.right - right))
+        self._counts = (
+            left + _shorter(sensors.left - left),
+            right + _shorter(sensors.right - right),
+        )
         return self._counts
 
     # What is sent.
@@ -316,8 +319,8 @@ class Create2Dialogue:
         if not self._heard.is_reporting(now_ns):
             waited = self._started_ns is None or now_ns - self._started_ns >= START_EVERY_NS
             return waited or bool(self._steps)
-        senses = self._senses
-        if senses is None or senses.mode == SAFE_MODE or not self._may_become_safe:
+        sensors = self._sensors
+        if sensors is None or sensors.mode == SAFE_MODE or not self._may_become_safe:
             return False
         return self._mode_ns is None or now_ns - self._mode_ns >= SAFE_EVERY_NS
 
@@ -338,8 +341,8 @@ class Create2Dialogue:
 
     @property
     def _may_become_safe(self) -> bool:
-        senses = self._senses
-        return senses is not None and not (senses.is_charged or senses.is_dropped)
+        sensors = self._sensors
+        return sensors is not None and not (sensors.is_charged or sensors.is_dropped)
 
     def goodbye(self) -> tuple[bytes, ...]:
         """Stop the wheels, then the reports, then the interface: its buttons work again."""
@@ -347,8 +350,8 @@ class Create2Dialogue:
 
     # How it goes.
     def _is_usable(self, now_ns: int) -> bool:
-        senses = self._senses
-        if senses is None or senses.mode != SAFE_MODE or now_ns < self._settled_ns:
+        sensors = self._sensors
+        if sensors is None or sensors.mode != SAFE_MODE or now_ns < self._settled_ns:
             return False
         return self._heard.is_reporting(now_ns)
 
@@ -363,8 +366,8 @@ class Create2Dialogue:
             )
         if self._is_usable(now_ns):
             return Status("up")
-        if self._heard.is_reporting(now_ns) and self._senses is not None:
-            return Status("down", _why_not(self._senses))
+        if self._heard.is_reporting(now_ns) and self._sensors is not None:
+            return Status("down", _why_not(self._sensors))
         if self._heard.has_reported:
             return Status("down", "The Create has stopped reporting; it is started again.")
         if self._heard.has_bytes:
@@ -378,23 +381,23 @@ class Create2Dialogue:
     def take(self, now_ns: int) -> ChassisReading:
         """Hand over what was reported."""
         found, contacts = set(self._gauge.alarms()), ()
-        if self._senses is not None:
-            found |= self._senses.alarms()
-            contacts = self._senses.contacts() if self._heard.is_reporting(now_ns) else ()
+        if self._sensors is not None:
+            found |= self._sensors.alarms()
+            contacts = self._sensors.contacts() if self._heard.is_reporting(now_ns) else ()
         alarms = tuple(sorted(found))
         return self._report.take(self.status(now_ns), alarms, self._gauge.battery, contacts)
 
 
-def _why_not(senses: Senses) -> str:
+def _why_not(sensors: Sensors) -> str:
     """Say why it is not in safe mode."""
-    if senses.is_charged:
+    if sensors.is_charged:
         return (
             "The Create is being charged, and does not drive meanwhile: take it off its dock, or "
             "pull its charger."
         )
-    if senses.is_dropped:
+    if sensors.is_dropped:
         return "A wheel of the Create hangs in the air: put it on the floor."
-    if senses.mode == SAFE_MODE:
+    if sensors.mode == SAFE_MODE:
         return "The Create reports again; it is watched for a moment."
     return "The Create has left its safe mode, in which it drives; it is put into it again."
 
@@ -409,29 +412,29 @@ def recognise(data: bytes) -> Answer | None:
     frames, _ = FrameReader(FRAME, count_nothing).feed(data)
     if len(frames) < ENOUGH_FRAMES:
         return None
-    senses = parse_frame(frames[-1].data)
-    details = (f"battery at {senses.millivolts * 1e-3:.1f} V",)
-    problems = ("It is being charged, and does not drive meanwhile.",) if senses.is_charged else ()
+    sensors = parse_frame(frames[-1].data)
+    details = (f"battery at {sensors.millivolts * 1e-3:.1f} V",)
+    problems = ("It is being charged, and does not drive meanwhile.",) if sensors.is_charged else ()
     return Answer(details, problems)
 
 
 # It is started, which moves nothing, asked for its stream, and left off again.
 QUESTION = BoardQuestion(115200, (bytes((START,)), ASK_STREAM), recognise, leave=PAUSE_STREAM + END)
 LIGHT_BUMPER = "light_bumper"
-SENSES = (
-    BoardSense(
+SENSORS = (
+    BoardSensor(
         name=codes.BUMPER,
         meaning="its bumper. For a minute the robot drives around what it has hit. The echoes lie "
         "along its footprint, on the side that was hit; so it has no pose.",
         settings={"z_m": 0.05, "kept_s": FELT_KEPT_S},
     ),
-    BoardSense(
+    BoardSensor(
         name=codes.CLIFF,
         meaning="its four cliff sensors. For a minute the robot keeps off the edge that it has "
         "met. The echoes lie along its footprint; so they have no pose.",
         settings={"z_m": 0.0, "kept_s": FELT_KEPT_S},
     ),
-    BoardSense(
+    BoardSensor(
         name=LIGHT_BUMPER,
         meaning="the light sensors of its bumper, which see things at about 5 cm, by how much "
         "they reflect: mark plans around them, stop also stops before them, and before a white "
@@ -447,7 +450,7 @@ DRIVERS = {
         (QUESTION,),
         track_m=lambda _: TRACK_M,
         api=API,
-        senses=SENSES,
+        sensors=SENSORS,
         page="create2.md",
         emulator="trolley_base.emulators.create2:BOARDS",
     )

@@ -4,10 +4,10 @@ import math
 
 from trolley import codes
 from trolley.config.hardware import InputsConfig
-from trolley.drivers import FELT_KEPT_S, BoardSense
+from trolley.drivers import FELT_KEPT_S, BoardSensor
 from trolley.messages import Battery, Scan
 from trolley_base.drivers.boards.battery import BatteryGauge
-from trolley_base.drivers.boards.sonar import sonar_scan, sonar_sense
+from trolley_base.drivers.boards.sonar import sonar_scan, sonar_sensor
 from trolley_base.drivers.interface import Contact
 
 TOUCH_EVERY_NS, TOUCH_PINS = 40_000_000, 2
@@ -25,14 +25,14 @@ AHEAD = (math.radians(-60.0), math.radians(60.0))
 away."""
 
 
-def wired_senses(config: InputsConfig) -> tuple[BoardSense, ...]:
+def wired_sensors(config: InputsConfig) -> tuple[BoardSensor, ...]:
     """Return what the pins feel, for robot.toml."""
     felt = {
         codes.BUMPER: (config.bumper_pins, "bumpers", "around what it has hit"),
         codes.CLIFF: (config.cliff_pins, "cliff sensors", "around the edge that it has met"),
     }
     touched = (
-        BoardSense(
+        BoardSensor(
             name=name,
             meaning=f"the {what} on its pins. For a minute the robot drives {where}. They are "
             "taken to be in front: the echoes lie along its footprint there; so it has no pose.",
@@ -42,7 +42,7 @@ def wired_senses(config: InputsConfig) -> tuple[BoardSense, ...]:
         if pins
     )
     sonars = (
-        sonar_sense(name, f"the sonar on its pin {pin}") for name, pin in config.sonar_pins.items()
+        sonar_sensor(name, f"the sonar on its pin {pin}") for name, pin in config.sonar_pins.items()
     )
     return (*touched, *sonars)
 

@@ -37,7 +37,7 @@ from trolley_base.drivers.boards.models import (
     count_nothing,
 )
 from trolley_base.drivers.boards.report import SILENCE_NS, Report
-from trolley_base.drivers.boards.sonar import sonar_scan, sonar_sense
+from trolley_base.drivers.boards.sonar import sonar_scan, sonar_sensor
 from trolley_base.drivers.boards.velocities import NO_SPEED, StampedVelocities
 from trolley_base.drivers.boards.xrce_agent import Delivery, XrceAgent, matches
 from trolley_base.drivers.boards.xrce_frames import FrameDecoder, MessageDatagrams, encode
@@ -344,8 +344,8 @@ DRIVERS = {
             for baud in (FACTS.baud, FAST_BAUD)
         ),
         api=API,
-        senses=(
-            sonar_sense(
+        sensors=(
+            sonar_sensor(
                 messages.ULTRASOUND, "the sonar of a firmware that was built with TRIG_PIN"
             ),
         ),

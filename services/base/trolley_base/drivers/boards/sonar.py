@@ -1,24 +1,24 @@
-"""What a sonar measured, as the scan of a further sense: the same range all across its cone."""
+"""What a sonar measured, as the scan of an extra sensor: the same range all across its cone."""
 
 import math
 
 import numpy as np
 
-from trolley.drivers import BoardSense
+from trolley.drivers import BoardSensor
 from trolley.messages import Scan, floats_to_bytes
 
 BEAM_RAD = math.radians(5.0)
 """Beams of a cone lie about this far apart [rad]; there are three at least."""
 
 
-def sonar_sense(name: str, what: str) -> BoardSense:
+def sonar_sensor(name: str, what: str) -> BoardSensor:
     """Return a sonar for robot.toml: only its owner knows where it sits.
 
     Args:
         name: of its table `[base.scans.NAME]`.
         what: which sonar that is.
     """
-    return BoardSense(
+    return BoardSensor(
         name=name,
         meaning=f"{what}. Fill in where it sits and looks to, in metres and radians from the "
         "middle between the driven wheels.",
@@ -33,7 +33,7 @@ def sonar_scan(
     """Return a scan in the frame `name`.
 
     Args:
-        name: of the sense's table `[base.scans.NAME]`.
+        name: of the sensor's table `[base.scans.NAME]`.
         stamp_ns: robot time.
         range_m: beyond `range_max`: nothing is there; 0, or what is no number: it does not know.
         cone_rad: the cone's whole angle.

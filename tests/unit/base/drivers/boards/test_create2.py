@@ -1,4 +1,4 @@
-"""A Create 2: what it is told, its modes, its senses, its counts."""
+"""A Create 2: what it is told, its modes, its sensors, its counts."""
 
 import math
 import struct
@@ -59,8 +59,8 @@ def test_vectors_of_the_interface() -> None:
 
 
 def test_a_frame_is_read() -> None:
-    senses = parse_frame(frame(p43=65535, p44=1, p7=0b1010, p22=14400))
-    assert (senses.left, senses.right, senses.bumps, senses.millivolts) == (65535, 1, 10, 14400)
+    sensors = parse_frame(frame(p43=65535, p44=1, p7=0b1010, p22=14400))
+    assert (sensors.left, sensors.right, sensors.bumps, sensors.millivolts) == (65535, 1, 10, 14400)
 
 
 def test_it_is_started_step_by_step_with_rests(talk: EmulatedTalk) -> None:

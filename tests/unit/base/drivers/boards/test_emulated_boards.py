@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from support.emulated_boards import EMULATORS, MS, EmulatedTalk, dialogue_of
 
-from trolley.config.base import SenseConfig
+from trolley.config.base import ExtraSensorConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley_base.drivers.boards import BOARDS
 from trolley_base.emulators.hoverboard import Hoverboard
@@ -225,7 +225,7 @@ def test_what_it_feels_is_declared_for_robot_toml(simulate: MakeSimulation, boar
     talk.run(0.5)
     felt = {one.name for reading in talk.readings for one in reading.contacts}
     felt |= {one.frame for reading in talk.readings for one in reading.ranges}
-    assert felt <= {one.name for one in BOARDS[board].senses}
+    assert felt <= {one.name for one in BOARDS[board].sensors}
     assert bool(felt) == (board == "create2")
-    for sense in BOARDS[board].senses:
-        msgspec.convert(dict(sense.settings), SenseConfig)
+    for sensor in BOARDS[board].sensors:
+        msgspec.convert(dict(sensor.settings), ExtraSensorConfig)

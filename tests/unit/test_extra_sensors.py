@@ -1,15 +1,15 @@
-"""Further senses: whose echoes count, where they stay, and how they go."""
+"""Extra sensors: whose echoes count, where they stay, and how they go."""
 
 import math
 
 import numpy as np
 import pytest
 
-from trolley.config.base import SenseConfig
+from trolley.config.base import ExtraSensorConfig
 from trolley.config.robot import PoseConfig
+from trolley.extra_sensors import PARAMS, ExtraSensors
 from trolley.geometry import Pose2D
 from trolley.messages import Scan, floats_to_bytes
-from trolley.senses import PARAMS, Senses
 
 SECOND = 10**9
 MOUNT = PoseConfig(x=0.2, y=0.0, yaw=0.0)
@@ -38,18 +38,18 @@ def ahead(distance: float) -> list[float]:
 
 
 class Robot:
-    """Senses on a robot that stands where `pose` says."""
+    """ExtraSensors on a robot that stands where `pose` says."""
 
-    def __init__(self, **listed: SenseConfig) -> None:
+    def __init__(self, **listed: ExtraSensorConfig) -> None:
         self.pose = Pose2D.identity()
-        self.senses = Senses(listed or {"front": SenseConfig(pose=MOUNT)}, "stop")
+        self.sensors = ExtraSensors(listed or {"front": ExtraSensorConfig(pose=MOUNT)}, "stop")
 
     def hear(self, message: Scan, name: str = "front", late_s: float = 0.05) -> str:
         now_ns = message.stamp_ns + round(late_s * SECOND)
-        return self.senses.update(name, message, now_ns, lambda _: self.pose)
+        return self.sensors.update(name, message, now_ns, lambda _: self.pose)
 
     def points(self, at_s: float) -> list[tuple[float, float]]:
-        found = self.senses.points_odom(round(at_s * SECOND))
+        found = self.sensors.points_odom(round(at_s * SECOND))
         return [(round(x, 3), round(y, 3)) for x, y in found.tolist()]
 
 
@@ -65,7 +65,7 @@ def test_an_echo_stays_in_place_while_the_robot_moves_on(robot: Robot) -> None:
     assert sorted(robot.points(10.3)) == [(0.5, 2.2), (1.2, 0.0)]
 
 
-def test_it_goes_where_its_sense_sees_past_it_and_in_time_where_it_does_not_look(
+def test_it_goes_where_its_sensor_sees_past_it_and_in_time_where_it_does_not_look(
     robot: Robot,
 ) -> None:
     robot.hear(scan(10.0, ahead(1.0)))
@@ -74,7 +74,7 @@ def test_it_goes_where_its_sense_sees_past_it_and_in_time_where_it_does_not_look
     robot.pose = Pose2D(0.0, 0.0, math.pi)
     robot.hear(scan(10.2, [math.inf] * 9))
     assert robot.points(10.3) == [(3.2, 0.0)]
-    assert robot.points(10.1 + SenseConfig().kept_s + 0.01) == []
+    assert robot.points(10.1 + ExtraSensorConfig().kept_s + 0.01) == []
 
 
 @pytest.mark.parametrize("unseen", [[0.0] * 9, ahead(0.5), [math.nan] * 9])
@@ -84,7 +84,7 @@ def test_beams_that_do_not_reach_it_prove_nothing(robot: Robot, unseen: list[flo
     assert (1.2, 0.0) in robot.points(10.2)
 
 
-def test_what_is_too_near_for_the_sense_is_not_forgotten(robot: Robot) -> None:
+def test_what_is_too_near_for_the_sensor_is_not_forgotten(robot: Robot) -> None:
     robot.hear(scan(10.0, ahead(0.3)))
     robot.pose = Pose2D(0.25, 0.0, 0.0)  # 5 cm before it, less than it can measure
     for number in range(50):
@@ -119,17 +119,17 @@ def test_a_scan_that_came_twice_counts_once(robot: Robot) -> None:
 
 
 def test_one_for_another_use_is_neither_used_nor_reported() -> None:
-    robot = Robot(front=SenseConfig(pose=MOUNT, uses=["mark"]))
+    robot = Robot(front=ExtraSensorConfig(pose=MOUNT, uses=["mark"]))
     assert robot.hear(scan(10.0, ahead(1.0))) == ""
     assert robot.points(10.1) == []
-    assert robot.senses.silent(99 * SECOND) == []
+    assert robot.sensors.silent(99 * SECOND) == []
 
 
 def test_silence_is_noticed_once_it_was_heard(robot: Robot) -> None:
-    assert robot.senses.silent(99 * SECOND) == []
+    assert robot.sensors.silent(99 * SECOND) == []
     robot.hear(scan(10.0, ahead(1.0)))
-    assert robot.senses.silent(round(10.9 * SECOND)) == []
-    assert robot.senses.silent(round(11.1 * SECOND)) == ["front"]
+    assert robot.sensors.silent(round(10.9 * SECOND)) == []
+    assert robot.sensors.silent(round(11.1 * SECOND)) == ["front"]
 
 
 def test_memory_is_bounded(robot: Robot) -> None:
@@ -140,13 +140,13 @@ def test_memory_is_bounded(robot: Robot) -> None:
     assert len(robot.points(10.8)) <= PARAMS.most_points
 
 
-def test_beams_of_a_turning_sense_are_placed_where_the_robot_was(robot: Robot) -> None:
+def test_beams_of_a_turning_sensor_are_placed_where_the_robot_was(robot: Robot) -> None:
     def pose(stamp_ns: int) -> Pose2D:
         return Pose2D(0.0, 0.0, (stamp_ns - 10 * SECOND) * 1e-9)  # turns by 1 rad/s
 
     message = scan(10.0, [1.0] * 9, time_increment=0.05)
-    robot.senses.update("front", message, round(10.41 * SECOND), pose)
-    found = robot.senses.points_odom(round(10.41 * SECOND))
+    robot.sensors.update("front", message, round(10.41 * SECOND), pose)
+    found = robot.sensors.points_odom(round(10.41 * SECOND))
     yaws = 0.05 * np.arange(9)
     angles = yaws + np.radians(-40.0 + 10.0 * np.arange(9))
     exact = np.stack(

@@ -8,7 +8,7 @@ import pytest
 from trolley.geometry import footprint_from_box, polygon_contains
 from trolley.messages import Link, Scan
 from trolley.messages.types import floats_from_bytes
-from trolley_base.board_senses import AGAIN_NS, BEARINGS, BoardSenses, outline_distances
+from trolley_base.board_sensors import AGAIN_NS, BEARINGS, BoardSensors, outline_distances
 from trolley_base.drivers import ChassisReading, Contact
 from trolley_base.drivers.boards.sonar import sonar_scan
 
@@ -51,7 +51,7 @@ def test_the_outline_is_where_a_ray_leaves_the_polygon(outline: np.ndarray) -> N
 def test_a_bumper_has_echoes_just_outside_of_the_outline_where_it_is_hit(
     sectors: tuple[tuple[float, float], ...], sign: float
 ) -> None:
-    [scan] = BoardSenses(["bumper"], OUTLINE).scans(feel(Contact("bumper", sectors)), 0)
+    [scan] = BoardSensors(["bumper"], OUTLINE).scans(feel(Contact("bumper", sectors)), 0)
     points = echoes(scan)
     assert len(points) >= 10
     assert not polygon_contains(OUTLINE, points).any()
@@ -60,23 +60,23 @@ def test_a_bumper_has_echoes_just_outside_of_the_outline_where_it_is_hit(
 
 
 def test_what_is_not_hit_is_not_known_and_nothing_is_free_by_it() -> None:
-    [scan] = BoardSenses(["bumper"], OUTLINE).scans(feel(Contact("bumper", ())), 0)
+    [scan] = BoardSensors(["bumper"], OUTLINE).scans(feel(Contact("bumper", ())), 0)
     assert not floats_from_bytes(scan.ranges).any()
 
 
-def test_only_listed_senses_are_said() -> None:
+def test_only_listed_sensors_are_said() -> None:
     ranges = (sonar_scan("ahead", 5, 1.0, cone_rad=0.3, range_min=0.02, range_max=3.0),)
     reading = feel(Contact("bumper", AHEAD), ranges=ranges)
-    assert BoardSenses([], OUTLINE).scans(reading, 0) == []
-    assert BoardSenses(["ahead"], OUTLINE).scans(reading, 0) == list(ranges)
+    assert BoardSensors([], OUTLINE).scans(reading, 0) == []
+    assert BoardSensors(["ahead"], OUTLINE).scans(reading, 0) == list(ranges)
 
 
 def test_a_change_is_said_at_once_and_everything_again_after_a_while() -> None:
-    senses = BoardSenses(["bumper"], OUTLINE)
+    sensors = BoardSensors(["bumper"], OUTLINE)
     free, hit = feel(Contact("bumper", ())), feel(Contact("bumper", AHEAD))
     at_ns = [0, 20_000_000, 40_000_000, 60_000_000, 40_000_000 + AGAIN_NS]
     readings = [free, free, hit, hit, hit]
-    said = [len(senses.scans(one, at)) for one, at in zip(readings, at_ns, strict=True)]
+    said = [len(sensors.scans(one, at)) for one, at in zip(readings, at_ns, strict=True)]
     assert said == [1, 0, 1, 0, 1]
 
 

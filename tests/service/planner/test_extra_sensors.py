@@ -1,4 +1,4 @@
-"""The planner drives around what a further sense sees and the lidar does not."""
+"""The planner drives around what an extra sensor sees and the lidar does not."""
 
 import math
 from pathlib import Path
@@ -57,7 +57,7 @@ class WithCamera(Stage):
 
     def publish(self, message: Scan) -> None:
         """Say what the camera sees."""
-        self.robot.publish(topics.SENSE, message, "front")
+        self.robot.publish(topics.EXTRA_SCAN, message, "front")
 
     def drive(self, there: Pose2D) -> None:
         self.send(there)

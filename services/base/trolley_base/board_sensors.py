@@ -1,4 +1,4 @@
-"""The motor board's range sensors, bumpers and cliff sensors, as scans of further senses.
+"""The motor board's range sensors, bumpers and cliff sensors, as scans of extra sensors.
 
 What only feels that something is there has no range: its echoes lie just outside of the robot's
 outline, in the directions in which it feels it.
@@ -43,7 +43,7 @@ def outline_distances(footprint: Floats, bearings: Floats) -> Floats:
     return np.where(is_met, away, 0.0).max(axis=1)
 
 
-class BoardSenses:
+class BoardSensors:
     """Turns what a board's sensors say into scans.
 
     Args:
@@ -56,10 +56,10 @@ class BoardSenses:
         self._outline_m = outline_distances(footprint, BEARINGS)
         self._said: dict[str, tuple[Contact, int]] = {}
         self.names: set[str] = set()
-        """Of the senses that the board has."""
+        """Of the sensors that the board has."""
 
     def scans(self, reading: ChassisReading, now_ns: int) -> list[Scan]:
-        """Return what is to be said of a reading; `frame` is the name of the sense."""
+        """Return what is to be said of a reading; `frame` is the name of the sensor."""
         found = [scan for scan in reading.ranges if scan.frame in self._listed]
         for contact in reading.contacts:
             if contact.name not in self._listed:

@@ -1,4 +1,4 @@
-"""What a further sense sees stops the robot, as what the lidar sees does."""
+"""What an extra sensor sees stops the robot, as what the lidar sees does."""
 
 import dataclasses
 import math
@@ -39,12 +39,12 @@ def camera(rig: Rig) -> Scan:
 def drive(rig: Rig, seconds: float, sees: Callable[[Rig], Scan] | None, name: str) -> None:
     for _ in range(round(seconds * 10)):
         if sees is not None:
-            rig.lockstep.publish(topics.SENSE, sees(rig), name)
+            rig.lockstep.publish(topics.EXTRA_SCAN, sees(rig), name)
         rig.send(Twist2D(0.3, 0.0, 0.0))
         rig.run(0.1)
 
 
-def test_what_a_listed_sense_sees_stops_the_robot(make_rig: MakeRig) -> None:
+def test_what_a_listed_sensor_sees_stops_the_robot(make_rig: MakeRig) -> None:
     rig = make_rig(base=LOW)
     drive(rig, 6.0, camera, "front")
     assert rig.truth.twist.is_zero
@@ -64,7 +64,7 @@ def test_one_that_is_not_listed_for_it_stops_nothing(
     assert (rig.counters.get("scan/unlisted", 0) > 0) == (uses is None)
 
 
-def test_a_sense_that_falls_silent_is_named_and_what_it_saw_is_forgotten(
+def test_a_sensor_that_falls_silent_is_named_and_what_it_saw_is_forgotten(
     make_rig: MakeRig,
 ) -> None:
     rig = make_rig(base=LOW)
@@ -138,7 +138,7 @@ def test_a_thing_that_the_bumper_met_stops_the_robot_before_it_the_next_time(
 ) -> None:
     listed = {"bumper": {"kept_s": 30.0}}
     rig = make_rig(things=LOW_BOX, base={"scans": listed})
-    heard = rig.lockstep.record(topics.SENSE, "bumper")
+    heard = rig.lockstep.record(topics.EXTRA_SCAN, "bumper")
     assert bump_back_off_and_try_again(rig) > 0.03
     assert rig.state.reason == codes.STOP_FIELD
     assert {scan.frame for scan in heard} == {"bumper"}

@@ -1,8 +1,8 @@
-"""Further senses than the lidar: what is published as `scan/<name>`, kept near the robot.
+"""Extra sensors than the lidar: what is published as `scan/<name>`, kept near the robot.
 
-Each echo stays where it was seen while the robot moves on: until its own sense sees past that
+Each echo stays where it was seen while the robot moves on: until its own sensor sees past that
 place, for `kept_s` where it does not look. What has come nearer than `range_min`, within which a
-sense may overlook things, stays as long as it looks that way, for the robot may stand before it.
+sensor may overlook things, stays as long as it looks that way, for the robot may stand before it.
 """
 
 import math
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.config.base import SenseConfig, SenseUse
+from trolley.config.base import ExtraSensorConfig, SensorUse
 from trolley.geometry import Pose2D, wrap_angle
 from trolley.messages import Scan
 from trolley.messages.types import floats_from_bytes
@@ -22,28 +22,28 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class SenseParams:
-    """What is believed of further senses, and for how long; set by hand."""
+class ExtraSensorParams:
+    """What is believed of extra sensors, and for how long; set by hand."""
 
     late_s: float = 0.5
     """Scans that are older than this are not used [s, robot time]."""
     early_s: float = 0.1
     """Scans stamped more than this ahead are not used: their program has another clock [s]."""
     silent_s: float = 1.0
-    """A sense that was heard and has sent nothing for this long is missing [s]."""
+    """A sensor that was heard and has sent nothing for this long is missing [s]."""
     past_m: float = 0.05
     """A beam sees past a point that is nearer than what it measures by this [m]."""
     cell_m: float = 0.02
     """Kept points nearer together than about this count as one [m]."""
     most_points: int = 2000
-    """Of each sense at most so many are kept, the newest."""
+    """Of each sensor at most so many are kept, the newest."""
 
 
-PARAMS = SenseParams()
+PARAMS = ExtraSensorParams()
 
 
-class Sense:
-    """The echoes of one sense, in `odom`.
+class ExtraSensor:
+    """The echoes of one sensor, in `odom`.
 
     Args:
         kept_s: for how long those are kept that nothing has seen past.
@@ -60,8 +60,8 @@ class Sense:
         """Take a scan of at least one beam in place of what it looks at anew.
 
         Args:
-            scan: in the frame of the sense.
-            start: odom_T_sense at the first beam.
+            scan: in the frame of the sensor.
+            start: odom_T_sensor at the first beam.
             end: and at the last.
         """
         ranges = floats_from_bytes(scan.ranges).astype(np.float64)
@@ -110,17 +110,19 @@ class Sense:
         return is_past, is_in_view & (away < scan.range_min + PARAMS.past_m)
 
 
-class Senses:
-    """The senses that `[base.scans]` lists for one use.
+class ExtraSensors:
+    """The sensors that `[base.scans]` lists for one use.
 
     Args:
         listed: by name.
         use: for what.
     """
 
-    def __init__(self, listed: Mapping[str, SenseConfig], use: SenseUse) -> None:
+    def __init__(self, listed: Mapping[str, ExtraSensorConfig], use: SensorUse) -> None:
         self._listed = listed
-        self._senses = {name: Sense(one.kept_s) for name, one in listed.items() if use in one.uses}
+        self._sensors = {
+            name: ExtraSensor(one.kept_s) for name, one in listed.items() if use in one.uses
+        }
 
     def update(
         self, name: str, scan: Scan, now_ns: int, odom_T_base: Callable[[int], Pose2D]
@@ -128,7 +130,7 @@ class Senses:
         """Take a scan.
 
         Args:
-            name: of the sense.
+            name: of the sensor.
             scan: in its frame.
             now_ns: robot time.
             odom_T_base: where the robot was at a robot time.
@@ -138,36 +140,36 @@ class Senses:
         """
         if name not in self._listed:
             return "unlisted"
-        sense = self._senses.get(name)
-        if sense is None:
+        sensor = self._sensors.get(name)
+        if sensor is None:
             return ""
         if not scan.ranges:
             return "empty"
         age_ns = now_ns - scan.stamp_ns
-        is_newer = sense.stamp_ns is None or scan.stamp_ns > sense.stamp_ns
+        is_newer = sensor.stamp_ns is None or scan.stamp_ns > sensor.stamp_ns
         if age_ns > PARAMS.late_s * 1e9 or not is_newer:
             return "late"
         if age_ns < -PARAMS.early_s * 1e9:
             return "early"
-        base_T_sense = self._listed[name].pose.as_pose()
-        start, end = (odom_T_base(one) @ base_T_sense for one in (scan.stamp_ns, end_ns(scan)))
-        sense.update(scan, start, end)
+        base_T_sensor = self._listed[name].pose.as_pose()
+        start, end = (odom_T_base(one) @ base_T_sensor for one in (scan.stamp_ns, end_ns(scan)))
+        sensor.update(scan, start, end)
         return ""
 
     def points_odom(self, now_ns: int) -> Floats:
         """Return the echoes (n, 2) [m] of all of them in `odom`."""
-        if not self._senses:
+        if not self._sensors:
             return np.empty((0, 2))
-        return np.concatenate([one.points_odom(now_ns) for one in self._senses.values()])
+        return np.concatenate([one.points_odom(now_ns) for one in self._sensors.values()])
 
     def silent(self, now_ns: int) -> list[str]:
         """Return the names of those that were heard and have gone silent."""
         return [
             name
-            for name, one in self._senses.items()
+            for name, one in self._sensors.items()
             if one.stamp_ns is not None and now_ns - one.stamp_ns > PARAMS.silent_s * 1e9
         ]
 
     def forget(self) -> None:
         """Forget everything: base began a new run."""
-        self._senses = {name: Sense(self._listed[name].kept_s) for name in self._senses}
+        self._sensors = {name: ExtraSensor(self._listed[name].kept_s) for name in self._sensors}
