@@ -1,7 +1,7 @@
 """How well the robot drives at home: doors, corners, corridors, dead ends and people.
 
     python -m bench.planner.home [--row door wall] [--seeds 3] [--full] [--lidar 360] [--each]
-        [--stop-field] [--localizer] [--off-grid] [--draw-all]
+        [--stop-field] [--localizer] [--off-grid] [--draw-all] [--knows tracks]
         [--recording FILE ...] [--per-second 1]
 
 Base (simulated) and planner run in lock-step; map and true pose are given to the planner, so that
@@ -59,6 +59,11 @@ included, by an exhaustive search over poses (`all_poses.py`), for `far` that of
 For people it is this robot's time in the same world without anybody, and no shorter than what the
 people take by themselves: who walks ahead or stands in the door.
 
+What is the lidar's fault, the prediction's or the controller's among people is told by `--knows`:
+`tracks`, what the planner makes of its scans; `truth`, where everybody within 6 m is and how they
+move, so that only what they do next is unknown; `future`, where they will be for 8 s, which the
+planner is told as other robots tell it, where people do not see the robot. Only in frame `map`.
+
 A row is met if enough drives succeed, none of them took longer than wanted, and the robot itself
 never closed in. A drive fails that does not reach all its goals within 120 s each, stands elsewhere
 than it says, or touches anything. People walk on through a robot that is in their way: each contact
@@ -77,11 +82,13 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from bench.harness.figures import table
 from bench.planner.among_people import PEOPLE, is_free_blindly, recorded_rows
 from bench.planner.draw_visit import draw
+from bench.planner.known_people import Knows
 from bench.planner.situations import CELL_M, SPEED_MPS, STATIC, Row, Scene
 from bench.planner.visit import LIDARS, Setting, Visit, drive
 
@@ -110,14 +117,15 @@ def run(name: str, seed: int, given: argparse.Namespace) -> Visit:
     """Drive one scene, and draw it if it failed."""
     row = next(row for row in rows_of(given) if row.name == name)
     scene = scene_of(row, seed, is_off_grid=given.off_grid)
-    setting = Setting(given.lidar, given.stop_field, given.localizer)
+    setting = Setting(given.lidar, given.stop_field, given.localizer, given.knows)
     visit = drive(scene, seed, setting)
     if row in STATIC:
         visit.ideal_s = scene.ideal_s()
     elif scene.crowd is None:  # too wide for the exhaustive search, and open
         visit.ideal_s, visit.ideal_m = scene.straight()
     else:
-        visit.ideal_s, visit.ideal_m = empty(replace(scene, crowd=None), seed, setting)
+        alone = replace(setting, knows="tracks")
+        visit.ideal_s, visit.ideal_m = empty(replace(scene, crowd=None), seed, alone)
     if given.draw_all or not visit.is_success:
         OUT.mkdir(parents=True, exist_ok=True)
         label = "".join(sign if sign.isalnum() else "-" for sign in name)
@@ -150,6 +158,7 @@ def main() -> None:
             if given.each:
                 print(line(job[0], visit), flush=True)
     where = [f"lidar {given.lidar}", f"stop field {'on' if given.stop_field else 'off'}"]
+    where += [] if given.knows == "tracks" else [f"knows the people's {given.knows}"]
     where += ["with the localizer"] * given.localizer + ["off the grid"] * given.off_grid
     print(f"{', '.join(where)}, {count} seeds")
     for heads, cells, is_asked in (
@@ -179,6 +188,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--full", action="store_true", help=f"{FULL_SEEDS} seeds")
     parser.add_argument("--lidar", choices=sorted(LIDARS), default="360")
     parser.add_argument("--stop-field", action="store_true")
+    parser.add_argument("--knows", choices=get_args(Knows), default="tracks", help="of people")
     parser.add_argument("--localizer", action="store_true", help="it finds the pose")
     parser.add_argument("--off-grid", action="store_true", help="walls off the map's cells")
     parser.add_argument("--recording", type=Path, nargs="*", default=[], help="t id x y")

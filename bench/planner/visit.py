@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from bench.planner.crossing import take_stop_field_away
+from bench.planner.known_people import Knows, tell
 from bench.planner.people_judge import PEOPLE_S, SOMEBODY, Hit, PeopleJudge
 from bench.planner.situations import SPEED_MPS, TURN_RADPS, Scene
 from numpy.typing import NDArray
@@ -124,11 +125,13 @@ class Setting:
         lidar: one of `LIDARS`.
         has_stop_field: base holds the robot before what it would hit.
         localizes: the localizer finds the pose, instead of being told the truth.
+        knows: what the planner goes by about people.
     """
 
     lidar: str = "360"
     has_stop_field: bool = False
     localizes: bool = False
+    knows: Knows = "tracks"
 
 
 @dataclass
@@ -175,7 +178,13 @@ class Visit:
 
 
 def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
-    """Drive all goals of a scene, one after the other; the seed is that of the robot's errors."""
+    """Drive all goals of a scene, one after the other; the seed is that of the robot's errors.
+
+    Raises:
+        ValueError: more is to be known of the people, but not where frame `odom` lies.
+    """
+    if setting.knows != "tracks" and scene.frame != "map":
+        raise ValueError(f"{scene.name}: people are told in frame map only, not in {scene.frame}")
     visit = Visit(scene, seed)
     with tempfile.TemporaryDirectory() as folder, Lockstep("trolley", seed) as lockstep:
         config = config_of(scene, seed, setting.lidar, Path(folder))
@@ -184,14 +193,18 @@ def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
             take_stop_field_away(base, config)
         if scene.frame == "map":
             lockstep.add(LocalizerService(config) if setting.localizes else TruePose(scene.map()))
-        lockstep.add(PlannerService(config))
+        planner = lockstep.add(PlannerService(config))
         world = _world_of(base)
-        people = None
+        people = crowd = None
         if scene.crowd is not None:
-            people = PeopleJudge(scene.crowd(), world, footprint_of(config))
+            crowd = scene.crowd()
+            people = PeopleJudge(crowd, world, footprint_of(config))
         truths, said = lockstep.record(topics.SIM_TRUTH), lockstep.record(topics.GOAL)
         odometry = lockstep.record(topics.ODOM)
         lockstep.run(SETTLE_S)
+        if people is not None and crowd is not None:
+            judge = people
+            tell(planner, crowd, setting.knows, (lambda: judge.seconds, lambda: lockstep.now_s))
         for goal in scene.goals:
             began_s, before = lockstep.now_s, len(truths)
             visit.ending = _drive_to(goal, scene, lockstep, said, people)

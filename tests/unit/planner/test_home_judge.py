@@ -10,16 +10,21 @@ import pytest
 from bench.planner.all_poses import Reach, Speeds, Target
 from bench.planner.among_people import CROWDS, corridor, crowded, movers, recorded
 from bench.planner.crowds import Crowd, Manner, Paths, Polite, Recorded, Route, Seen, read_tracks
+from bench.planner.known_people import Future, KnownPeople
 from bench.planner.mazes import draw_maze, furnish
 from bench.planner.no_path import FURNITURE_PER_M2, HOME_M, ROOM_M, boxes_of, home
 from bench.planner.people_judge import PEOPLE_S, PERSONAL_M, PeopleJudge
 from bench.planner.situations import HOBBY, REAR, STATIC, Body, between, room
 
+from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
 from trolley_base.world import RobotBody, Simulation
 from trolley_base.world.simulation import STEP_NS
 from trolley_base.world.spec import PoseConfig, WorldSpec
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 
 SPEEDS = Speeds(0.5, 1.5)
 ROOM = room((0.0, 0.0), (4.0, 2.0))
@@ -250,3 +255,37 @@ def test_broken_recording_is_refused(tmp_path: Path, text: str) -> None:
     file.write_text(text)
     with pytest.raises(ValueError, match="broken"):
         read_tracks(file, 1.0)
+
+
+def told(crowd: Crowd, *, walked_s: float, future: Future | None) -> KnownPeople:
+    """What the planner is told, whose map begins at -10, -10 m, and whose lidar is at 0, 0."""
+    grid = GridMap("hall", 0.5, Pose2D(-10.0, -10.0, 0.0), np.zeros((40, 40), dtype=np.int8))
+    costmap = Costmap(grid, Footprint.from_polygon(HOBBY.array), PlannerConfig(), False)
+    people = KnownPeople(crowd, costmap, (lambda: walked_s, lambda: walked_s), future)
+    people.update(0, np.array([[10.0, 10.0, 1.0, 0.0, 1.0, 1.0]]), costmap.distance_m, 0.5)
+    return people
+
+
+def test_planner_that_is_told_the_future_is_told_where_people_then_are() -> None:
+    crowd = crowded(3, "dense", legs=False).crowd
+    assert crowd is not None
+    people, far = crowd(), Seen(Pose2D(-1000.0, -1000.0, 0.0), 0.2)
+    future = Future(people)
+    for _ in range(100):
+        people.step(PEOPLE_S, far)
+    told_now = told(people, walked_s=2.0, future=future).robots_at(2_000_000_000)
+    near = np.hypot(*people.at.T) < 6.0
+    assert 0 < near.sum() == len(told_now)
+    for _ in range(100):
+        people.step(PEOPLE_S, far)
+    then = told_now[:, round(2.0 / ROBOT_DT_S), :2]
+    assert then - 10.0 == pytest.approx(people.at[near], abs=1e-6)
+
+
+def test_planner_that_is_told_the_truth_is_told_of_who_is_hidden_and_not_of_who_is_far() -> None:
+    ways = [Route.at_speed(((x, 0.0), (x, 1.0)), 0.8) for x in (1.0, 2.0, 7.0)]
+    people = Crowd(Paths(ways), 0.2, legs=False)
+    people.step(0.5, Seen(HERE, 0.2))
+    walkers = told(people, walked_s=0.5, future=None).walkers_at(600_000_000)
+    expected = [[11.0, 10.48, 0.0, 0.8], [12.0, 10.48, 0.0, 0.8]]
+    assert walkers[:, :4] == pytest.approx(np.array(expected))
