@@ -271,11 +271,13 @@ def summary(visits: Sequence[Visit]) -> str:
 def line(name: str, visit: Visit) -> str:
     """One drive."""
     moving, standing = visit.num_hits(moving=True), visit.num_hits(moving=False)
-    hits = f", hits {moving} moving {standing} standing" if visit.hits else ""
+    goal = visit.scene.goals[-1]
+    far = (f"{math.dist(hit.at, (goal.x, goal.y)):.1f}" for hit in visit.hits)
+    hits = f", hits {moving} moving {standing} standing, {' '.join(far)} m from the goal"
     return (
         f"{name:27} seed {visit.seed:3} {visit.ending:20} {visit.seconds:6.1f} s of "
         f"{visit.ideal_s:5.1f}, {visit.driven_m:5.1f} m, {visit.recoveries} recoveries, "
-        f"closest {visit.closest_m:.3f} m{hits}; {doing(visit)}"
+        f"closest {visit.closest_m:.3f} m{hits if visit.hits else ''}; {doing(visit)}"
     )
 
 

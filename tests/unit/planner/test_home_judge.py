@@ -260,7 +260,7 @@ def test_broken_recording_is_refused(tmp_path: Path, text: str) -> None:
 def told(crowd: Crowd, *, walked_s: float, future: Future | None) -> KnownPeople:
     """What the planner is told, whose map begins at -10, -10 m, and whose lidar is at 0, 0."""
     grid = GridMap("hall", 0.5, Pose2D(-10.0, -10.0, 0.0), np.zeros((40, 40), dtype=np.int8))
-    costmap = Costmap(grid, Footprint.from_polygon(HOBBY.array), PlannerConfig(), False)
+    costmap = Costmap(grid, Footprint.from_polygon(HOBBY.corners), PlannerConfig(), False)
     people = KnownPeople(crowd, costmap, (lambda: walked_s, lambda: walked_s), future)
     people.update(0, np.array([[10.0, 10.0, 1.0, 0.0, 1.0, 1.0]]), costmap.distance_m, 0.5)
     return people
