@@ -1,7 +1,8 @@
 """Tells the planner about the people of a scene what its lidar cannot: where they truly are or go.
 
 What the planner does better with it is what its tracking, or its prediction, costs; what it still
-does badly is the controller's part.
+does badly is the controller's part. People whose future is known are priced as other robots are:
+only for as long as a rollout lasts, and not for where the robot stands after it.
 """
 
 import copy
