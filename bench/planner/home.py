@@ -196,7 +196,13 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--draw-all", action="store_true", help="pictures of successes, too")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--each", action="store_true", help="a line for each drive")
-    return parser.parse_args()
+    given = parser.parse_args()
+    if given.knows != "tracks":
+        odom = [row.group for row in rows_of(given) if row.scene(0).frame != "map"]
+        if odom:
+            groups = " and ".join(dict.fromkeys(odom))
+            parser.error(f"--knows: {groups} drive in frame odom; choose other groups by --row")
+    return given
 
 
 COMMON_HEADS = ("", "reached", "time/ideal", "worst", "wanted", "", "recoveries", "closest m")
