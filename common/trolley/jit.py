@@ -20,7 +20,7 @@ import sys
 import tempfile
 import types
 from collections.abc import Callable, Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, cast
 
@@ -35,8 +35,10 @@ _numba: Any = importlib.import_module("numba")
 _caching: Any = importlib.import_module("numba.core.caching")
 _compiler: Any = importlib.import_module("numba.core.compiler")
 _llvm: Any = importlib.import_module("llvmlite.binding")
+_memory: Any = importlib.import_module("numba.core.runtime").rtsys
 
 _DIGEST_BYTES = 32
+_EMPTY: bytes = _llvm.parse_assembly("").as_bitcode()
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -114,16 +116,31 @@ def _keep_on_disk(compiled: Any) -> None:
         return
     compiled._cache._cache_file = KernelFiles(compiled, Path(compiled._cache.cache_path))
     compiled._cache._impl.rebuild = _rebuild
+    compiled._cache.load_overload = partial(_load, compiled._cache)
+
+
+def _load(cache: Any, signature: Any, target_context: Any) -> Any:
+    """Read code from disk as numba does, but leave the library of what it can compile unread.
+
+    Only a compiler needs that, and it asks for it by itself; where all kernels are on disk, it
+    would cost each process 0.3 s and 25 MB.
+    """
+    _memory.initialize(target_context)  # what code that makes arrays calls
+    return cache._load_overload(signature, target_context)
 
 
 def _rebuild(target_context: Any, payload: Any) -> Any:
     """Make read code ready to run, as numba does, but leave its intermediate form packed.
 
-    Only a kernel that calls this one and has to be compiled itself needs that form, to inline it;
-    unpacked, the planner's kernels would hold 35 MB of it.
+    Only a kernel that calls this one and has to be compiled itself needs that form, to inline it.
+    Unpacked, the planner's kernels would hold 35 MB of it; to unpack it just for the names in it,
+    as numba does, takes longer than everything else about reading a kernel.
     """
-    result = _compiler.CompileResult._rebuild(target_context, *payload)
-    _, _, (_, packed) = payload[0]
+    (name, kind, (machine_code, packed)), description, *rest = payload
+    names = {description.llvm_func_name, description.llvm_cpython_wrapper_name}
+    target_context.codegen()._engine._defined_symbols |= names
+    code = name, kind, (machine_code, _EMPTY)
+    result = _compiler.CompileResult._rebuild(target_context, code, description, *rest)
     result.library._shared_module = None
     result.library._get_module_for_linking = lambda: _llvm.parse_bitcode(packed)
     return result
