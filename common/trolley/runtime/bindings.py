@@ -25,6 +25,7 @@ class Binding:
     seconds: float = 0.0
     clock: TimerClock = "robot"
     wakes: bool = True
+    when: Callable[[Any], bool] | None = None
 
 
 def _bind(binding: Binding) -> Callable[[F], F]:
@@ -56,12 +57,16 @@ def on_delete(topic: Topic[Any], *parts: str) -> Callable[[F], F]:
     return _bind(Binding("on_delete", topic=topic, parts=parts))
 
 
-def every(seconds: float, clock: TimerClock = "robot") -> Callable[[F], F]:
+def every(
+    seconds: float, clock: TimerClock = "robot", when: Callable[[Any], bool] | None = None
+) -> Callable[[F], F]:
     """Call `method()` at this period of robot time, or of the local monotonic clock.
 
-    Robot periods rest while there is no robot time; periods that were missed are skipped.
+    Robot periods rest while there is no robot time; periods that were missed are skipped. Where
+    there is mostly nothing to do, `when(owner)` says whether there is: nothing wakes the service
+    for it meanwhile.
     """
-    return _bind(Binding("every", seconds=seconds, clock=clock))
+    return _bind(Binding("every", seconds=seconds, clock=clock, when=when))
 
 
 def answers(request: Request[Any, Any]) -> Callable[[F], F]:

@@ -116,6 +116,8 @@ class OlderRuns:
 
     def ask(self) -> None:
         """Ask those that show a token for their run, where that is due; never waits."""
+        if not self._shown:
+            return
         now_s = time.monotonic()
         with self._lock:
             if not self._shown or now_s < self._ask_at_s:
@@ -125,6 +127,8 @@ class OlderRuns:
 
     def oldest(self) -> Run | None:
         """The oldest of them that has answered, None if there is none."""
+        if not self._shown:
+            return None
         with self._lock:
             there = (run for run in self._shown if {str(run), ""} & self._answered)
             return min(there, default=None)

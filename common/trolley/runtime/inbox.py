@@ -39,7 +39,9 @@ class Inbox:
         self._slots: dict[Hashable, _Entry] = {}
         self._bytes = 0
         self._lock = threading.RLock()  # one thread may take it twice
-        self._condition = threading.Condition(self._lock)
+        self._bell = threading.Lock()  # the reader waits for it to be released
+        self._bell.acquire()
+        self._is_waiting = False
         self._woken = False
         self.dropped = 0
         """Arrivals lost because too much was waiting."""
@@ -78,7 +80,7 @@ class Inbox:
                 waiting.size = size
                 self.replaced += 1
                 if wakes:
-                    self._condition.notify()
+                    self._ring()
                 return True
             queue = self._urgent if urgent else self._queue
             if not own and (len(queue) >= MAX_WAITING or self._is_heavy(size)):
@@ -90,7 +92,7 @@ class Inbox:
             self._bytes += size
             queue.append(entry)
             if wakes or len(queue) >= MOST_QUIET:
-                self._condition.notify()
+                self._ring()
             return True
 
     def pop(self) -> tuple[Task, int] | None:
@@ -108,21 +110,33 @@ class Inbox:
 
     def wait(self, timeout_s: float) -> None:
         """Wait until something arrives or `wake` is called, `timeout_s` at most."""
-        with self._condition:
-            if not self._queue and not self._urgent and not self._woken:
-                self._condition.wait(timeout_s)
-            self._woken = False
+        with self._lock:
+            if self._queue or self._urgent or self._woken:
+                self._woken = False
+                return
+            self._is_waiting = True
+        self._bell.acquire(timeout=timeout_s)
+        with self._lock:
+            self._is_waiting = self._woken = False
+            self._bell.acquire(blocking=False)  # it may have rung just after the time was up
 
     def wake(self) -> None:
         """End the present `wait`, or the next one, early (also from a signal handler)."""
-        with self._condition:
+        with self._lock:
             self._woken = True
-            self._condition.notify()
+            self._ring()
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing waits."""
         return not self._queue and not self._urgent
+
+    def _ring(self) -> None:
+        """End the present `wait`; a condition of `threading` would do more each time."""
+        if self._is_waiting:
+            self._is_waiting = False
+            if self._bell.locked():
+                self._bell.release()
 
     def _is_heavy(self, size: int) -> bool:
         return size > 0 and self._bytes > 0 and self._bytes + size > MAX_WAITING_BYTES

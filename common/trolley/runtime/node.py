@@ -5,7 +5,8 @@ thread that calls the service's methods.
 """
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 from trolley import topics
 from trolley.messages import Clock, Health
@@ -128,7 +129,9 @@ class Node:
         match binding:
             case Binding(kind="every"):
                 is_local = binding.clock == "local"
-                self._context.timers.every(binding.seconds, method, is_local=is_local)
+                timers, owner = self._context.timers, cast("Any", method).__self__
+                when = (lambda: True) if binding.when is None else partial(binding.when, owner)
+                timers.every(binding.seconds, method, is_local=is_local, when=when)
             case Binding(kind="answers", request=Request() as request):
                 self._server.open_request(request, method)
             case Binding(kind="gets", topic=Topic() as topic):

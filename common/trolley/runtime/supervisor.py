@@ -23,7 +23,7 @@ SETTLED_AFTER_S = 20.0
 """A service that ran for so long is started again without delay."""
 GRACE_S = 10.0
 """A child may take so long to end: `SAVING_S` and some."""
-POLL_PERIOD_S = 0.05
+POLL_PERIOD_S = 0.1
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Matrices are small here: numpy's further threads would only take the cores from the others."""
 AWAY_S = 2.0
@@ -185,7 +185,7 @@ class Supervisor:
 
     def _run(self) -> None:
         turned_s = time.monotonic()
-        while not self._stop.wait(POLL_PERIOD_S):
+        while not self._stop.is_set():
             now_s = time.monotonic()
             was_away, turned_s = now_s - turned_s > AWAY_S, now_s
             for child in self.children.values():
@@ -200,6 +200,7 @@ class Supervisor:
                     self._report(f"{child.name} hangs; killing it")
                     child.signal(signal.SIGKILL)
                     child.watchdog.begin()
+            self._stop.wait(POLL_PERIOD_S)
         self._end_all()
 
     def _start(self, child: Child) -> None:

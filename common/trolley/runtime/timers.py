@@ -15,6 +15,7 @@ class _Period:
     period_ns: int
     is_local: bool
     call: Callable[[], None]
+    is_wanted: Callable[[], bool]
     next_ns: int | None = None
 
 
@@ -71,9 +72,16 @@ class Timers:
         self._quiet_until_ns = 0
         """Local time before which nothing is due, unless something is added or a clock moves."""
 
-    def every(self, seconds: float, call: Callable[[], None], *, is_local: bool) -> None:
-        """Call at a period, first as soon as its clock runs."""
-        self._periods.append(_Period(int(seconds * 1e9), is_local, call))
+    def every(
+        self,
+        seconds: float,
+        call: Callable[[], None],
+        *,
+        is_local: bool,
+        when: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """Call at a period, first as soon as its clock runs; nothing is due while not `when()`."""
+        self._periods.append(_Period(int(seconds * 1e9), is_local, call, when))
         self.look_again()
 
     def at(self, monotonic_ns: int, call: Callable[[], None]) -> None:
@@ -117,8 +125,9 @@ class Timers:
             if period.next_ns <= clock:
                 missed = (clock - period.next_ns) // period.period_ns
                 period.next_ns += (missed + 1) * period.period_ns
-                period.call()
-                did = True
+                if period.is_wanted():
+                    period.call()
+                    did = True
         return did
 
     def next_due_ns(self, monotonic_ns: int, time: TimeSource) -> int:
@@ -131,6 +140,8 @@ class Timers:
                 due = min(due, deadline.due_ns)
         robot_ns = time.now(monotonic_ns)
         for period in self._periods:
+            if not period.is_wanted():
+                continue
             if period.is_local:
                 due = min(due, period.next_ns or monotonic_ns)
             elif robot_ns is not None:

@@ -7,6 +7,7 @@ Callbacks only store, and a session is always closed: else it hangs at exit.
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
 import ctypes
+import os
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -26,7 +27,10 @@ from trolley.security.host_keys import HostKeys
 from trolley.topics import Qos
 
 MOST_KNOWN = 16
-"""Threads of Zenoh's that Python keeps in mind; it receives on two."""
+"""Threads of Zenoh's that Python keeps in mind; it receives on one or two."""
+
+ONE_RECEIVER = "ZENOH_RUNTIME", "(rx: (worker_threads: 1))"
+"""A service receives over one link: a second thread of Zenoh's would only be woken for nothing."""
 
 LARGEST = 33 << 20
 """No message is larger; a larger payload is not even copied before it is refused."""
@@ -451,6 +455,7 @@ def open_bus_patiently(
         NotConnected: The endpoints cannot be used at all.
     """
     zenoh.init_log_from_env_or("off")
+    os.environ.setdefault(*ONE_RECEIVER)  # read when this process opens its first session
     outcome: list[ZenohBus | zenoh.ZError] = []
     ready = threading.Event()
 

@@ -220,7 +220,7 @@ class Mapping:
 
     # Scans.
 
-    @every(0.05)
+    @every(0.05, when=lambda mapping: mapping.inputs is not None)
     def _process_late_scans(self) -> None:
         """Let no scan wait for odometry that does not come."""
         self._process_scans()

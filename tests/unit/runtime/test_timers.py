@@ -197,3 +197,14 @@ def test_a_period_rests_where_the_clock_has_fallen_silent_between_two_looks() ->
     timers.look_again()
     timers.run(clock.monotonic_ns, time)
     assert done == [0, 900, 1390]  # as soon as its clock runs again
+
+
+def test_a_period_is_neither_due_nor_called_while_it_is_not_wanted():
+    timers, clock, ticks, is_wanted = Timers(), Clock(), list[int](), False
+    timers.every(
+        0.1, lambda: ticks.append(clock.local_ns // MS), is_local=True, when=lambda: is_wanted
+    )
+    assert advance(timers, clock, 1000) == 1
+    is_wanted = True
+    advance(timers, clock, 1200)
+    assert ticks == [1100, 1200]

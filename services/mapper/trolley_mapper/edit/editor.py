@@ -98,7 +98,7 @@ class MapEditor:
         task.wait(reply, self._service.monotonic_ns + ANSWER_NS)
         return reply
 
-    @every(0.2, clock="local")
+    @every(0.2, clock="local", when=lambda editor: editor.is_editing)
     def _tick(self) -> None:
         """Answer in time, and see whether the map is there."""
         if self._task is not None:
