@@ -136,8 +136,13 @@ def _has_company(scan: LidarScan) -> Bools:
     usable = (scan.ranges > 0.0).astype(np.float64)
     count = len(usable)
     half = min(count // 2, max(1, round(0.5 * PARAMS.crowd_width / scan.angle_increment)))
-    padding = "wrap" if is_round(scan) else "edge"
-    sums = np.concatenate([[0.0], np.cumsum(np.pad(usable, half, padding))])
+    # By hand: `np.pad` takes as long as everything else here.
+    if is_round(scan):
+        padded = np.concatenate([usable[count - half :], usable, usable[:half]])
+    else:
+        ends = np.full(half, usable[0]), np.full(half, usable[-1])
+        padded = np.concatenate([ends[0], usable, ends[1]])
+    sums = np.concatenate([[0.0], np.cumsum(padded)])
     return sums[2 * half + 1 :] - sums[: -2 * half - 1] >= PARAMS.crowd_share * (2 * half + 1)
 
 
@@ -214,10 +219,13 @@ class ObservedSpace:
         """Note that the floor under the robot is free."""
         near_x = np.flatnonzero(np.abs(x - base.x) <= self._radius)
         near_y = np.flatnonzero(np.abs(y - base.y) <= self._radius)
-        col, row = np.meshgrid(near_x, near_y)
-        points = np.stack([x[col].ravel(), y[row].ravel()], axis=1)
-        under = polygon_contains(self._footprint, base.inverse().transform_points(points))
-        self._trail_s[row.ravel()[under], col.ravel()[under]] = now_s
+        points = np.empty((len(near_y), len(near_x), 2))
+        points[:, :, 0] = x[near_x]
+        points[:, :, 1] = y[near_y, None]
+        flat = base.inverse().transform_points(points.reshape(-1, 2))
+        under = polygon_contains(self._footprint, flat).reshape(points.shape[:2])
+        row, col = np.nonzero(under)
+        self._trail_s[near_y[row], near_x[col]] = now_s
 
     def _find_unseen(self, base: Pose2D, x: Floats, y: Floats, now_s: float) -> Unseen:
         fresh_s = now_s - SIGHT.fresh_s
