@@ -23,6 +23,7 @@ from trolley.config import ConfigError, RobotConfig, find_config
 from trolley.config.kept_settings import load_with_kept
 from trolley.runtime.clash import OlderRuns, Run, label_of
 from trolley.runtime.log import Log, set_up_logging
+from trolley.runtime.memory import give_back
 from trolley.runtime.node import Node
 from trolley.runtime.service import Service
 from trolley.runtime.state import StateFolder, state_root
@@ -40,6 +41,8 @@ ROUTER_PATIENCE_S = 30.0
 LONGEST_WAIT_S = 1.0
 SAVING_S = 8.0
 """How long a service that ends waits for its last files; an SD card stalls for seconds."""
+STARTED_S = 10.0
+"""After this long a service has warmed up where its kernels are compiled, and gives back memory."""
 _STA_UNSYNC = 0x0040
 _ID_LENGTH = 12
 
@@ -194,6 +197,7 @@ class ServiceProcess:
 
     def _loop(self, node: Node, host: ProcessHost, older: OlderRuns) -> int:
         next_alive_s = 0.0
+        give_back_s: float | None = time.monotonic() + STARTED_S
         while not self._should_stop:
             node.step()
             if self._service.is_spent:
@@ -204,6 +208,9 @@ class ServiceProcess:
             oldest = older.oldest()
             if oldest is not None:
                 return self._give_way(oldest)
+            if give_back_s is not None and time.monotonic() >= give_back_s:
+                give_back_s = None
+                host.work(give_back, lambda _: None)
             period_s = self._supervision.period_s
             if period_s is not None and time.monotonic() >= next_alive_s:
                 self._supervision.alive()
