@@ -14,11 +14,10 @@ def give_back() -> None:
     The code comes back from its file, page by page, if a kernel is compiled or read later. Only
     executable pages are let go: they are never written, so what is read again is what was there.
     """
-    libc = ctypes.CDLL(None, use_errno=True)
+    libc = ctypes.CDLL(None)
     for first, last in _code_of(COMPILER, Path("/proc/self/maps").read_text()):
-        size = ctypes.c_size_t(last - first)
-        if libc.madvise(ctypes.c_void_p(first), size, _MADV_DONTNEED) != 0:
-            raise OSError(ctypes.get_errno(), "madvise")
+        # Where the kernel refuses, as for locked memory, the pages stay, which does no harm.
+        libc.madvise(ctypes.c_void_p(first), ctypes.c_size_t(last - first), _MADV_DONTNEED)
 
 
 def _code_of(library: str, maps: str) -> list[tuple[int, int]]:
