@@ -171,10 +171,10 @@ def test_it_sees_and_forgets_what_the_twin_does(data: st.DataObject) -> None:
     unseen = space.unseen(base)
     told = {
         (math.floor(x / PARAMS.cell_m), math.floor(y / PARAMS.cell_m)): (
-            FREE_BEFORE if was_free else UNSEEN
+            FREE_BEFORE if may_creep else UNSEEN
         )
-        for (x, y), was_free in zip(
-            base.transform_points(unseen.points), unseen.was_free, strict=True
+        for (x, y), may_creep in zip(
+            base.transform_points(unseen.points), unseen.may_creep, strict=True
         )
     }
     for (x, y), cell in twin.cells.items():

@@ -45,6 +45,10 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Nearer echoes are ignored; the model's own limit if not given."""
     range_max_m: Annotated[float, Meta(gt=0.0, le=100.0)] | None = None
     """Farther echoes are ignored; the model's own limit if not given."""
+    no_echo: Literal["hold", "creep"] | None = None
+    """What a program does where no beam comes back, so that nobody knows whether the floor is free
+    there: `hold` before it, or `creep` on. The model's own if not given: `creep` for `lds01`, whose
+    reach often ends before the next wall, else `hold`."""
     settings: dict[str, Any] = {}
     """Settings that only this model has; its page lists them."""
 

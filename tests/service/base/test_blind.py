@@ -26,8 +26,10 @@ def spoil(
     monkeypatch: pytest.MonkeyPatch,
     which: Spoil,
     by: float | Callable[[LidarScan], NDArray[np.float32]] = 0.0,
+    *,
+    is_silence: bool = False,
 ) -> None:
-    """Let beams measure something else from now on; 0 is invalid."""
+    """Let beams measure something else from now on; 0 is invalid, or silence where that counts."""
     lidar = rig.base.hardware.lidar
     read = lidar.read
 
@@ -39,6 +41,7 @@ def spoil(
                 ranges=np.where(which(scan), by(scan) if callable(by) else by, scan.ranges).astype(
                     np.float32
                 ),
+                silent=which(scan) if is_silence else scan.silent,
             )
             for scan in reading.scans
         ]
@@ -132,6 +135,16 @@ def test_a_program_is_held_where_the_lidar_sees_nothing(
     assert fastest(rig) < 0.01
     assert (rig.state.mode, rig.state.reason) == ("held", codes.BLIND)
     assert "ahead" in rig.state.message
+
+
+def test_a_program_creeps_where_a_lidar_of_short_reach_gets_nothing_back(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig()
+    spoil(rig, monkeypatch, ahead, is_silence=True)
+    rig.run(1.0)
+    rig.drive(4.0, 0.5, source="planner")
+    assert 0.8 * CREEP < fastest(rig) <= 1.05 * CREEP
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,10 @@ def _no_intensities() -> NDArray[np.float32]:
     return np.empty(0, dtype=np.float32)
 
 
+def _none_silent() -> NDArray[np.bool_]:
+    return np.empty(0, dtype=np.bool_)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LidarScan:
     """One revolution in the wire's grid: beam i at `angle_min + i * angle_increment`.
@@ -137,6 +141,8 @@ class LidarScan:
         range_max: farthest [m].
         ranges: (beams,) float32 [m]; no echo = +inf, invalid = 0.
         intensities: (beams,) float32, or (0,) if the sensor has none.
+        silent: (beams,) whether the sensor measured there and nothing came back, for one with which
+            the robot may creep on there; else (0,).
     """
 
     stamp_ns: int
@@ -147,6 +153,7 @@ class LidarScan:
     range_max: float
     ranges: NDArray[np.float32]
     intensities: NDArray[np.float32] = field(default_factory=_no_intensities)
+    silent: NDArray[np.bool_] = field(default_factory=_none_silent)
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,12 +64,13 @@ class Unseen(NamedTuple):
 
     Attributes:
         points: (n, 2) middles of cells x, y [m].
-        was_free: (n,) whether it was seen to be free a while ago, and is out of view now.
+        may_creep: (n,) whether programs may creep there: it was seen to be free a while ago, and
+            is out of view now; or no beam comes back from there, and the lidar's setting allows it.
         was_echo: (n,) whether something stood there, or just before it, when the lidar last looked.
     """
 
     points: Floats
-    was_free: Bools
+    may_creep: Bools
     was_echo: Bools
 
 
@@ -85,12 +86,14 @@ class View:
         free: (bearings,) free so far [m], counter-clockwise from -pi; 0 where it does not look.
         explained: (bearings,) an echo explains what lies up to here [m].
         dark: (bearings,) whether it looks there, and its beams failed beyond `free`.
+        silent: (bearings,) whether nothing comes back from there, as in `LidarScan`.
     """
 
     origin: Floats
     free: Floats
     explained: Floats
     dark: Bools
+    silent: Bools
 
 
 def view_of(scan: LidarScan, odom_T_laser: Floats) -> View:
@@ -116,9 +119,10 @@ def view_of(scan: LidarScan, odom_T_laser: Floats) -> View:
     # A scan that is not round looks only between its first beam and its last.
     width = TURN if is_round(scan) else (count - 1) * scan.angle_increment
     looks = (KNOTS - angles[0]) % TURN <= width
+    is_silent = _silent_bearings(scan, angles[0])
     if np.count_nonzero(usable) < 2:
         nothing = np.zeros(PARAMS.bearings)
-        return View(origin, nothing, nothing, looks)
+        return View(origin, nothing, nothing, looks, looks & is_silent)
     bearings, ranges = wrap_angles(bearings[usable]), ranges[usable]
     order = np.argsort(bearings)
     bearings, ranges = bearings[order], ranges[order]
@@ -128,7 +132,22 @@ def view_of(scan: LidarScan, odom_T_laser: Floats) -> View:
     free = np.where(is_gap, np.minimum(nearer, PARAMS.hidden_m / np.maximum(gaps, 1e-9)), nearer)
     explained = np.where(is_gap, 0.0, nearer + PARAMS.behind_echo_m)
     pair = np.searchsorted(bearings, KNOTS, side="right") - 1  # -1 is the last one, as it should be
-    return View(origin, free[pair], explained[pair], looks & is_gap[pair])
+    dark = looks & is_gap[pair]
+    return View(origin, free[pair], explained[pair], dark, dark & is_silent)
+
+
+def _silent_bearings(scan: LidarScan, first: float) -> Bools:
+    """Return beside which bearings (bearings,) a beam measured that nothing comes back.
+
+    Args:
+        scan: the scan.
+        first: direction of its first beam in `odom` [rad].
+    """
+    if not scan.silent.any():
+        return np.zeros(PARAMS.bearings, np.bool_)
+    count = len(scan.silent)
+    before = np.floor(((KNOTS - first) % TURN) / scan.angle_increment).astype(np.int64)
+    return scan.silent[before % count] | scan.silent[(before + 1) % count]
 
 
 def _has_company(scan: LidarScan) -> Bools:
@@ -165,10 +184,12 @@ class ObservedSpace:
         self._corner = np.zeros(2, dtype=np.int64)
         """Number of the first cell along x and y, from the origin of `odom`."""
         shape = (2 * self._half, 2 * self._half)
-        # When each cell was seen free, lay under the robot, or at an echo [s]: [row = y, col = x].
+        # When each cell was seen free, lay under the robot, at an echo, or where nothing came back
+        # from [s]: [row = y, col = x].
         self._seen_s = np.full(shape, -np.inf)
         self._trail_s = np.full(shape, -np.inf)
         self._echo_s = np.full(shape, -np.inf)
+        self._silent_s = np.full(shape, -np.inf)
         self._unseen_odom = ALL_SEEN
 
     def update(self, scan: LidarScan, track: OdometryTrack) -> None:
@@ -198,7 +219,7 @@ class ObservedSpace:
         if np.abs(shift).max() * PARAMS.cell_m <= PARAMS.shift_m:
             return
         self._corner = wanted
-        for grid in (self._seen_s, self._trail_s, self._echo_s):
+        for grid in (self._seen_s, self._trail_s, self._echo_s, self._silent_s):
             _shift(grid, int(shift[1]), int(shift[0]))
 
     def _look(self, view: View, x: Floats, y: Floats, now_s: float) -> None:
@@ -214,6 +235,7 @@ class ObservedSpace:
         self._seen_s[dark | occupied] = -np.inf
         self._trail_s[occupied] = -np.inf
         self._echo_s[occupied] = now_s
+        self._silent_s[~seen & view.silent[bearing]] = now_s
 
     def _stand(self, base: Pose2D, x: Floats, y: Floats, now_s: float) -> None:
         """Note that the floor under the robot is free."""
@@ -234,12 +256,13 @@ class ObservedSpace:
         row, col = np.nonzero(unseen)
         is_near = np.hypot(x[col] - base.x, y[row] - base.y) <= self._reach
         row, col = row[is_near], col[is_near]
-        was_free = self._seen_s[row, col] >= now_s - SIGHT.memory_s
-        was_free |= self._trail_s[row, col] >= now_s - SIGHT.trail_s
+        may_creep = self._seen_s[row, col] >= now_s - SIGHT.memory_s
+        may_creep |= self._trail_s[row, col] >= now_s - SIGHT.trail_s
+        may_creep |= self._silent_s[row, col] >= now_s - PARAMS.dark_s
         echo_s = self._echo_s[row, col]
         was_echo = (echo_s >= now_s - SIGHT.memory_s) & (echo_s > self._seen_s[row, col])
         was_echo &= echo_s > self._trail_s[row, col]
-        return Unseen(np.stack([x[col], y[row]], axis=1), was_free, was_echo)
+        return Unseen(np.stack([x[col], y[row]], axis=1), may_creep, was_echo)
 
 
 def _shift(grid: Floats, rows: int, cols: int) -> None:

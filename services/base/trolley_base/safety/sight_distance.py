@@ -2,7 +2,8 @@
 
 Floor that the lidar has not seen is treated as the stop field treats an echo, but more gently:
 driven by hand, the robot creeps on into it; driven by a program, it stops in front of it. Where the
-lidar saw the floor free, but not lately, a program creeps, too: somebody may have stepped there.
+lidar saw the floor free, but not lately, a program creeps, too: somebody may have stepped there. So
+it does where a lidar of short reach gets nothing back, as `[base.lidar] no_echo` says.
 Corners and sides that swing out while the robot turns in place may creep, since turning is how a
 lidar that looks ahead only comes to see the rest. Driven by a program, they move so slowly towards
 where something stood that nothing is pushed, and while the robot also drives on, so they do towards
@@ -90,18 +91,18 @@ class SightDistance:
             unseen: what was not seen, in `base_link`.
             by_hand: whether a person drives, who looks where the robot does not.
         """
-        points, was_free, was_echo = unseen
+        points, may_creep, was_echo = unseen
         if twist.is_zero or len(points) == 0:
             return CLEAR
         reach = self._reach_of(twist.speed)
         is_near = np.einsum("ij,ij->i", points, points) < reach * reach
-        near, was_free, was_echo = points[is_near], was_free[is_near], was_echo[is_near]
+        near, may_creep, was_echo = points[is_near], may_creep[is_near], was_echo[is_near]
         if len(near) == 0:
             return CLEAR
         is_ahead = self._lies_ahead(near, twist)
-        matters = (is_ahead | ~was_free) & ~polygon_contains(self._footprint, near)
+        matters = (is_ahead | ~may_creep) & ~polygon_contains(self._footprint, near)
         near, is_ahead = near[matters], is_ahead[matters]
-        was_free, was_echo = was_free[matters], was_echo[matters]
+        may_creep, was_echo = may_creep[matters], was_echo[matters]
         times = contact_times(near, self._footprint, twist)
         met = np.isfinite(times)
         if not met.any():
@@ -110,7 +111,7 @@ class SightDistance:
         velocities = point_velocities(near, twist)
         times -= PARAMS.margin_m / np.hypot(velocities[:, 0], velocities[:, 1])
         creep = min(1.0, SIGHT.creep_mps / self._fastest(twist))
-        is_held = is_ahead & ~was_free[met] & (not by_hand)
+        is_held = is_ahead & ~may_creep[met] & (not by_hand)
         scale = min(
             max(creep, self._scale_before(times[~is_held], twist)),
             self._scale_before(times[is_held], twist),

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -53,7 +54,7 @@ class Robot:
     def sees(self, x: float, y: float) -> bool:
         """Whether the floor there, in `base_link`, is known to be free."""
         unseen = self.space.unseen(self.track.odom_T_base)
-        return not _is_among(unseen.points[~unseen.was_free], x, y)
+        return not _is_among(unseen.points[~unseen.may_creep], x, y)
 
     def saw_something(self, x: float, y: float) -> bool:
         """Whether something stood there when the lidar last looked, a while ago."""
@@ -72,6 +73,20 @@ def _is_among(points: NDArray[np.float64], x: float, y: float) -> bool:
 @pytest.fixture
 def robot() -> Robot:
     return Robot()
+
+
+def test_where_nothing_comes_back_from_a_program_may_creep_if_the_lidar_counts_that() -> None:
+    ranges = open_all_round()
+    ranges[160:201] = 0.0
+    silent = np.zeros(360, np.bool_)
+    silent[160:180] = True  # ahead to the right; to the left a mask, or frames that are lost
+    robot = Robot()
+    robot.space.update(dataclasses.replace(scan_of(ranges), silent=silent), robot.track)
+    assert robot.sees(0.8, -0.08)
+    assert not robot.sees(0.8, 0.2)
+    assert not robot.sees_lately(0.8, -0.08)
+    robot.see(ranges, 0.6)
+    assert not robot.sees(0.8, -0.08)
 
 
 def test_before_the_first_scan_nothing_is_said(robot: Robot) -> None:

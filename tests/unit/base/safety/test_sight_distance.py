@@ -17,11 +17,11 @@ SIGHT = SightDistance(FOOTPRINT, LIMITS, 0.06)
 FAST = Twist2D(0.5, 0.0, 0.0)
 
 
-def cells(x: float, y: float, width: float = 0.4, *, was_free: bool = False) -> Unseen:
+def cells(x: float, y: float, width: float = 0.4, *, may_creep: bool = False) -> Unseen:
     """Cells of a square whose middle is there."""
     along = np.arange(-0.5 * width, 0.5 * width + 0.01, 0.05)
     points = np.stack([axis.ravel() for axis in np.meshgrid(x + along, y + along)], axis=1)
-    return Unseen(points, np.full(len(points), was_free), np.full(len(points), False))
+    return Unseen(points, np.full(len(points), may_creep), np.full(len(points), False))
 
 
 def test_where_all_was_seen_it_drives_as_it_likes() -> None:
@@ -69,21 +69,21 @@ def test_it_says_where_it_did_not_see(twist: Twist2D, x: float, y: float, where:
 
 @pytest.mark.parametrize("by_hand", [True, False])
 def test_what_was_free_a_while_ago_is_driven_into_at_a_creep_whoever_drives(by_hand: bool) -> None:
-    unseen = cells(-0.45, 0.0, was_free=True)
+    unseen = cells(-0.45, 0.0, may_creep=True)
     backing = Twist2D(-0.5, 0.0, 0.0)
     look = SIGHT.look(backing, unseen, by_hand=by_hand)
     assert look.where == "behind"
     assert backing.speed * look.scale == pytest.approx(sight.SIGHT.creep_mps)
     turning = Twist2D(0.0, 0.0, 1.5)
-    assert SIGHT.look(turning, cells(-0.1, 0.32, was_free=True), by_hand=by_hand) == CLEAR
+    assert SIGHT.look(turning, cells(-0.1, 0.32, may_creep=True), by_hand=by_hand) == CLEAR
 
 
 def test_what_was_never_seen_holds_a_program_though_what_lies_before_it_was_free() -> None:
-    was_free, never = cells(0.45, 0.0, was_free=True), cells(0.45, 0.1)
+    may_creep, never = cells(0.45, 0.0, may_creep=True), cells(0.45, 0.1)
     both = Unseen(
-        np.concatenate([was_free.points, never.points]),
-        np.concatenate([was_free.was_free, never.was_free]),
-        np.concatenate([was_free.was_echo, never.was_echo]),
+        np.concatenate([may_creep.points, never.points]),
+        np.concatenate([may_creep.may_creep, never.may_creep]),
+        np.concatenate([may_creep.was_echo, never.was_echo]),
     )
     assert SIGHT.look(FAST, both, by_hand=False).scale == pytest.approx(0.0, abs=1e-9)
 
@@ -104,8 +104,8 @@ def test_a_side_comes_softly_to_what_was_never_seen_while_a_program_drives_on() 
     look = SIGHT.look(backing, unseen, by_hand=False)
     assert 0.14 * 0.23 * look.scale == pytest.approx(PARAMS.soft)
     assert look.where == "beside the robot"
-    was_free = unseen._replace(was_free=np.array([True]))
-    assert SIGHT.look(backing, was_free, by_hand=False) == CLEAR
+    may_creep = unseen._replace(may_creep=np.array([True]))
+    assert SIGHT.look(backing, may_creep, by_hand=False) == CLEAR
     in_place = Twist2D(0.0, 0.0, -0.23)
     for twist, by_hand in ((backing, True), (in_place, False)):
         assert SIGHT.look(twist, unseen, by_hand=by_hand).scale > 2.0 * look.scale

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from trolley import drivers
 from trolley.config.hardware import LidarConfig
@@ -29,6 +29,7 @@ class LidarFacts:
         clockwise: its head turns clockwise as seen from above.
         speed_hint: what to do about a wrong speed.
         modes: what `[base.lidar] mode` may be.
+        no_echo: what a program does where nothing comes back, as in `[base.lidar] no_echo`.
         has_usb: it has USB of its own, so that its baud does not say how long bytes were under way.
     """
 
@@ -42,6 +43,7 @@ class LidarFacts:
     speed_hint: str = "Is its head free to turn, and its 5 V supply strong enough?"
     modes: tuple[str, ...] = ("auto",)
     other_bauds: tuple[int, ...] = ()
+    no_echo: Literal["hold", "creep"] = "hold"
     has_usb: bool = False
 
 

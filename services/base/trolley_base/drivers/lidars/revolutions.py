@@ -144,6 +144,7 @@ class Revolutions:
         self._far_m = config.range_max_m or facts.range_max_m
         self._masks_deg = config.masks_deg
         self._drops_speckles = drops_speckles
+        self._notes_silence = (config.no_echo or facts.no_echo) == "creep"
         self._counts = counts
         self._parts: list[NDArray[np.float64]] = []
         self._held = 0
@@ -239,13 +240,19 @@ class Revolutions:
         if self._drops_speckles:
             range_m[speckles(angle_deg, rows[3], intensity, grid.step_deg)] = 0.0
         ranges, intensities = place(grid, angle_deg, range_m, intensity)
-        ranges[self._is_masked(grid.angles_deg())] = 0.0
+        is_masked = self._is_masked(grid.angles_deg())
+        ranges[is_masked] = 0.0
+        silent = np.empty(0, np.bool_)
+        if self._notes_silence:
+            said_nothing, _ = place(grid, angle_deg, np.where(rows[3] == 0.0, 1.0, 0.0), silent)
+            silent = (said_nothing > 0.0) & (ranges == 0.0) & ~is_masked
         first_ns, time_increment = timing
         first_deg = grid.first_deg
         if self._sense < 0.0:
             first_ns += round((grid.beams - 1) * time_increment * NS_PER_S)
             first_deg = -(grid.first_deg + (grid.beams - 1) * grid.step_deg)
             ranges, intensities = ranges[::-1].copy(), intensities[::-1].copy()
+            silent = silent[::-1].copy()
         return LidarScan(
             stamp_ns=first_ns,
             angle_min=wrap_angle(math.radians(first_deg)),
@@ -255,6 +262,7 @@ class Revolutions:
             range_max=self._far_m,
             ranges=ranges,
             intensities=intensities,
+            silent=silent,
         )
 
     def _is_masked(self, angle_deg: Floats) -> NDArray[np.bool_]:

@@ -1,9 +1,12 @@
-"""An LDS-01 whose checksum is not the one that is known."""
+"""An LDS-01 whose checksum is not the one that is known, and where nothing comes back."""
 
 import random
 from collections import Counter
+from typing import Literal
 
-from bench.base.lidars.lds01 import lds01_stream
+import numpy as np
+import pytest
+from bench.base.lidars.lds01 import lds01_frame, lds01_stream
 from bench.base.lidars.record import chunks
 
 from trolley.config.hardware import LidarConfig
@@ -65,3 +68,35 @@ def test_frames_out_of_order_are_not_believed_without_their_sums() -> None:
         )
         lidar.receive(data, tick * 20_000_000)
         assert not lidar.take(tick * 20_000_000).scans
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("no_echo", [None, "hold"])
+def test_silent_are_beams_that_were_measured_and_brought_nothing_back(
+    sense: float, no_echo: Literal["hold"] | None
+) -> None:
+    def distance_mm(degree: int) -> int:
+        return 0 if 90 <= degree < 180 else 50 if degree == 200 else 1000 + degree
+
+    lidar = make_lidar(
+        LidarConfig(
+            model="lds01", no_echo=no_echo, reversed=sense > 0.0, masks_deg=[(150.0, 160.0)]
+        )
+    )
+    lidar.begin(0)
+    scans: list[LidarScan] = []
+    for number in range(300):
+        first = 6 * (number % 60)
+        if first != 120:  # this frame is always lost
+            samples = [(200, distance_mm(first + one)) for one in range(6)]
+            lidar.receive(lds01_frame(number % 60, 300.0, samples), round(number * 1e9 / 300.0))
+        scans += lidar.take(round(number * 1e9 / 300.0)).scans
+    assert scans
+    for scan in scans:
+        if no_echo == "hold":
+            assert len(scan.silent) == 0
+            continue
+        angles = np.degrees(scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges)))
+        silent = {round(sense * angle) % 360 for angle in angles[scan.silent]}
+        masked = {degree for degree in range(90, 180) if 150 <= sense * degree % 360 <= 160}
+        assert silent == set(range(90, 180)) - masked - set(range(120, 126))
