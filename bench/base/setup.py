@@ -266,6 +266,7 @@ class Tried:
     """How near the robot came to anything."""
     driving_s: float = 0.0
     whole_s: float = 0.0
+    way_m: float = 0.0
     collisions: int = 0
     stopping_m: float = 0.0
     errors: dict[str, tuple[float, float]] | None = None
@@ -319,6 +320,7 @@ def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
             slipped |= rugs and any(is_on(rug, true.pose.x, true.pose.y) for rug in world.spec.rug)
             moving += not twist.is_zero
         tried.driving_s = moving * PERIOD_NS * 1e-9
+        tried.way_m = odd.way_m
         tried.whole_s = (odd.now_ns - begun_ns) * 1e-9
         tried.collisions = simulation.truth().collisions
         tried.findings = found_by(drive)
@@ -453,6 +455,11 @@ ASKED = {
 """What is asked of each robot that was set up, and the unit."""
 
 
+def sees_post(robot: RandomRobot) -> bool:
+    """Say whether its lidar sees a post of the robot; one of 240° does not see behind itself."""
+    return robot.post is not None and abs(robot.post[0]) < 0.5 * robot.spec.field_of_view
+
+
 def wrongs(tried: Tried) -> Iterator[str]:
     """What was found that is not true, beside figures."""
     robot, findings = tried.robot, tried.findings
@@ -470,7 +477,7 @@ def wrongs(tried: Tried) -> Iterator[str]:
     up = ("" if sign > 0 else "-") + "xyz"[axis]
     if not isinstance(findings.gyro, Gyro) or findings.gyro.up != up:
         yield "the gyro's axis"
-    if (robot.post is not None) is not bool(findings.own):
+    if sees_post(robot) is not bool(findings.own):
         yield "what it sees of itself"
 
 
@@ -478,7 +485,10 @@ def report(all_tried: list[Tried]) -> None:
     """Print the tables."""
     done = [one for one in all_tried if one.errors is not None]
     refusals = Counter(one.refusal[:70] for one in all_tried if one.refusal)
-    print(f"{len(all_tried)} robots: {len(done)} set up, {len(all_tried) - len(done)} refused")
+    refused = [one for one in all_tried if one.refusal]
+    falsely = sum(not one.is_true for one in refused)
+    print(f"{len(all_tried)} robots: {len(done)} set up, {len(refused)} refused, ", end="")
+    print(f"{falsely} of these for a reason that is not true")
     for words, count in refusals.most_common():
         print(f"  {count:3}  {words} ...")
     wrong = Counter(what for one in all_tried for what in wrongs(one))
@@ -530,7 +540,8 @@ def main() -> None:
         one = try_robot(world, seed, rugs=options.rugs, smooth=options.smooth)
         tried.append(one)
         said = one.refusal or ", ".join(f"{k} {v[0]:.2f}" for k, v in (one.errors or {}).items())
-        print(f"{seed:4}  {one.robot.lidar}: {said} {' '.join(wrongs(one))}", flush=True)
+        drove = f"{one.driving_s:.0f} s, {one.way_m:.0f} m"
+        print(f"{seed:4}  {one.robot.lidar}: {said}; {drove} {' '.join(wrongs(one))}", flush=True)
     report(tried)
 
 

@@ -39,7 +39,8 @@ SEEN: dict[str, tuple[Seen, str]] = {
     "n": ("not both", "not both of them turned"),
 }
 """How wheels may have turned, by what a person answers."""
-SHORT_STROKES = 6
+SHORT_S = 60.0
+"""How long a short drive takes [s]."""
 MEASURED = "# Measured by `trolley setup`"
 """How the comments begin that say what was measured."""
 EVERYWHERE = "0.0.0.0"
@@ -298,13 +299,15 @@ class SetupDialogue:
             scans = robot.look(DRIVE.scans)
         own = self._ask_what_is_near(scans, 2.0 * radius_m + CLEARANCE.turn_margin_m)
         self._confirm("Is the floor free, and may it drive?")
+        limits = limits_of(config, robot.watchdog_s)
         drive = SetupDrive(
             footprint,
             half_track_m,
             own,
-            speed_mps=min(DRIVE.speed_mps, limits_of(config, robot.watchdog_s).speed),
-            num_strokes=SHORT_STROKES if self._short else DRIVE.num_strokes,
+            speed_mps=min(DRIVE.speed_mps, limits.speed),
+            turn_radps=min(DRIVE.turn_radps, limits.wz),
             num_turns=DRIVE.num_round if self._short else DRIVE.num_turns,
+            driving_s=SHORT_S if self._short else DRIVE.driving_s,
         )
         with person.hold() as hand, robot.opened():
             robot.run(drive, drive.step, lambda: f"Measuring: {drive.step_name}", hand)

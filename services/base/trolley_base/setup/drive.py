@@ -6,8 +6,9 @@ and drives ahead only once a whole turn has shown enough free floor all round. W
 ends it, with the reason, and from then on the velocity is zero.
 """
 
+import itertools
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,15 +44,15 @@ class DriveParams:
     """The first turn [rad]."""
     trial_radps: float = 0.4
     """Its turn rate [rad/s]."""
-    turn_rad: float = 1.75
-    """Turns after that, a hundred degrees each [rad]."""
-    turn_radps: float = 0.8
-    """Their turn rate [rad/s]."""
+    turn_rad: float = 2.2
+    """Turns after that, 126 degrees each [rad]."""
+    turn_radps: float = 1.0
+    """Their turn rate where limits allow [rad/s]."""
     num_turns: int = 12
-    """Number of turns each way: 50 rad, over which slip of 0.03 rad a radian errs by 0.4 %."""
+    """Number of turns each way: 53 rad, over which slip of 0.03 rad a radian errs by 0.4 %."""
     num_round: int = 4
     """Number of turns after which the robot has seen all directions."""
-    speed_mps: float = 0.35
+    speed_mps: float = 0.5
     """Speed of the strokes where limits allow [m/s]."""
     trial_mps: float = 0.12
     """Speed of the first stroke [m/s]."""
@@ -61,8 +62,10 @@ class DriveParams:
     """Strokes reach so far ahead and behind where room allows [m]."""
     least_half_m: float = 0.25
     """Shorter strokes tell too little [m]."""
-    num_strokes: int = 30
-    """Number of whole strokes: 27 m, over which slip of 0.02 m a metre errs by 0.4 %."""
+    driving_s: float = 170.0
+    """How long it drives in all [s]: strokes go on until then, since slip averages out."""
+    least_strokes: int = 6
+    """Number of strokes that are driven however long they take."""
     steering: float = 1.0
     """Turn rate per error of the heading on a stroke [1/s]."""
     most_steering_radps: float = 0.3
@@ -73,6 +76,8 @@ class DriveParams:
     """Largest angle to the line at which it does [rad]."""
     lead_s: float = 0.25
     """A stroke is stopped so long before its end until a stop has shown what is right [s]."""
+    motors_mps2: float = 1.0
+    """Motors are taken to be so weak until a stroke at full speed has shown them [m/s^2]."""
     bend_m: float = 0.5
     """Length of a stroke whose bend counts as much as what was known of it before [m]."""
     heading_rad: float = 0.06
@@ -93,6 +98,10 @@ class DriveParams:
     """Longest time until it has come to rest and is seen [s]."""
     too_fast: float = 1.8
     """A robot that moves so many times as fast as told is stopped."""
+    follows_s: float = 1.5
+    """The robot may follow a command for so long after the next one [s]: it is late, and brakes."""
+    most_plain: int = 1
+    """Number of stands in a row at which it may see one wall only while it turns."""
     num_fast: int = 3
     """Number of scans in a row that must say so."""
     differ: float = 0.3
@@ -118,8 +127,9 @@ class SetupDrive:
         half_track_m: half of the track that the board calculates with [m].
         own: where a person has said that the lidar sees the robot itself.
         speed_mps: of the strokes.
-        num_strokes: how many whole strokes are driven.
+        turn_radps: of the turns.
         num_turns: how many turns each way, at least as many as show all directions.
+        driving_s: how long it drives in all, but for the least number of strokes.
     """
 
     def __init__(
@@ -129,8 +139,9 @@ class SetupDrive:
         own: Sequence[Sector] = (),
         *,
         speed_mps: float = PARAMS.speed_mps,
-        num_strokes: int = PARAMS.num_strokes,
+        turn_radps: float = PARAMS.turn_radps,
         num_turns: int = PARAMS.num_turns,
+        driving_s: float = PARAMS.driving_s,
     ) -> None:
         self.record = Record()
         self.problem: str | None = None
@@ -144,14 +155,15 @@ class SetupDrive:
         """Where the lidar sees the robot itself; once it has turned round, measured."""
         self._body = Body(footprint)
         self._half_track_m = half_track_m
-        self._speed_mps = speed_mps
+        self._speed_mps, self._turn_radps = speed_mps, turn_radps
         self._lidar, self._wheels, self._mount = LidarTrack(), WheelCount(), Mount()
         self._line = _Line()
         self._now_ns = 0
         self._begun_ns: int | None = None
+        self._driven_ns = 0
         self._command = Twist2D.zero()
-        self._num_fast = 0
-        self._course = self._drive(num_strokes, max(num_turns, PARAMS.num_round))
+        self._num_fast = self._num_plain = 0
+        self._course = self._drive(driving_s, max(num_turns, PARAMS.num_round))
 
     def step(
         self,
@@ -168,9 +180,11 @@ class SetupDrive:
             scans: the same.
             imu: the same.
         """
-        self._now_ns = now_ns
         if self._begun_ns is None:
             self._begun_ns = now_ns
+        elif not self._command.is_zero:
+            self._driven_ns += now_ns - self._now_ns
+        self._now_ns = now_ns
         if self.has_ended:
             return Twist2D.zero()
         try:
@@ -193,7 +207,7 @@ class SetupDrive:
         self.problem = self.problem or problem
 
     # The course.
-    def _drive(self, num_strokes: int, num_turns: int) -> Course:
+    def _drive(self, driving_s: float, num_turns: int) -> Course:
         yield from self._stand()
         self._refuse_near()
         self.step_name = "a first short turn"
@@ -203,24 +217,27 @@ class SetupDrive:
         for number in range(2 * num_turns):
             self.step_name = f"turn {number + 1} of {2 * num_turns}"
             way = 1.0 if number < num_turns else -1.0
-            yield from self._turn(way * PARAMS.turn_rad, PARAMS.turn_radps)
+            yield from self._turn(way * PARAMS.turn_rad, self._turn_radps)
             yield from self._stand()
             self._judge()
             beyond = abs(self._moved().yaw) - PARAMS.turn_rad
-            self._line.turn_lead_s = max(0.0, beyond / PARAMS.turn_radps)
+            self._line.turn_lead_s = max(0.0, beyond / self._turn_radps)
             if number + 1 == PARAMS.num_round:
                 self._learn_own()
         half_m = self._find_room()
         yield from self._first_stroke()
         yield from self._creep()
-        for number, target_m in enumerate(_targets(num_strokes, half_m)):
+        for number, target_m in enumerate(_targets(half_m)):
+            if number >= PARAMS.least_strokes and self._driven_ns > driving_s * 1e9:
+                return
             self.step_name = f"stroke {number + 1}"
             yield from self._straighten(target_m)
-            way = self._way_to(target_m)
+            way, length_m = self._way_to(target_m), abs(target_m - self._place[0])
             yield from self._go_to(target_m, self._speed_mps)
             yield from self._stand()
             self._judge()
-            self._line.learn_lead(way * (self._place[0] - target_m), self._speed_mps)
+            beyond_m = way * (self._place[0] - target_m)
+            self._line.learn_lead(beyond_m, self._speed_mps, length_m)
 
     def _first_stroke(self) -> Course:
         """Drive a little ahead: the way that the lidar goes is ahead."""
@@ -242,7 +259,9 @@ class SetupDrive:
             direction += math.pi
         self._mount.ahead = np.array([math.cos(direction), math.sin(direction)])
         beyond_m = math.hypot(moved.x, moved.y) - PARAMS.trial_m
+        faster = max(0.0, self._speed_mps - PARAMS.trial_mps)
         self._line.lead_s = max(PARAMS.lead_s, beyond_m / PARAMS.trial_mps)
+        self._line.lead_s += faster / (2.0 * PARAMS.motors_mps2)
 
     def _creep(self) -> Course:
         """Find the slowest speed at which the wheels turn."""
@@ -326,11 +345,22 @@ class SetupDrive:
 
     def _note_stand(self, scans: list[LidarScan]) -> None:
         stands = self.record.stands
-        start_T_laser, ranges = self._lidar.note_stand(scans, self.own, len(stands))
+        start_T_laser, ranges, is_plain = self._lidar.note_stand(scans, self.own, len(stands))
+        self._refuse_plain(is_plain)
         since_ns = self._wheels.still_since_ns
         assert since_ns is not None
         self._wheels.note_stand()
-        stands.append(Stand(since_ns, _last_ns(scans[-1]), start_T_laser, ranges))
+        stands.append(Stand(since_ns, _last_ns(scans[-1]), start_T_laser, ranges, is_plain))
+
+    def _refuse_plain(self, is_plain: bool) -> None:
+        """Refuse a place that is plain all round; a lidar that looks ahead may face one wall."""
+        self._num_plain = self._num_plain + 1 if is_plain else 0
+        is_turning = self._mount.ahead is None
+        if self._num_plain > (PARAMS.most_plain if is_turning else 0):
+            raise SetupRefused(
+                "The lidar sees too few different walls here, as in a plain corridor, to tell how "
+                "the robot moves. Choose a place with walls or furniture in several directions."
+            )
 
     # What it sees of itself and of the room.
     def _refuse_near(self) -> None:
@@ -351,7 +381,7 @@ class SetupDrive:
         """Learn where the axle is, and what has turned with the robot."""
         stands, beams = self.record.stands, self._lidar.beams
         assert beams is not None
-        self._mount.axle = axle_of([stand.start_T_laser for stand in stands])
+        self._mount.axle = axle_of([one.start_T_laser for one in stands if not one.is_plain])
         found = own_sectors(beams, stands, 2.0 * self._body.radius_m)
         for sector in self.own:
             if not is_within(sector, found) and not any(is_within(one, [sector]) for one in found):
@@ -483,11 +513,12 @@ class SetupDrive:
             self._body.refuse_obstacle(points, self._mount, self._command.vx)
 
     def _refuse_too_fast(self, twist: Twist2D) -> None:
-        told = self._command
+        told_wz = max(abs(one.wz) for one in self._told_lately())
         axle = self._mount.axle
         lever = 0.5 if axle is None else float(np.hypot(*axle)) + 0.05
-        most_wz = PARAMS.too_fast * max(abs(told.wz), PARAMS.turn_radps) + 0.3
-        most_v = PARAMS.too_fast * max(abs(told.vx), self._speed_mps) + lever * abs(twist.wz) + 0.1
+        most_wz = PARAMS.too_fast * told_wz + 0.3
+        # In a corridor the lidar does not see how fast it goes along it: that is told later.
+        most_v = PARAMS.too_fast * self._speed_mps + lever * abs(twist.wz) + 0.1
         is_fast = abs(twist.wz) > most_wz or twist.speed > most_v
         self._num_fast = self._num_fast + 1 if is_fast else 0
         if self._num_fast >= PARAMS.num_fast:
@@ -495,6 +526,16 @@ class SetupDrive:
                 "The robot moves much faster than told: an encoder may be dead or count backwards, "
                 "so that the board drives its wheel harder and harder; or somebody carries it."
             )
+
+    def _told_lately(self) -> list[Twist2D]:
+        """Return the commands that the robot may still be following."""
+        found = [self._command]
+        since_ns = self._now_ns - round(PARAMS.follows_s * 1e9)
+        for command in reversed(self.record.commands):
+            found.append(command.twist)
+            if command.stamp_ns < since_ns:
+                break
+        return found
 
     def _watch(self) -> None:
         """Refuse to go on without the devices."""
@@ -558,23 +599,29 @@ class _Line:
     lead_s: float = PARAMS.lead_s
     turn_lead_s: float = 0.0
 
-    def learn_lead(self, beyond_m: float, speed: float) -> None:
-        """Learn from how far beyond its end a stroke led at a speed [m/s]."""
-        self.lead_s = max(0.0, self.lead_s + 0.5 * beyond_m / speed)
+    def learn_lead(self, beyond_m: float, speed: float, length_m: float) -> None:
+        """Learn from a stroke, but not from one too short to gather speed.
+
+        Args:
+            beyond_m: how far it led beyond its end [m].
+            speed: at which it was told to go [m/s].
+            length_m: from where it began to its end [m].
+        """
+        if length_m > self.lead_s * speed + speed**2 / (2.0 * PARAMS.motors_mps2):
+            self.lead_s = max(0.0, self.lead_s + 0.5 * beyond_m / speed)
 
 
-def _targets(num_strokes: int, half_m: float) -> list[float]:
-    """Return where strokes end, ahead of where they began [m].
+def _targets(half_m: float) -> Iterator[float]:
+    """Yield where strokes end, ahead of where they began [m], without an end.
 
-    Two of four are broken in the middle: they show the way without the play of the wheels, which
-    comes where a wheel turns back.
+    Two of eight whole ones are broken in the middle: they show the way without the play of the
+    wheels, which comes where a wheel turns back.
     """
-    found = [half_m]
-    for number in range(num_strokes):
-        if number % 4 >= 2:
-            found.append(0.0)
-        found.append(half_m if number % 2 else -half_m)
-    return [*found, 0.0]
+    yield half_m
+    for number in itertools.count():
+        if number % 8 >= 6:
+            yield 0.0
+        yield half_m if number % 2 else -half_m
 
 
 def _duration_ns(scan: LidarScan) -> int:

@@ -44,6 +44,8 @@ class GeometryParams:
     """Its standard deviation [m]."""
     castor_m: float = 0.02
     """A castor has swung round after this way [m]."""
+    castor_turn_rad: float = 0.3
+    """It stands aside after such a turn on the spot [rad]."""
     scale_std: float = 0.15
     """Standard deviation of how wrong settings are, before anything is known."""
     step: float = 1e-5
@@ -115,14 +117,17 @@ class Stretch:
         seen: motion of the lidar, as it is, not as in a mirror.
         way: distance that the wheels count [m].
         turn: angle that they count [rad].
-        comes_back: whether the robot goes the other way than before.
+        swings: whether a castor swings round: the robot goes the other way than before, or has
+            turned on the spot.
+        is_plain: the lidar saw too little at one of its ends to tell how far it went.
     """
 
     part: slice
     seen: Pose2D
     way: float
     turn: float
-    comes_back: bool
+    swings: bool
+    is_plain: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,9 +173,12 @@ def cut(record: Record, half_track_m: float) -> Drive:
         way = float(np.sum(wheels.way[part]))
         turn = float(np.sum(wheels.turn[part]))
         seen = mirrored(seen) if is_mirrored else seen
-        found.append(Stretch(part, seen, way, turn, way * went < 0.0))
+        is_plain = before.is_plain or after.is_plain
+        found.append(Stretch(part, seen, way, turn, way * went <= 0.0, is_plain))
         if abs(way) > PARAMS.castor_m:
             went = way
+        elif abs(turn) > PARAMS.castor_turn_rad:
+            went = 0.0
     return Drive(
         wheels.way - half_track_m * wheels.turn,
         wheels.way + half_track_m * wheels.turn,
@@ -205,7 +213,7 @@ def fit(drive: Drive) -> Geometry:
         SetupRefused: a stretch was disturbed, or there is no turn or no straight one.
     """
     # How the wheels' play lay at the beginning is not known.
-    parts = drive.stretches[1:]
+    parts = [part for part in drive.stretches[1:] if not part.is_plain]
     theta = _first_guess(parts)
     prior = np.array([1.0, 1.0, math.pi, *[PARAMS.scale_std] * 3, PARAMS.play_std])
     information = np.diag(prior**-2)
@@ -350,7 +358,7 @@ def _weights(part: Stretch, theta: Floats) -> Floats:
     """
     away, turned = abs(part.way), abs(part.turn)
     walk = PARAMS.slip_rad**2 * away
-    kick = PARAMS.castor_rad**2 if part.comes_back and away > 0.05 else 0.0
+    kick = PARAMS.castor_rad**2 if part.swings and away > 0.05 else 0.0
     lever = math.hypot(theta[X], theta[Y])
     place = 2.0 * (PARAMS.lidar_m**2 + (PARAMS.lidar_rad * lever) ** 2)
     along = place + PARAMS.slip_m**2 * away

@@ -40,12 +40,14 @@ class Stand:
         start_T_laser: where the lidar was, seen from where it was at the first stand. If the lidar
             turns the other way than its driver believes, all this is seen as in a mirror.
         ranges: (beams,) the usual range of each beam [m], inf or 0 where it mostly found nothing.
+        is_plain: the walls in sight tell too little of where along them the lidar was.
     """
 
     start_ns: int
     end_ns: int
     start_T_laser: Pose2D
     ranges: NDArray[np.float32]
+    is_plain: bool = False
 
     @property
     def middle_ns(self) -> int:

@@ -34,6 +34,9 @@ class ResponseParams:
     """Steps to or from slower speeds are not read [m/s]."""
     outlier: float = 5.0
     """A step that differs by so many standard deviations from the others is left out."""
+    uneven: float = 0.1
+    """Share of a speed by which it may change in the moment before the robot is to stop: a stroke
+    too short for its speed tells no delay."""
     still_mps: float = 0.005
     """A robot that is slower stands [m/s]."""
 
@@ -150,6 +153,8 @@ def _read(
     if len(settled) < 3 or abs(float(np.mean(settled)) - full) > 0.25 * full:
         return None
     full = float(np.mean(settled))
+    if now == 0.0 and float(np.ptp(settled)) > PARAMS.uneven * full:
+        return None
     changed = (full - speeds if now == 0.0 else speeds) / full
     ramp = _ramp(times, changed)
     if ramp is None:

@@ -88,14 +88,14 @@ def drive_with(
     odd: OddRobot,
     own: list[Sector] | None = None,
     before: Callable[[SetupDrive], None] = lambda drive: None,
-    num_strokes: int = 3,
+    driving_s: float = 0.0,
 ) -> SetupDrive:
     """Drive the short course to its end."""
     direction = ROBOT.post[0] if ROBOT.post else 0.0
     # As the lidar is believed to turn.
     post = (-direction - 0.15, -direction + 0.15)
     own = [post] if own is None else own
-    drive = SetupDrive(FOOTPRINT, 0.5 * ASSUMED_TRACK_M, own, num_strokes=num_strokes, num_turns=4)
+    drive = SetupDrive(FOOTPRINT, 0.5 * ASSUMED_TRACK_M, own, num_turns=4, driving_s=driving_s)
     while not drive.has_ended:
         before(drive)
         motions, scans, imu = odd.read()
@@ -134,7 +134,7 @@ def test_a_robot_that_obeys_late_stays_where_it_has_seen_room() -> None:
     def watch(drive: SetupDrive) -> None:
         away.append(odd.simulation.truth().pose.distance_to(Pose2D.identity()))
 
-    drive = drive_with(odd, before=watch, num_strokes=7)
+    drive = drive_with(odd, before=watch, driving_s=60.0)
     assert drive.problem is None
     assert max(away) < DRIVE.half_stroke_m + 0.5 * CLEARANCE.margin_m
 
