@@ -39,7 +39,7 @@ SEEN: dict[str, tuple[Seen, str]] = {
     "n": ("not both", "not both of them turned"),
 }
 """How wheels may have turned, by what a person answers."""
-SHORT_S = 60.0
+SHORT_S = 45.0
 """How long a short drive takes [s]."""
 MEASURED = "# Measured by `trolley setup`"
 """How the comments begin that say what was measured."""

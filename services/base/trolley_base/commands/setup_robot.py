@@ -22,7 +22,7 @@ UP_WITHIN_S = 20.0
 STEADY_S = 1.0
 """Both devices must have answered for so long."""
 PATIENCE_S = 1.5
-"""A device that has failed for so long ends the drive; until then zero is commanded."""
+"""A device that has failed for so long ends drive or look; until then zero is commanded."""
 STANDING_S = 0.4
 """At the end, zero is commanded for this long."""
 
@@ -108,15 +108,20 @@ class OpenRobot:
         """Return the next scans, standing.
 
         Raises:
-            SetupRefused: a device has failed, or the lidar is silent.
+            SetupRefused: a device has failed for longer than a moment, or the lidar is silent.
         """
         scans: list[LidarScan] = []
-        end_s = time.monotonic() + UP_WITHIN_S
+        well_s = time.monotonic()
+        end_s = well_s + UP_WITHIN_S
         while len(scans) < count:
             chassis, lidar = self._read()
-            if trouble := _trouble_of(chassis, lidar):
+            now_s = time.monotonic()
+            trouble = _trouble_of(chassis, lidar)
+            if not trouble:
+                well_s = now_s
+            elif chassis.alarms or now_s - well_s > PATIENCE_S:
                 raise SetupRefused(trouble)
-            if time.monotonic() > end_s:
+            if now_s > end_s:
                 raise SetupRefused("The lidar sends no scans.")
             self._hardware.chassis.drive(Twist2D.zero())
             scans.extend(lidar.scans)

@@ -1,6 +1,7 @@
 """Lidar and wheels from motions between stands, where the truth can be calculated."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,3 +101,23 @@ def test_without_a_turn_nothing_is_said() -> None:
     record.stands[:] = record.stands[8:10]
     with pytest.raises(SetupRefused, match="has not turned"):
         fit(cut(record, HALF_TRACK_M))
+
+
+def test_a_stand_that_saw_one_wall_only_tells_nothing_of_where_the_robot_was() -> None:
+    mount = Pose2D(0.1, 0.03, 0.2)
+    record = record_of(mount, is_mirrored=False)
+    turned = record.stands[2]
+    seen = Pose2D(turned.start_T_laser.x + 0.3, turned.start_T_laser.y, turned.start_T_laser.yaw)
+    record.stands[2] = replace(turned, start_T_laser=seen)
+    with pytest.raises(SetupRefused, match="slipped, or somebody moved"):
+        fit(cut(record, HALF_TRACK_M))
+    record.stands[2] = replace(turned, start_T_laser=seen, is_plain=True)
+    found = fit(cut(record, HALF_TRACK_M))
+    assert found.base_T_laser.distance_to(mount) < 1e-3
+    assert found.left.value == pytest.approx(LEFT, rel=2e-3)
+
+
+def test_a_castor_swings_round_where_the_robot_sets_off_after_a_turn_or_goes_back() -> None:
+    record = record_of(Pose2D(0.1, 0.0, 0.0), is_mirrored=False)
+    strokes = cut(record, HALF_TRACK_M).stretches[8:14]
+    assert [stroke.swings for stroke in strokes] == [True, False, True, True, False, True]

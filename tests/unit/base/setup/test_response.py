@@ -1,5 +1,7 @@
 """Delay, acceleration and braking from what wheels count after a step of the command."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,14 @@ SPEED, ACCELERATION, BRAKING = 0.35, 0.9, 1.4
 PERIOD_NS = 20_000_000
 
 
-def drive(delay_s: float, *, period_ns: int = PERIOD_NS, strokes: int = 8) -> Record:
+def drive(
+    delay_s: float,
+    *,
+    period_ns: int = PERIOD_NS,
+    strokes: int = 8,
+    driven_s: Sequence[float] = (3.0,),
+    jitter_s: float = 0.0,
+) -> Record:
     """Strokes to and fro by motors that follow after a delay; reports at the end of each period."""
     record = Record()
     speed, told, way = 0.0, 0.0, 0.0
@@ -22,8 +31,10 @@ def drive(delay_s: float, *, period_ns: int = PERIOD_NS, strokes: int = 8) -> Re
     for number in range(strokes):
         start_ns = number * 6_000_000_000 + int(rng.integers(period_ns))
         direction = 1.0 if number % 2 else -1.0
-        for at_ns, velocity in ((start_ns, direction * SPEED), (start_ns + 3_000_000_000, 0.0)):
-            changes.append((at_ns + round(delay_s * 1e9), velocity))
+        end_ns = start_ns + round(driven_s[number % len(driven_s)] * 1e9)
+        for at_ns, velocity in ((start_ns, direction * SPEED), (end_ns, 0.0)):
+            late_s = delay_s + jitter_s * (number % 5 - 2) / 2.0
+            changes.append((at_ns + round(late_s * 1e9), velocity))
             record.commands.append(Command(at_ns, Twist2D(velocity, 0.0, 0.0)))
     while now_ns < strokes * 6_000_000_000:
         now_ns += step_ns
@@ -56,6 +67,11 @@ def test_wheels_that_are_smaller_than_set_brake_less() -> None:
     full, small = measure(drive(0.1), 1.0), measure(drive(0.1), 0.9)
     assert small.braking.value == pytest.approx(0.9 * full.braking.value)
     assert small.stopping.value == pytest.approx(0.9 * full.stopping.value)
+
+
+def test_strokes_too_short_for_their_speed_make_no_stop_look_late() -> None:
+    record = drive(0.2, strokes=30, driven_s=(0.84, 0.84, 3.0), jitter_s=0.025)
+    assert measure(record, 1.0).delay.value == pytest.approx(0.2, abs=0.003)
 
 
 def test_two_strokes_say_nothing() -> None:
