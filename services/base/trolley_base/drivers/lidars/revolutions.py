@@ -244,7 +244,8 @@ class Revolutions:
         ranges[is_masked] = 0.0
         silent = np.empty(0, np.bool_)
         if self._notes_silence:
-            said_nothing, _ = place(grid, angle_deg, np.where(rows[3] == 0.0, 1.0, 0.0), silent)
+            nothing = np.where(rows[3] == 0.0, 1.0, 0.0)
+            said_nothing, _ = place(grid, angle_deg, nothing, np.empty(0))
             silent = (said_nothing > 0.0) & (ranges == 0.0) & ~is_masked
         first_ns, time_increment = timing
         first_deg = grid.first_deg
