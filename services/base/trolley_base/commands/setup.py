@@ -20,7 +20,9 @@ from trolley_base.setup.record import SetupRefused
 @click.argument("ports", nargs=-1, metavar="[PORT]...")
 @click.option("--undo", is_flag=True, help="Give the file back as it was before the last setup.")
 @click.option("--again", is_flag=True, help="Begin with the first step, whatever is done already.")
-@click.option("--short", is_flag=True, help="Drive 45 s instead of 170 s, and measure less exactly.")
+@click.option(
+    "--short", is_flag=True, help="Drive 45 s instead of 170 s, and measure less exactly."
+)
 @click.option("--page", is_flag=True, help="Ask at a page of the viewer, such as on a phone.")
 @where_options
 @reports_errors
