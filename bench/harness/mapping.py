@@ -11,6 +11,7 @@ from trolley.geometry import Pose2D
 from trolley.scanning import ScanInput
 from trolley_mapper.slam.estimate import MapEstimate, State
 from trolley_mapper.slam.mapper import Mapper
+from trolley_mapper.slices import is_left
 
 JOB_EVERY_NS = 100_000_000
 """A lidar scans ten times a second, and with each scan a job may be done."""
@@ -25,16 +26,14 @@ class MappedDrive:
     Attributes:
         poses: map_T_base at each scan, as the finished map has them.
         states: what the mapper said of itself at each scan.
-        step_s: (scans,) processor time of each step [s].
-        job_s: (scans,) processor time of the longest search or closure after each step [s].
-        jobs_s: processor time of all of them [s].
+        step_s: (scans,) processor time of each step, and of taking over what jobs found [s].
+        slice_s: (slices,) processor time of each slice of searches and closures [s].
     """
 
     poses: list[Pose2D]
     states: list[State]
     step_s: NDArray[np.float64]
-    job_s: NDArray[np.float64]
-    jobs_s: float
+    slice_s: NDArray[np.float64]
 
     @property
     def mapping_share(self) -> float:
@@ -44,8 +43,8 @@ class MappedDrive:
 
 def map_drive(mapper: Mapper, scans: Iterable[ScanInput]) -> MappedDrive:
     """Map a drive; a job is done as often as a lidar would scan."""
-    anchors, states, step_s, job_s = [], [], [], []
-    jobs_s, last_ns = 0.0, 0
+    anchors, states, step_s, slice_s = [], [], [], []
+    last_ns = 0
     for scan in scans:
         began_s = time.process_time()
         estimate = mapper.step(scan)
@@ -54,16 +53,18 @@ def map_drive(mapper: Mapper, scans: Iterable[ScanInput]) -> MappedDrive:
         states.append(estimate.state)
         # Before the map moves under it.
         anchors.append(mapper.anchor(estimate.pose))
-        longest_s = 0.0
         for _ in range(min(max((scan.stamp_ns - last_ns) // JOB_EVERY_NS, 1), MAX_JOBS)):
-            began_s = time.process_time()
             job = mapper.take_job()
             if job is None:
                 break
-            mapper.finish(job.run())
-            took_s = time.process_time() - began_s
-            longest_s, jobs_s = max(longest_s, took_s), jobs_s + took_s
-        job_s.append(longest_s)
+            slices, is_more = job.slices(), True
+            while is_more:
+                began_s = time.process_time()
+                is_more = is_left(slices)
+                slice_s.append(time.process_time() - began_s)
+            began_s = time.process_time()
+            mapper.finish(job)
+            step_s[-1] += time.process_time() - began_s
         last_ns = scan.stamp_ns
     poses = [mapper.moved(anchor) for anchor in anchors]
-    return MappedDrive(poses, states, np.array(step_s), np.array(job_s), jobs_s)
+    return MappedDrive(poses, states, np.array(step_s), np.array(slice_s))

@@ -25,6 +25,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
+from trolley_mapper.slices import whole
 from trolley_mapper.warmup import warm_up
 
 PLAN = Plan((1, 1), block_m=(14.0, 10.0), people=4)
@@ -88,7 +89,8 @@ def main() -> None:
             job = mapper.take_job()
             if job is None:
                 break
-            mapper.finish(job.run())
+            whole(job.slices())
+            mapper.finish(job)
         last_ns = scan.stamp_ns
         if recording.stamps[row] >= next_s or row == len(recording.stamps) - 1:
             grid = mapper.grid()

@@ -123,7 +123,7 @@ def row(folder: Path, name: str, recording: Recording, one: Result) -> list[str]
         poses = one.drive.poses[::-1] if name.endswith("backwards") else one.drive.poses
         metres, radians = relation_errors(folder, poses)
         related = [f"{v:.4f}" for v in (metres.mean(), metres.std(), radians.mean(), radians.std())]
-    cpu = (one.drive.step_s.sum() + one.drive.jobs_s) / recording.stamps[-1]
+    cpu = (one.drive.step_s.sum() + one.drive.slice_s.sum()) / recording.stamps[-1]
     return [
         name,
         *related,

@@ -69,7 +69,7 @@ class Result:
     @property
     def cpu_share(self) -> float:
         """Share of one core at real time."""
-        return (float(self.drive.step_s.sum()) + self.drive.jobs_s) / self.seconds
+        return float(self.drive.step_s.sum() + self.drive.slice_s.sum()) / self.seconds
 
 
 def run(name: str, house: House, seed: int, config: MapperConfig | None = None) -> Result:

@@ -9,6 +9,7 @@ from trolley.messages import Transform
 from trolley.recording.drive import Drive
 from trolley.scanning import Reject, assemble
 from trolley_mapper.slam.mapper import Mapper
+from trolley_mapper.slices import whole
 
 JOB_EVERY_NS = 100_000_000
 """Robot time in which the service does a job beside the scans [ns]."""
@@ -67,4 +68,5 @@ def _do_jobs(mapper: Mapper, at_most: int) -> None:
         job = mapper.take_job()
         if job is None:
             return
-        mapper.finish(job.run())
+        whole(job.slices())
+        mapper.finish(job)

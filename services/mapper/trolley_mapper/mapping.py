@@ -19,10 +19,13 @@ from trolley_mapper.explore import sentences
 from trolley_mapper.inputs import RobotInputs
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.saved_places import SavedPlaces
+from trolley_mapper.slices import Slices, is_left
 from trolley_mapper.wire import odom_transform, pose_message
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
+    from trolley_mapper.slam.back_end import MapJob
     from trolley_mapper.slam.finishing import FinishJob
+    from trolley_mapper.slam.mapper import Mapper
 
 ANSWER_NS = 1_500_000_000
 """Local time after which a request is answered with the progress so far; requests are given up
@@ -248,7 +251,19 @@ class Mapping:
             self._publish_map(session)
         job = None if session.core is None else session.core.take_job()
         if session.core is not None and job is not None:
-            self._service.work(job.run, session.core.finish)
+            self._work_on(job, job.slices(), session.core)
+
+    def _work_on(self, job: "MapJob", slices: Slices[None], core: "Mapper") -> None:
+        """Do a job aside, slice by slice: other work has its turn in between."""
+
+        def slice_done(is_more: bool) -> None:
+            is_wanted = self.session is not None and self.session.core is core and core.wants(job)
+            if is_wanted and is_more:
+                self._work_on(job, slices, core)
+            elif is_wanted:
+                core.finish(job)
+
+        self._service.work(partial(is_left, slices), slice_done)
 
     # Each second.
 

@@ -11,6 +11,7 @@ from trolley.gridmap import GridMap
 from trolley.scanning import ScanInput
 from trolley_mapper.explore import warmup
 from trolley_mapper.slam.mapper import Mapper
+from trolley_mapper.slices import whole
 
 _BEAMS = 120
 _FAR = Pose2D(30.0, 0.0, 0.0)
@@ -30,7 +31,8 @@ def warm_up() -> None:
         mapper.step(scan)
         job = mapper.take_job()
         if job is not None:
-            mapper.finish(job.run())
+            whole(job.slices())
+            mapper.finish(job)
     grid = mapper.grid()
     cells = np.where(grid.cells < 0, 0, grid.cells).astype(np.int8)
     # A robot that does not stand on the map at all is lost: it searches nearby, and then the
@@ -41,7 +43,8 @@ def warm_up() -> None:
         extended.step(scans[number])
         job = extended.take_job()
         if job is not None:
-            extended.finish(job.run())
+            whole(job.slices())
+            extended.finish(job)
     warmup.warm_up()
 
 

@@ -12,6 +12,7 @@ from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
 from trolley.scanning import ScanInput
 from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
+from trolley_mapper.slices import whole
 
 BEAMS = 180
 RANGE_MAX = 8.0
@@ -65,7 +66,8 @@ class Drive:
         assert isinstance(estimate, MapEstimate)
         job = self.mapper.take_job()
         if job is not None:
-            self.mapper.finish(job.run())
+            whole(job.slices())
+            self.mapper.finish(job)
         self.last = estimate
         return estimate
 

@@ -16,6 +16,7 @@ from trolley_mapper.kernels import correlate
 from trolley_mapper.kernels.trace import trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.local_map import LocalMap
+from trolley_mapper.slices import is_left, whole
 
 
 def room(count: int = 240) -> Cloud:
@@ -92,8 +93,8 @@ def test_branch_and_bound_finds_what_trying_everything_finds(seed: int, cols: in
     correlate.fill_pyramid(levels)
     low, high = (-3, -3, 0), (48, cols + 3, correlate.LAYERS + 1)
     cells = rng.integers(low, high, (3, 12, 3)).astype(np.int32)
-    best = np.empty(4)
-    heading = correlate.find_best_shift(best, levels, cells.copy(), 6, 0.0, 0.0)
+    best = whole(correlate.find_best_shift(levels, cells.copy(), 6, 0.0, 0.0))
+    heading = int(best[4])
     assert heading >= 0
     tried = [
         naive_score(levels[0], cells[a], row, col)
@@ -128,10 +129,10 @@ def test_the_back_of_a_wall_is_not_laid_over_its_front(turn: float) -> None:
     clear = np.any(seen.normals != 0.0, axis=1)
     front = Cloud(seen.points[clear], seen.normals[clear])
     back = Cloud(front.points, -front.normals)
-    found = local.correlate(front, pose, (0.3, 0.1), 0.5, 0.0)
+    found = whole(local.correlate(front, pose, (0.3, 0.1), 0.5, 0.0))
     assert found is not None
     assert found[0] == pytest.approx(pose, abs=0.05)
-    assert local.correlate(back, pose, (0.3, 0.1), 0.5, 0.0) is None
+    assert whole(local.correlate(back, pose, (0.3, 0.1), 0.5, 0.0)) is None
     classes = [local.classify(pose, Sweep(c, np.zeros(2), is_blind=False)) for c in (front, back)]
     assert np.mean(classes[0] == EXPLAINED) > 0.95
     assert not np.any(classes[1] == EXPLAINED)
@@ -151,3 +152,14 @@ def test_beams_free_what_they_pass_and_raise_where_they_end() -> None:
     assert np.all(log_odds[4, 4:34] == -40)
     assert np.all(log_odds[4:14, 4] == -40)
     assert np.count_nonzero(log_odds) == 2 + 30 + 9
+
+
+def test_a_search_far_and_wide_can_be_left_in_many_places_and_finds_what_a_short_one_does() -> None:
+    local, cloud = local_map(), room()
+    short = whole(local.correlate(cloud, np.zeros(3), (0.3, 0.1), 0.5, 0.0))
+    slices = local.correlate(cloud, np.array([1.0, -1.0, 0.5]), (4.0, math.pi), 0.5, 0.0)
+    assert sum(1 for _ in iter(lambda: is_left(slices), False)) > 5
+    again = whole(local.correlate(cloud, np.array([1.0, -1.0, 0.5]), (4.0, math.pi), 0.5, 0.0))
+    assert short is not None
+    assert again is not None
+    assert again[0] == pytest.approx(short[0], abs=0.05)

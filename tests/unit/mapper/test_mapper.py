@@ -14,6 +14,7 @@ from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.slam.sentences import CUT, SLIPS
 from trolley_mapper.slam.serialization import pack
+from trolley_mapper.slices import is_left, whole
 
 from .conftest import START, Drive
 
@@ -295,6 +296,30 @@ def test_undo_forgets_and_tracking_goes_on(make_drive: MakeDrive) -> None:
     assert drive.error_m() < 0.05
     assert drive.mapper.undo(1e6) is not None
     assert drive.mapper.num_keyframes == 1
+
+
+def test_a_search_that_is_no_longer_wanted_is_left_and_changes_nothing(
+    make_drive: MakeDrive,
+) -> None:
+    drive = make_drive()
+    for _ in range(20):
+        drive.scan(0.3)
+    job, step = None, Pose2D(0.03, 0.0, 0.0)
+    while job is None:  # until a keyframe is looked for
+        drive.pose, drive.odom = drive.pose @ step, drive.odom @ step
+        drive.stamp_ns += 100_000_000
+        drive.mapper.step(drive.make_scan())
+        job = drive.mapper.take_job()
+    slices = job.slices()
+    assert is_left(slices)
+    assert drive.mapper.wants(job)
+    drive.mapper.undo(5.0)
+    assert not drive.mapper.wants(job)
+    before = pack(drive.mapper.snapshot())
+    assert drive.mapper.take_job() is not job
+    whole(slices)
+    drive.mapper.finish(job)
+    assert pack(drive.mapper.snapshot()) == before
 
 
 def test_a_paused_map_does_not_grow(make_drive: MakeDrive) -> None:

@@ -21,6 +21,7 @@ from trolley_mapper.slam.pose_graph import (
     optimise,
     squared_errors,
 )
+from trolley_mapper.slices import whole
 
 numbers = st.floats(-5.0, 5.0)
 poses = st.builds(lambda x, y, a: np.array([x, y, a]), numbers, numbers, st.floats(-3.1, 3.1))
@@ -86,7 +87,7 @@ def test_a_loop_brings_the_poses_back() -> None:
     truth = circle(60)
     start, edges = drifted(truth, np.random.default_rng(3))
     edges.append(edge(0, 59, between(truth[0], truth[59]), LOOP))
-    found = optimise(start, make_problem(edges, {k: k for k in range(60)}), [0])
+    found = whole(optimise(start, make_problem(edges, {k: k for k in range(60)}), [0]))
     before = np.hypot(*(start - truth)[:, :2].T).max()
     after = np.hypot(*(found - truth)[:, :2].T).max()
     assert np.array_equal(found[0], truth[0])
@@ -99,7 +100,7 @@ def test_a_false_loop_among_true_ones_fades() -> None:
     edges += [edge(0, k, between(truth[0], truth[k]), LOOP) for k in (50, 55, 59)]
     edges += [edge(k, k + 3, between(truth[k], truth[k + 3]), SCAN_MATCH) for k in range(0, 57, 3)]
     edges.append(edge(10, 40, np.array([0.5, 0.0, 0.0]), LOOP))
-    found = optimise(start, make_problem(edges, {k: k for k in range(60)}), [0])
+    found = whole(optimise(start, make_problem(edges, {k: k for k in range(60)}), [0]))
     assert np.hypot(*(found - truth)[:, :2].T).max() < 0.3
 
 
@@ -122,5 +123,5 @@ def test_loops_that_the_others_and_the_odometry_outvote_are_found(num_wrong: int
         off = between(true[number - 20], true[number]) + np.array([3.0, 0.0, 0.0])
         edges.append(edge(number - 20, number, off, LOOP))
     problem = make_problem(edges, {number: number for number in range(41)})
-    is_out = contradicted(np.array(found), problem, [0])
+    is_out = whole(contradicted(np.array(found), problem, [0]))
     assert is_out.tolist() == [False] * (43) + [True] * num_wrong

@@ -13,10 +13,14 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley.scan_matching.layout import Cloud, Surfels
+from trolley_mapper.slices import Slices
 
 LAYERS = 4
 """Surfaces are drawn in layers by the side that they are seen from: the back of a wall must not be
 laid over its front."""
+SLICE_POINTS = 2_000_000
+"""Points that are looked up in one slice of a search: some 5 to 10 ms of a PC's core, 20 to 40
+of a small board's."""
 ANY_SIDE = LAYERS
 """One layer more has all of them: for points of which it is not clear which side they show."""
 IN_LAYER = 0.25
@@ -217,21 +221,21 @@ def descend(
     levels: NDArray[np.uint8],
     points: Placed,
     block: tuple[int, int, float],
-    window: tuple[float, float],
-) -> float:
+    window: tuple[float, float, int],
+) -> int:
     """Search one block of the highest level, best parts first.
 
     Args:
-        out_best: (4,) score, rows, cols, as in `find_best_shift`; overwritten if one is better.
+        out_best: (5,) as in `new_best`; overwritten if a shift of the block is better.
         levels: (heights, LAYERS + 1, rows, cols) of `fill_pyramid`.
         points: at one heading.
         block: its lowest shift and its bound.
-        window: loss of score at its border, loss for the heading.
+        window: loss of score at its border, loss for the heading, and the heading's index.
 
     Returns:
-        The best score so far, losses taken off.
+        The number of bounds that were computed.
     """
-    pull, turned = window
+    pull, turned, heading = window
     half = points.half
     best = out_best[3]
     top = levels.shape[0] - 1
@@ -241,6 +245,7 @@ def descend(
     stack[0, 0], stack[0, 1], stack[0, 2] = top, block[0], block[1]
     bounds[0] = block[2]
     depth = 1
+    count = 0
     while depth > 0:
         depth -= 1
         if bounds[depth] < best:
@@ -252,12 +257,13 @@ def descend(
             if score >= best and abs(row) <= half and abs(col) <= half:
                 best = score
                 out_best[0], out_best[1], out_best[2] = bounds[depth], row, col
-                out_best[3] = score
+                out_best[3], out_best[4] = score, heading
             continue
         step = 1 << (h - 1)
         for k in range(4):
             r, c = row + step * (k // 2), col + step * (k % 2)
             children[k] = bound_at(levels[h - 1], points, r, c, step)
+        count += 4
         for k in np.argsort(children):
             if children[k] >= best:
                 stack[depth, 0] = h - 1
@@ -265,22 +271,105 @@ def descend(
                 stack[depth, 2] = col + step * (k % 2)
                 bounds[depth] = children[k]
                 depth += 1
-    return best
+    return count
+
+
+class Blocks(NamedTuple):
+    """What is left of a search once no part of it need be looked at that cannot be the best."""
+
+    bounds: NDArray[np.float64]
+    """(yaws * side * side,) the highest score in each block of the highest level."""
+    inside: NDArray[np.uint32]
+    """(yaws, points), room for `Placed.inside` at each heading."""
+    counts: NDArray[np.int64]
+    """(yaws,) how much of it is used."""
+    half: int
+    """Half the window's edge [cells]."""
 
 
 @kernel
-def find_best_shift(
+def bound_blocks(
+    out: Blocks, levels: NDArray[np.uint8], cells: NDArray[np.int32], first: int, last: int
+) -> None:
+    """Compute the bounds of all blocks at some headings.
+
+    Args:
+        out: overwritten for these headings.
+        levels: (heights, LAYERS + 1, rows, cols) of `fill_pyramid`.
+        cells: (yaws, points, 3) of `turn_cloud`; put into another order.
+        first: index of the first heading.
+        last: index behind the last one.
+    """
+    top = levels.shape[0] - 1
+    block = 1 << top
+    half = out.half
+    side = (2 * half + block) // block
+    for a in range(first, last):
+        points = place(out.inside[a], cells[a], levels.shape[1:], half, block)
+        out.counts[a] = points.inside.size
+        for at in range(side * side):
+            row, col = at // side * block - half, at % side * block - half
+            out.bounds[a * side * side + at] = bound_at(levels[top], points, row, col, block)
+
+
+@kernel
+def search_blocks(
     out_best: NDArray[np.float64],
     levels: NDArray[np.uint8],
     cells: NDArray[np.int32],
-    half: int,
-    least: float,
-    pull: float,
+    blocks: Blocks,
+    order: NDArray[np.int64],
+    window: tuple[float, int, int],
 ) -> int:
+    """Search blocks, the most promising first, until so many bounds have been computed.
+
+    Args:
+        out_best: (5,) as in `new_best`; overwritten if a shift is better.
+        levels: (heights, LAYERS + 1, rows, cols) of `fill_pyramid`.
+        cells: (yaws, points, 3) as `bound_blocks` has left them.
+        blocks: with their bounds.
+        order: of the blocks, the highest bound first.
+        window: loss of score towards its corners, the place in `order` where to go on, and the
+            number of bounds after which to stop.
+
+    Returns:
+        The place in `order` where to go on; its length when nothing is left that can be better.
+    """
+    pull, begin, most = window
+    half = blocks.half
+    block = 1 << (levels.shape[0] - 1)
+    side = (2 * half + block) // block
+    yaws = cells.shape[0]
+    count = 0
+    for k in range(begin, order.size):
+        if count >= most:
+            return k
+        at = order[k]
+        if blocks.bounds[at] < out_best[3]:
+            return order.size
+        a = at // (side * side)
+        off = abs(2.0 * a / max(yaws - 1, 1) - 1.0)
+        bound = float(blocks.bounds[at])
+        at_block = ((at // side) % side * block - half, at % side * block - half, bound)
+        points = Placed(blocks.inside[a, : blocks.counts[a]], cells[a, blocks.counts[a] :], half)
+        count += descend(out_best, levels, points, at_block, (pull, pull * 0.5 * off * off, a))
+    return order.size
+
+
+def new_best(least: float) -> NDArray[np.float64]:
+    """Return where the best is kept, (5,): score, rows, cols, score less its losses, heading.
+
+    The heading is -1 as long as no score reaches `least`.
+    """
+    return np.array([-1.0, 0.0, 0.0, least, -1.0])
+
+
+def find_best_shift(
+    levels: NDArray[np.uint8], cells: NDArray[np.int32], half: int, least: float, pull: float
+) -> Slices[NDArray[np.float64]]:
     """Find the shift and heading with the highest score in a square window.
 
     Args:
-        out_best: (4,) score, rows, cols, and score with the loss taken off, overwritten.
         levels: (heights, LAYERS + 1, rows, cols) of `fill_pyramid`.
         cells: (yaws, points, 3) of `turn_cloud`; put into another order.
         half: the window reaches from -half to half [cells].
@@ -288,39 +377,26 @@ def find_best_shift(
         pull: loss of score towards the window's corners, for what cannot be told from the scan.
 
     Returns:
-        The index of the heading; -1 where no score reaches `least`.
+        What was found, as in `new_best`.
     """
-    top = levels.shape[0] - 1
-    yaws = cells.shape[0]
-    block = 1 << top
-    side = (2 * half + block) // block
-    bounds = np.empty(yaws * side * side)
-    inside = np.empty(cells.shape[:2], np.uint32)
-    counts = np.empty(yaws, np.int64)
-    for a in range(yaws):
-        points = place(inside[a], cells[a], levels.shape[1:], half, block)
-        counts[a] = points.inside.size
-        for at in range(side * side):
-            row, col = at // side * block - half, at % side * block - half
-            bounds[a * side * side + at] = bound_at(levels[top], points, row, col, block)
-    found = -1
-    best = least
-    kept = np.empty(4)
-    out_best[3] = least
-    for at in np.argsort(-bounds):
-        if bounds[at] < best:
-            break
-        a = at // (side * side)
-        off = abs(2.0 * a / max(yaws - 1, 1) - 1.0)
-        bound = float(bounds[at])
-        at_block = ((at // side) % side * block - half, at % side * block - half, bound)
-        window = (pull, pull * 0.5 * off * off)
-        out_best[0] = -1.0
-        points = Placed(inside[a, : counts[a]], cells[a, counts[a] :], half)
-        score = descend(out_best, levels, points, at_block, window)
-        if out_best[0] >= 0.0:
-            best = score
-            found = a
-            kept[:] = out_best
-    out_best[:] = kept
-    return found
+    yaws, num_points = cells.shape[:2]
+    block = 1 << (levels.shape[0] - 1)
+    in_heading = ((2 * half + block) // block) ** 2
+    blocks = Blocks(
+        np.empty(yaws * in_heading),
+        np.empty((yaws, num_points), np.uint32),
+        np.empty(yaws, np.int64),
+        half,
+    )
+    most = max(SLICE_POINTS // max(num_points, 1), 1)
+    headings = max(most // in_heading, 1)
+    for first in range(0, yaws, headings):
+        bound_blocks(blocks, levels, cells, first, min(first + headings, yaws))
+        yield
+    order = np.argsort(-blocks.bounds, kind="stable")
+    best, at = new_best(least), 0
+    while True:
+        at = search_blocks(best, levels, cells, blocks, order, (pull, at, most))
+        if at == len(order):
+            return best
+        yield

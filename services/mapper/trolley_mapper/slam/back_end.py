@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
 from trolley_mapper.slam.join_watch import CutJob, JoinWatch
-from trolley_mapper.slam.joining import JoinJob, Joint, places_to_try
+from trolley_mapper.slam.joining import JoinJob, Joint
 from trolley_mapper.slam.keyframe_map import KeyframeMap
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import Closure, LoopJob, Place
@@ -44,7 +44,7 @@ class BackEnd:
         # Over a part that is to be cut off again.
         self._cut: JoinWatch | None = None
         # Places that were not searched yet from the loose part, and whether they all were once.
-        self._places: list[Place] = []
+        self._places: list[Place] | None = []
         self._is_searched = False
 
     def keyframe_added(self) -> None:
@@ -72,7 +72,7 @@ class BackEnd:
             return None
         if self._cut is not None:
             cut, store = self._cut, made.store.copy()
-            self._job = CutJob(store, self._config, made.prior, cut.joint, cut.edges, cut.sentence)
+            self._job = CutJob(store, self._config, made.blank, cut.joint, cut.edges, cut.sentence)
         elif self._joint is not None and made.store.is_loose(made.store.newest.number):
             self._job = self._join(made, self._joint, pose)
         else:
@@ -87,7 +87,7 @@ class BackEnd:
         if self._loops == [] or self._query not in made.store.rows:
             return None
         return LoopJob(
-            made.store.copy(), list(self._pending), self._config, made.prior, self._query,
+            made.store.copy(), list(self._pending), self._config, made.blank, self._query,
             self._loops,
         )  # fmt: skip
 
@@ -96,13 +96,10 @@ class BackEnd:
         if not self._places:
             if not self._has_new:
                 return None
-            self._has_new = False
-            self._places = places_to_try(made.store, joint, pose)[::-1]
-        place = self._places.pop() if self._places else None
-        self._is_searched = self._is_searched or not self._places
+            self._has_new, self._places = False, None
         return JoinJob(
-            made.store.copy(), list(self._pending), self._config, made.prior, joint, place,
-            self._is_searched, list(self._refuted),
+            made.store.copy(), list(self._pending), self._config, made.blank, joint, pose.copy(),
+            self._places, self._is_searched, list(self._refuted),
         )  # fmt: skip
 
     def finish(self, job: MapJob, store: KeyframeStore) -> bool:
@@ -122,9 +119,15 @@ class BackEnd:
             self._refuted += job.refuted
             self.part_began(job.joint)
             self._has_new = True
-        elif job.accepted:
-            self._pending, self._joint = [], None
+        else:
+            self._places, self._is_searched = job.places, job.is_searched
+            if job.accepted:
+                self._pending, self._joint = [], None
         return True
+
+    def wants(self, job: MapJob) -> bool:
+        """Say whether a job that is out still counts."""
+        return job is self._job
 
     def keyframes_removed(self, store: KeyframeStore) -> None:
         """Drop the job that is out, and closures whose keyframes are gone."""

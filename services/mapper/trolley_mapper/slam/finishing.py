@@ -14,6 +14,7 @@ from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import compose
 from trolley_mapper.slam.tidying import tidied
+from trolley_mapper.slices import whole
 
 MIN_TURN_RAD = math.radians(0.05)
 """Turn below which a map is straight: half a cell over 25 m [rad]."""
@@ -78,7 +79,7 @@ class FinishJob:
         about = Pose2D(x, y, angle) @ Pose2D(-x, -y, 0.0)
         store.poses = compose(about.as_array(), store.poses)
         self.new_T_old = about
-        self.occupancy = draw_map(self.config.resolution_m, None, store)
+        self.occupancy = whole(draw_map(LogOddsGrid(self.config.resolution_m), store))
         self.grid = self.occupancy.grid()
 
     @property

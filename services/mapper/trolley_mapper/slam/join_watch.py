@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
-from trolley.gridmap import GridMap
 from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
 from trolley.scan_matching.sweep import Sweep
@@ -24,6 +23,7 @@ from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.loop_closure import Closure, relax
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between, compose
+from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,7 @@ class CutJob:
     Attributes:
         store: a copy, changed by the job.
         config: settings.
-        prior: the map that is extended, if one is.
+        blank: the grid before any keyframe: empty, or the map that is extended.
         joint: of the part.
         refuted: edges that joined it.
         sentence: what is the matter.
@@ -192,7 +192,7 @@ class CutJob:
 
     store: KeyframeStore
     config: MapperConfig
-    prior: GridMap | None
+    blank: LogOddsGrid
     joint: Joint
     refuted: list[Edge]
     sentence: str
@@ -200,17 +200,16 @@ class CutJob:
     found: list[Closure] = field(default_factory=list[Closure], init=False)
     accepted: list[Edge] = field(default_factory=list[Edge], init=False)
 
-    def run(self) -> "CutJob":
-        """Cut, lay the part where the odometry had it, and draw; returns itself."""
+    def slices(self) -> Slices[None]:
+        """Cut, lay the part where the odometry had it, and draw."""
         store = self.store
         store.cut(across(store, self.joint))
         rows = [row for row, one in enumerate(store.keyframes) if one.number >= self.joint.number]
         self._mend([store.keyframes[row].number for row in rows])
-        relax(store)
+        yield from relax(store)
         begin = store.poses[rows[0]]
         store.poses[rows] = compose(self.joint.pose, between(begin, store.poses[rows]))
-        self.occupancy = draw_map(self.config.resolution_m, self.prior, store)
-        return self
+        self.occupancy = yield from draw_map(self.blank, store)
 
     def _mend(self, part: list[int]) -> None:
         """Tie keyframes of the part together that only hung on the map, as they were driven.

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
-from trolley.gridmap import GridMap
 from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
 from trolley.scan_matching.sweep import Sweep
@@ -32,6 +31,7 @@ from trolley_mapper.slam.loop_closure import (
 )
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import Edge, between, compose, turned
+from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +40,10 @@ class JoinParams:
 
     place_m: float = 2.5
     """Distance between searched places along an axis [m]."""
+    floor_every: int = 5
+    """One cell in so many of an earlier map's floor is enough, since places lie so far apart."""
+    places_together: int = 10
+    """Number of places that are chosen in one slice: an earlier map has many cells of floor."""
     window_m: float = 4.0
     """Half the search window at each place: floor that was not driven over is searched, too [m]."""
     around_m: float = 12.0
@@ -120,7 +124,9 @@ class Joint:
         return PARAMS.devs * (dev_m + away_m * math.sqrt(float(self.covariance[2, 2])))
 
 
-def places_to_try(store: KeyframeStore, joint: Joint, pose: NDArray[np.float64]) -> list[Place]:
+def places_to_try(
+    store: KeyframeStore, joint: Joint, pose: NDArray[np.float64]
+) -> Slices[list[Place]]:
     """Return the places of the map where the robot may be, the likeliest first.
 
     Args:
@@ -131,7 +137,9 @@ def places_to_try(store: KeyframeStore, joint: Joint, pose: NDArray[np.float64])
     some = [store.poses[~store.loose, :2]]
     if store.prior is not None:
         floor = store.keyframes[0].floor
-        some = [some[0][1:]] if floor is None else [some[0][1:], floor.astype(np.float64)]
+        some = [some[0][1:]]
+        if floor is not None:
+            some.append(floor[:: PARAMS.floor_every].astype(np.float64))
     points = np.vstack(some)
     away = np.hypot(*(points - pose[:2]).T)
     reach_m = joint.reach_m(float(np.hypot(*(pose - joint.pose)[:2]))) + PARAMS.window_m
@@ -141,6 +149,8 @@ def places_to_try(store: KeyframeStore, joint: Joint, pose: NDArray[np.float64])
     while len(left):
         places.append(Place(left[0].copy(), (PARAMS.window_m, math.pi)))
         left = left[np.abs(left - left[0]).max(axis=1) > PARAMS.place_m]
+        if len(places) % PARAMS.places_together == 0:
+            yield
     return places
 
 
@@ -152,9 +162,11 @@ class JoinJob:
         store: a copy, changed by the job.
         pending: closures found before.
         config: settings.
-        prior: the map that is extended, if one is.
+        blank: the grid before any keyframe: empty, or the map that is extended.
         joint: what is known of how the part lies.
-        place: to search; None: only where earlier closures lead.
+        pose: (3,) where the odometry has the robot.
+        places: to search, the likeliest last; None: they are chosen first. The last one is taken
+            off; once there is none, only where earlier closures lead is searched.
         is_searched: all places have been searched from this part.
         refuted: edges that joined parts where later scans did not fit.
         found: closures found now.
@@ -165,9 +177,10 @@ class JoinJob:
     store: KeyframeStore
     pending: list[Closure]
     config: MapperConfig
-    prior: GridMap | None
+    blank: LogOddsGrid
     joint: Joint
-    place: Place | None
+    pose: NDArray[np.float64]
+    places: list[Place] | None
     is_searched: bool
     refuted: Sequence[Edge] = ()
     found: list[Closure] = field(default_factory=list[Closure])
@@ -177,37 +190,44 @@ class JoinJob:
     # Where refuted joins have the newest keyframe.
     _wrong: list[NDArray[np.float64]] = field(default_factory=list[NDArray[np.float64]])
 
-    def run(self) -> "JoinJob":
-        """Search, judge, join; returns itself."""
+    def slices(self) -> Slices[None]:
+        """Search, judge, join."""
         store = self.store
+        if self.places is None:
+            self.places = (yield from places_to_try(store, self.joint, self.pose))[::-1]
+        places = self._hints()
+        if self.places:
+            places.append(self.places.pop())
+        self.is_searched = self.is_searched or not self.places
+        yield
         part = set(store.part_of(store.newest.number))
         self._wrong = [
             self._edge_leads_to(edge)
             for edge in self.refuted
             if store.has(edge) and edge.second in part and not store.is_loose(edge.first)
         ]
-        for place in self._places():
-            closure = self._close(place)
+        for place in places:
+            closure = yield from self._close(place)
             if closure is not None and not (self._is_known(closure) or self._is_wrong(closure)):
                 self.found.append(closure)
+        yield
         best = self._best()
         if best and self._fits(best[-1]):
-            self._join([one.edge for one in best])
-        return self
+            yield
+            yield from self._join([one.edge for one in best])
 
-    def _places(self) -> list[Place]:
-        """Where earlier closures lead, the newest first, then the place of this job."""
+    def _hints(self) -> list[Place]:
+        """Where earlier closures lead, the newest first."""
         query = self.store.newest.number
         hints: list[Closure] = []
         for one in reversed(self.pending):
             is_followed = any(self._is_same(one, other) for other in hints)
             if one.edge.second != query and not is_followed and not self._is_known(one):
                 hints.append(one)
-        places = [
+        return [
             Place(pose[:2], PARAMS.hint_window, float(pose[2]))
             for pose in (self._leads_to(one) for one in hints[: PARAMS.max_hints])
         ]
-        return places if self.place is None else [*places, self.place]
 
     def _is_known(self, closure: Closure) -> bool:
         """Say whether the newest keyframe was found in a closure's place already."""
@@ -237,7 +257,7 @@ class JoinJob:
         """Say whether the part was joined there before, and did not fit."""
         return any(_is_near(self._leads_to(closure), pose) for pose in self._wrong)
 
-    def _close(self, place: Place) -> Closure | None:
+    def _close(self, place: Place) -> Slices[Closure | None]:
         store = self.store
         away = np.hypot(*(store.poses[:, :2] - place.middle).T)
         near = np.flatnonzero((away < PARAMS.around_m) & ~store.loose)
@@ -245,7 +265,8 @@ class JoinJob:
         always = [] if store.prior is None else [store.prior]
         pose = np.array([*place.middle, place.yaw])
         chosen = store.choose_near(numbers, pose, self.config.local_keyframes, always)
-        return closing(store, store.newest.number, place, chosen, PARAMS.reach_m)
+        number = store.newest.number
+        return (yield from closing(store, number, place, chosen, PARAMS.reach_m))
 
     def _best(self) -> list[Closure]:
         """Return closures that agree over enough distance and have no rivals, else none."""
@@ -347,7 +368,7 @@ class JoinJob:
             explained += int(np.count_nonzero(classes == EXPLAINED))
         return explained >= PARAMS.min_match * known
 
-    def _join(self, closures: list[Edge]) -> None:
+    def _join(self, closures: list[Edge]) -> Slices[None]:
         """Tie the part to the map, lay it there, and draw the map anew."""
         newest = self.store.newest.number
         part = self.store.part_of(newest)
@@ -358,19 +379,19 @@ class JoinJob:
             self.store.poses[self.store.rows[number]] = compose(new_T_old, self.store.pose(number))
         for edge in closures:
             self.store.link(edge)
-        relax(self.store)
+        yield from relax(self.store)
         self.accepted = closures
-        self._bridge()
-        self.occupancy = draw_map(self.config.resolution_m, self.prior, self.store)
+        yield from self._bridge()
+        self.occupancy = yield from draw_map(self.blank, self.store)
 
-    def _bridge(self) -> None:
+    def _bridge(self) -> Slices[None]:
         """Believe the odometry across the gap, too, where it fits."""
         edge = self.joint.edge
         if edge is None or not self.store.has(edge):
             return
         bridged = self.store.copy()
         bridged.link(edge)
-        relax(bridged)
+        yield from relax(bridged)
         if total_error(bridged) - total_error(self.store) <= PARAMS.joint_error:
             self.store, self.accepted = bridged, [*self.accepted, edge]
 

@@ -17,6 +17,7 @@ from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import Edge
 from trolley_mapper.slam.prior_map import prior_keyframe
 from trolley_mapper.slam.serialization import State
+from trolley_mapper.slices import whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,9 @@ class KeyframeMap:
         self.version = 0
         """Changes whenever `grid` would return something else."""
         self._config = config
-        self._occupancy = LogOddsGrid(config.resolution_m, prior)
+        self.blank = LogOddsGrid(config.resolution_m, prior)
+        """The grid before any keyframe, not to be drawn on: an earlier map takes long to draw."""
+        self._occupancy = self.blank.copy()
         self._grid: tuple[int, GridMap] | None = None
         if prior is not None:
             self.store.add(prior_keyframe(self.next_number, prior), np.zeros(3), [])
@@ -56,8 +59,8 @@ class KeyframeMap:
     @classmethod
     def restore(cls, config: MapperConfig, state: State) -> "KeyframeMap":
         """Make the map that was stored."""
-        restored = cls(config)
-        restored.prior, restored.store, restored.anchors = state.prior, state.store, state.anchors
+        restored = cls(config, state.prior)
+        restored.store, restored.anchors = state.store, state.anchors
         restored.next_number, restored.version = state.next_number, 1
         restored._draw()
         return restored
@@ -83,7 +86,7 @@ class KeyframeMap:
     @property
     def num_bytes(self) -> int:
         """Bytes of keyframes, graph and grids, about."""
-        return self.store.num_bytes + self._occupancy.num_bytes
+        return self.store.num_bytes + self._occupancy.num_bytes + self.blank.num_bytes
 
     def grid(self) -> GridMap:
         """Return the occupancy grid; cheap as long as `version` is the same."""
@@ -152,8 +155,7 @@ class KeyframeMap:
         return correction
 
     def _draw(self) -> None:
-        store = self.store
-        self._occupancy = draw_map(self._config.resolution_m, self.prior, store)
+        self._occupancy = whole(draw_map(self.blank, self.store))
 
     # Poses that move with it.
 

@@ -17,6 +17,7 @@ from trolley_mapper.kernels import correlate
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.pose_graph import between
+from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +168,7 @@ class LocalMap:
         window: tuple[float, float],
         least: float,
         pull: float,
-    ) -> tuple[NDArray[np.float64], float] | None:
+    ) -> Slices[tuple[NDArray[np.float64], float] | None]:
         """Search a window of poses for the one from which the scan fits best.
 
         Args:
@@ -181,6 +182,7 @@ class LocalMap:
             The pose (3,) to about a cell, and its score; None if there is none.
         """
         levels = self._pyramid(around[:2], window[0] + PARAMS.search_far_m)
+        yield
         near = np.flatnonzero(np.hypot(*cloud.points.T) <= PARAMS.search_far_m)
         every = max(len(near) // PARAMS.search_points, 1)
         some = Cloud(*(np.ascontiguousarray(one[near[::every]]) for one in cloud))
@@ -191,9 +193,9 @@ class LocalMap:
         yaws = around[2] + np.linspace(-window[1], window[1], 2 * turns + 1)
         cells = np.empty((len(yaws), len(points), 3), np.int32)
         correlate.turn_cloud(cells, some, yaws, self._fine_frame, around[:2])
-        best = np.empty(4)
         half = max(math.ceil(window[0] / PARAMS.fine_cell_m), 1)
-        heading = correlate.find_best_shift(best, levels, cells, half, least, pull)
+        best = yield from correlate.find_best_shift(levels, cells, half, least, pull)
+        heading = int(best[4])
         if heading < 0:
             return None
         shift = np.array([best[2] * PARAMS.fine_cell_m, best[1] * PARAMS.fine_cell_m, 0.0])

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
-from trolley.gridmap import GridMap
 from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.sweep import Sweep
 from trolley_mapper.slam.keyframe import Keyframe
@@ -27,6 +26,7 @@ from trolley_mapper.slam.pose_graph import (
     to_frame,
 )
 from trolley_mapper.slam.scan_matcher import MatchQuality, judge
+from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ class LoopJob:
         store: a copy, changed by the job.
         pending: closures found before that wait for one that agrees.
         config: settings.
-        prior: the map that is extended, if one is.
+        blank: the grid before any keyframe: empty, or the map that is extended.
         query: the keyframe that is looked for.
         places: to search, the likeliest last: keyframes in their middle, and the distance driven
             since [m]; None: they are chosen first. The last one is taken off.
@@ -130,7 +130,7 @@ class LoopJob:
     store: KeyframeStore
     pending: list[Closure]
     config: MapperConfig
-    prior: GridMap | None
+    blank: LogOddsGrid
     query: int
     places: list[tuple[int, float]] | None
     found: list[Closure] = field(default_factory=list[Closure])
@@ -138,18 +138,19 @@ class LoopJob:
     cut: list[Edge] = field(default_factory=list[Edge])
     occupancy: LogOddsGrid | None = None
 
-    def run(self) -> "LoopJob":
-        """Search, check, optimise and draw; returns itself."""
+    def slices(self) -> Slices[None]:
+        """Search, check, optimise and draw."""
         search = LoopSearch(self.store, self.config)
         if self.places is None:
             self.places = search.places(self.query)[::-1]
-        closure = search.close(self.query, self.places.pop()) if self.places else None
-        if closure is not None:
-            self.found.append(closure)
+        yield
+        if self.places:
+            closure = yield from search.close(self.query, self.places.pop())
+            if closure is not None:
+                self.found.append(closure)
         self._believe()
         if self.accepted:
-            self._optimise()
-        return self
+            yield from self._optimise()
 
     def _believe(self) -> None:
         """Accept closures that agree with each other."""
@@ -164,32 +165,35 @@ class LoopJob:
         if accepted and pinned(self.store, accepted) >= PARAMS.min_pinned:
             self.accepted = accepted
 
-    def _optimise(self) -> None:
+    def _optimise(self) -> Slices[None]:
         """Move all keyframes to where they fit together, and draw the map anew.
 
         Loops that the edges between their ends can hardly be stretched to are not believed; those
         that strain them wait for others that agree, seen from farther along.
         """
-        relax(self.store, is_robust=False)
+        yield from relax(self.store, is_robust=False)
         strain = total_error(self.store)
         apart = self.store.copy()
         for edge in self.accepted:
             self.store.link(edge)
-        relax(self.store, is_robust=False)
+        yield from relax(self.store, is_robust=False)
         strain = total_error(self.store) - strain
         is_doubtful = strain > PARAMS.doubtful_strain * len(self.accepted)
         is_short = distance_covered(apart, self.accepted) < PARAMS.proof_m
         is_strained = strain > PARAMS.max_strain * len(self.accepted)
-        if (is_doubtful and is_short) or (is_strained and not self._cut_contradicted()):
+        is_believed = not (is_doubtful and is_short)
+        if is_believed and is_strained:
+            is_believed = yield from self._cut_contradicted()
+        if not is_believed:
             self.store, self.accepted, self.cut = apart, [], []
             return
-        relax(self.store)
-        self.occupancy = draw_map(self.config.resolution_m, self.prior, self.store)
+        yield from relax(self.store)
+        self.occupancy = yield from draw_map(self.blank, self.store)
 
-    def _cut_contradicted(self) -> bool:
+    def _cut_contradicted(self) -> Slices[bool]:
         """Cut earlier loops that the new ones outvote; False where it is the other way round."""
         problem = make_problem(self.store.edges, self.store.rows)
-        is_out = contradicted(self.store.poses, problem, self.store.anchored_rows)
+        is_out = yield from contradicted(self.store.poses, problem, self.store.anchored_rows)
         out = [edge for edge, is_one in zip(self.store.edges, is_out, strict=True) if is_one]
         if not out or any(edge is new for edge in out for new in self.accepted):
             return False
@@ -220,10 +224,10 @@ def distance_covered(store: KeyframeStore, edges: Sequence[Edge]) -> float:
     return float(np.hypot(*(places[:, None] - places[None]).T).max())
 
 
-def relax(store: KeyframeStore, is_robust: bool = True) -> None:
+def relax(store: KeyframeStore, is_robust: bool = True) -> Slices[None]:
     """Optimise all poses of a store; the first of each part stays."""
     problem = make_problem(store.edges, store.rows)
-    store.poses = optimise(store.poses, problem, store.anchored_rows, is_robust)
+    store.poses = yield from optimise(store.poses, problem, store.anchored_rows, is_robust)
 
 
 def agree(store: KeyframeStore, one: Edge, other: Edge) -> bool:
@@ -287,7 +291,7 @@ class LoopSearch:
             min(PARAMS.window_rad + PARAMS.window_rad_per_m * distance_m, math.pi),
         )
 
-    def close(self, query: int, place: tuple[int, float]) -> Closure | None:
+    def close(self, query: int, place: tuple[int, float]) -> Slices[Closure | None]:
         """Try to find what a keyframe shows at an old place."""
         store = self._store
         number, distance_m = place
@@ -298,7 +302,8 @@ class LoopSearch:
         middle = pose if number == store.prior else store.pose(number)
         window = self._window(distance_m)
         around_here = Place(pose[:2], window, float(pose[2]))
-        return closing(store, query, around_here, chosen, self._config.local_reach_m, middle[:2])
+        reach_m = self._config.local_reach_m
+        return (yield from closing(store, query, around_here, chosen, reach_m, middle[:2]))
 
 
 def closing(
@@ -308,7 +313,7 @@ def closing(
     numbers: Sequence[int],
     reach_m: float,
     centre: NDArray[np.float64] | None = None,
-) -> Closure | None:
+) -> Slices[Closure | None]:
     """Try to find what a keyframe shows at a place.
 
     Args:
@@ -326,7 +331,8 @@ def closing(
     local = LocalMap(keyframes, poses, place.middle if centre is None else centre, reach_m)
     sweep = recently_seen(store, query)
     predicted = np.array([*place.middle, place.yaw])
-    found = local.correlate(sweep.cloud, predicted, place.window, PARAMS.min_score, PARAMS.pull)
+    search = local.correlate(sweep.cloud, predicted, place.window, PARAMS.min_score, PARAMS.pull)
+    found = yield from search
     if found is None:
         return None
     pose, _ = local.align(found[0], sweep.cloud, found[0], np.diag([1.0, 1.0, 1.0]), 0.3)

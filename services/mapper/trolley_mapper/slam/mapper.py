@@ -73,8 +73,9 @@ PARAMS = MapperParams()
 class Mapper:
     """Makes a map from scans and odometry.
 
-    Heavy work is handed out: after each call of `step` ask `take_job`, run the job anywhere (it
-    touches nothing of the mapper), and give it back to `finish` from the thread that calls `step`.
+    Heavy work is handed out: after each call of `step` ask `take_job`, do the job's slices anywhere
+    (it touches nothing of the mapper), and give it back to `finish` from the thread that calls
+    `step`. Between slices a job that `wants` denies may be left.
 
     Args:
         config: settings.
@@ -327,10 +328,14 @@ class Mapper:
     # Heavy work.
 
     def take_job(self) -> MapJob | None:
-        """Return work to do now, or None. Give it back to `finish` when it is done."""
+        """Return work to do now, or None. Give it back to `finish` when all its slices are done."""
         if self._latest is None:
             return None
         return self._back_end.next_job(self._map, self._matcher.pose)
+
+    def wants(self, job: MapJob) -> bool:
+        """Say whether a job that is out still counts; if not, leave the rest of it undone."""
+        return self._back_end.wants(job)
 
     def finish(self, job: MapJob) -> None:
         """Take the outcome of a job into account."""

@@ -1,5 +1,6 @@
 """The occupancy grid: which cells are walls, which are free, drawn from keyframes."""
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley_mapper.kernels.trace import trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,8 @@ class OccupancyParams:
     keyframe, its ends are all the walls."""
     limit: int = 600
     """Greatest log-odds of a cell, up or down."""
+    drawn_together: int = 40
+    """Number of keyframes that are drawn in one slice."""
     margin_cells: int = 40
     """Cells that are added on each side when the grid must grow."""
 
@@ -52,6 +56,12 @@ class LogOddsGrid:
         self._mark = 0
         if prior is not None:
             self._draw_prior(prior)
+
+    def copy(self) -> "LogOddsGrid":
+        """Return a copy that can be drawn on."""
+        other = copy.copy(self)
+        other._log_odds, other._marks = self._log_odds.copy(), self._marks.copy()
+        return other
 
     @property
     def num_bytes(self) -> int:
@@ -131,12 +141,14 @@ class LogOddsGrid:
         self._marks[values >= 0] = self._mark
 
 
-def draw_map(resolution: float, prior: GridMap | None, store: KeyframeStore) -> LogOddsGrid:
-    """Draw all keyframes except those of loose parts, over the earlier map if there is one."""
-    occupancy = LogOddsGrid(resolution, prior)
-    for one, pose, is_loose in zip(store.keyframes, store.poses, store.loose, strict=True):
-        if not is_loose:
-            occupancy.add(one, pose)
+def draw_map(blank: LogOddsGrid, store: KeyframeStore) -> Slices[LogOddsGrid]:
+    """Draw all keyframes except those of loose parts over a copy of a grid."""
+    occupancy = blank.copy()
+    shown = np.flatnonzero(~store.loose).tolist()
+    for count, row in enumerate(shown, 1):
+        occupancy.add(store.keyframes[row], store.poses[row])
+        if count % PARAMS.drawn_together == 0:
+            yield
     return occupancy
 
 

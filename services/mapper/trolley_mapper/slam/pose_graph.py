@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import wrap_angles
+from trolley_mapper.slices import Slices
 
 # SciPy ships no types.
 _sparse: Any = importlib.import_module("scipy.sparse")
@@ -182,7 +183,7 @@ def scales(chi2: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
 
 def optimise(
     poses: NDArray[np.float64], problem: Problem, fixed: Sequence[int], robust: bool = True
-) -> NDArray[np.float64]:
+) -> Slices[NDArray[np.float64]]:
     """Move poses to where the edges are missed least.
 
     Args:
@@ -200,13 +201,15 @@ def optimise(
         return poses.copy()
     column = np.full(len(poses), -1, np.int64)
     column[free] = np.arange(int(free.sum()))
-    found = _descend(poses, problem, column, np.ones(len(problem.first)))
-    return _descend(found, problem, column) if robust else found
+    found = yield from _descend(poses, problem, column, np.ones(len(problem.first)))
+    if robust:
+        found = yield from _descend(found, problem, column)
+    return found
 
 
 def contradicted(
     poses: NDArray[np.float64], problem: Problem, fixed: Sequence[int]
-) -> NDArray[np.bool_]:
+) -> Slices[NDArray[np.bool_]]:
     """Say which loops (m,) the others and the odometry vote down, by truncated least squares.
 
     Args:
@@ -220,7 +223,7 @@ def contradicted(
     column = np.full(len(poses), -1, np.int64)
     column[free] = np.arange(int(free.sum()))
     weights = np.ones(len(is_loop))
-    poses = _descend(poses, problem, column, weights)
+    poses = yield from _descend(poses, problem, column, weights)
     chi2 = squared_errors(poses, problem)
     worst = float(chi2[is_loop].max(initial=0.0))
     mu = PARAMS.inlier / max(2.0 * worst - PARAMS.inlier, 1e-9)
@@ -229,7 +232,7 @@ def contradicted(
         fading = np.sqrt(PARAMS.inlier * mu * (mu + 1.0) / np.maximum(chi2, 1e-9)) - mu
         fading = np.where(chi2 <= low, 1.0, np.where(chi2 >= high, 0.0, fading))
         weights = np.where(is_loop, fading, 1.0)
-        poses = _descend(poses, problem, column, weights)
+        poses = yield from _descend(poses, problem, column, weights)
         chi2 = squared_errors(poses, problem)
         mu *= PARAMS.sharpening
     return is_loop & (weights < 0.5)
@@ -240,13 +243,14 @@ def _descend(
     problem: Problem,
     column: NDArray[np.int64],
     given: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+) -> Slices[NDArray[np.float64]]:
     """Take damped Gauss-Newton steps until nothing moves; loops fade where no weights are given."""
     damping = PARAMS.min_damping
     chi2 = squared_errors(poses, problem)
     for _ in range(PARAMS.max_iterations):
         weights = scales(chi2, problem) if given is None else given
         delta = _step(poses, problem, column, weights, damping)
+        yield
         moved = poses.copy()
         moved[column >= 0] += delta
         moved[:, 2] = wrap_angles(moved[:, 2])

@@ -20,6 +20,7 @@ from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.motion_model import motion_covariance
 from trolley_mapper.slam.pose_graph import between, compose, inverse, turned
 from trolley_mapper.slam.slip_detector import SlipDetector
+from trolley_mapper.slices import whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -362,7 +363,7 @@ class ScanMatcher:
             min(max(4.0 * devs[1], reach_rad), PARAMS.max_window[1]),
         )
         cloud = _without_sides(sweep).cloud
-        found = local.correlate(cloud, self.pose, window, PARAMS.min_score, PARAMS.pull)
+        found = whole(local.correlate(cloud, self.pose, window, PARAMS.min_score, PARAMS.pull))
         if found is None:
             return match
         other = self._match(local, sweep, found[0], 0.05)
@@ -378,7 +379,8 @@ class ScanMatcher:
             if abs(math.remainder(yaw - self.pose[2], 2.0 * math.pi)) > PARAMS.max_window[1]:
                 continue
             around = np.array([self.pose[0], self.pose[1], yaw])
-            found = local.correlate(cloud, around, PARAMS.rival_window, PARAMS.min_score, 0.0)
+            search = local.correlate(cloud, around, PARAMS.rival_window, PARAMS.min_score, 0.0)
+            found = whole(search)
             if found is None:
                 continue
             rival = self._match(local, match.sweep, found[0], 0.05)
