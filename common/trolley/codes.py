@@ -26,6 +26,7 @@ WRONG_MAP = "wrong_map"
 # Making maps.
 MAPPING = "mapping"
 NOT_MAPPING = "not_mapping"
+NOT_LOOSE = "not_loose"
 # Editing maps.
 NO_MATCH = "no_match"
 AMBIGUOUS = "ambiguous"
@@ -97,6 +98,7 @@ SENTENCES: dict[str, str] = {
     WRONG_MAP: "That place belongs to another map.",
     MAPPING: "A map is being made; save it or cancel it first.",
     NOT_MAPPING: "No map is being made.",
+    NOT_LOOSE: "What the robot maps is joined to the map already.",
     NO_MATCH: "The walls of the two maps match nowhere; say where the other map lies.",
     AMBIGUOUS: "The walls of the two maps match in several ways; say where the other map lies.",
     KEEPOUT: "That place lies in a keep-out zone.",

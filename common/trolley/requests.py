@@ -183,6 +183,20 @@ MAP_EXPLORE = Request(
 MAP_UNDO = Request(
     "map/undo", request_params.UndoMap, m.MappingStatus, "mapper", (codes.NOT_MAPPING,)
 )
+MAP_JOIN = Request(
+    "map/join",
+    request_params.JoinPart,
+    m.MappingStatus,
+    "mapper",
+    (codes.NOT_MAPPING, codes.NOT_LOOSE, codes.OUTSIDE_MAP),
+)
+MAP_DROP = Request(
+    "map/drop",
+    request_params.Nothing,
+    m.MappingStatus,
+    "mapper",
+    (codes.NOT_MAPPING, codes.NOT_LOOSE),
+)
 MAP_CANCEL = Request(
     "map/cancel", request_params.Nothing, m.MappingStatus, "mapper", (codes.NOT_MAPPING,)
 )

@@ -9,7 +9,13 @@ import click
 from trolley import codes, requests, topics
 from trolley.cli.map_edit import edit_map
 from trolley.cli.map_of_drive import map_of_drive
-from trolley.cli.options import json_option, where_options
+from trolley.cli.options import (
+    NumbersCommand,
+    as_pose,
+    json_option,
+    pose_options,
+    where_options,
+)
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, print_json, seconds_text
@@ -44,6 +50,8 @@ def add_commands(group: click.Group) -> None:
             "resume", requests.MAP_PAUSE, request_params.PauseMap(on=False), "Resume mapping."
         ),
         undo_map,
+        join_part,
+        _control("drop", requests.MAP_DROP, request_params.Nothing(), "Remove what hangs loose."),
         explore_map,
         cancel_map,
         map_status,
@@ -140,6 +148,19 @@ def undo_map(seconds: float, as_json: bool) -> None:
     _show(status, as_json=as_json, text=status_text(status))
 
 
+@click.command(name="join", cls=NumbersCommand)
+@pose_options
+@where_options
+@json_option
+@reports_errors
+def join_part(where: tuple[str, ...], deg: bool, as_json: bool) -> None:
+    """Join what hangs loose: the robot is there, roughly; metres on the map, YAW in radians."""
+    pose = as_pose(where, deg=deg)
+    with one_robot() as robot:
+        status = robot.ask(requests.MAP_JOIN, request_params.JoinPart(pose=pose))
+    _show(status, as_json=as_json, text=status_text(status))
+
+
 @click.command(name="cancel")
 @click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
 @where_options
@@ -176,6 +197,8 @@ def status_text(status: MappingStatus) -> str:
     text = f"{status.state}: {status.name}, {seconds_text(status.seconds)}, {status.scans} scans"
     if status.loops:
         text += f", {status.loops} loops closed"
+    if status.loose:
+        text += f", {status.loose} scans that hang loose"
     return f"{text}. {status.message}" if status.message else text
 
 

@@ -28,7 +28,8 @@ LOAD_S, POLL_S = 60.0, 0.5
     cls=SuggestingGroup,
     sections={
         "Use and edit": ("list", "info", "load", "edit", "changes"),
-        "Make one": ("new", "extend", "explore", "status", "pause", "resume", "undo"),
+        "Make one": ("new", "extend", "explore", "status", "pause", "resume"),
+        "Mend it": ("undo", "join", "drop"),
         "Finish it": ("save", "cancel"),
     },
 )

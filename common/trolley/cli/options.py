@@ -1,11 +1,14 @@
 """Options and arguments that commands share."""
 
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import click
+
+from trolley.geometry import Pose2D
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -114,6 +117,20 @@ class NumbersCommand(click.Command):
 
 
 _NUMBER = re.compile(r"-[0-9.]")
+
+
+def pose_options(command: F) -> F:
+    """Take a pose on the map, for `as_pose`; the command is a `NumbersCommand`."""
+    command = click.option("--deg", is_flag=True, help="YAW is in degrees.")(command)
+    return click.argument("where", nargs=-1, metavar="X Y YAW")(command)
+
+
+def as_pose(where: tuple[str, ...], *, deg: bool) -> Pose2D:
+    """Read X, Y and YAW; complain about anything else."""
+    if len(where) != 3:
+        raise click.UsageError("give X, Y and YAW")
+    x, y, yaw = (as_number(text, name) for text, name in zip(where, ("X", "Y", "YAW"), strict=True))
+    return Pose2D.from_array((x, y, math.radians(yaw) if deg else yaw))
 
 
 def as_number(text: str, name: str) -> float:

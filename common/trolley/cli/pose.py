@@ -6,13 +6,18 @@ import click
 
 from trolley import codes, requests, topics
 from trolley.cli import SuggestingGroup
-from trolley.cli.options import NumbersCommand, as_number, json_option, where_options
+from trolley.cli.options import (
+    NumbersCommand,
+    as_pose,
+    json_option,
+    pose_options,
+    where_options,
+)
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, print_table
 from trolley.client import Robot
 from trolley.codes import Refused
-from trolley.geometry import Pose2D
 from trolley.messages import CapturedPose, PoseEstimate, SavedPose, request_params
 from trolley.zones import room_at
 
@@ -68,17 +73,13 @@ def _deviation(found: CapturedPose | PoseEstimate) -> str:
 
 
 @pose_command.command(name="set", cls=NumbersCommand)
-@click.argument("where", nargs=-1, metavar="X Y YAW")
-@click.option("--deg", is_flag=True, help="YAW is in degrees.")
+@pose_options
 @where_options
 @json_option
 @reports_errors
 def set_pose(where: tuple[str, ...], deg: bool, as_json: bool) -> None:
     """Tell the robot where it is, roughly: metres on the map, YAW in radians."""
-    if len(where) != 3:
-        raise click.UsageError("give X, Y and YAW")
-    x, y, yaw = (as_number(text, name) for text, name in zip(where, ("X", "Y", "YAW"), strict=True))
-    pose = Pose2D.from_array((x, y, math.radians(yaw) if deg else yaw))
+    pose = as_pose(where, deg=deg)
     with one_robot() as robot:
         estimate = robot.ask(requests.POSE_SET, request_params.SetPose(pose=pose))
     if as_json:

@@ -17,6 +17,8 @@ class MappingStatus(Struct, frozen=True, kw_only=True):
     a sentence what is wrong, or what the result is. `seconds` [robot time] have been mapped,
     `scans` make up the map, and `loops` have been closed. `exploring` says whether the robot is
     exploring by itself or driving home; `area` [m²] is the floor that was known at the last check.
+    `loose` scans belong to parts of which it is not known how they lie to the map; they are not
+    part of it, unless `map/join` or what the robot sees joins them to it.
     """
 
     stamp_ns: StampNs
@@ -29,3 +31,4 @@ class MappingStatus(Struct, frozen=True, kw_only=True):
     loops: Count = 0
     exploring: ExploringState = "off"
     area: NonNegative = 0.0
+    loose: Count = 0

@@ -162,6 +162,12 @@ class UndoMap(Struct, frozen=True, kw_only=True):
     seconds: Annotated[float, Meta(gt=0.0, le=86_400.0)] = 60.0
 
 
+class JoinPart(Struct, frozen=True, kw_only=True):
+    """Join the part that hangs loose to the map: the robot is about at `pose` on it."""
+
+    pose: Pose2D
+
+
 class Yield(Struct, frozen=True, kw_only=True):
     """Leave the shared topics to the mapper for another 3 s (`on`), or take them back.
 

@@ -131,6 +131,17 @@ class MapSession:
         self.seconds = max(0.0, self.seconds - seconds)
         return left is not None
 
+    @property
+    def num_loose(self) -> int:
+        """Number of scans in parts of which it is not known how they lie to the map."""
+        return 0 if self.core is None else self.core.num_loose
+
+    def drop_loose(self) -> None:
+        """Forget these parts."""
+        if self.core is not None:
+            self.core.drop_loose()
+            self.places.tie_anew(self.core)
+
     def turn(self, job: "FinishJob") -> None:
         """Turn the map as it was saved, and with it what lies on it: places and the robot."""
         if self.core is None:

@@ -9,8 +9,9 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
 from trolley.messages import MappingState, MappingStatus, PoseEstimate, Zones
-from trolley.messages.request_params import Nothing, UndoMap, WhichGoal, Yield
+from trolley.messages.request_params import JoinPart, Nothing, UndoMap, WhichGoal, Yield
 from trolley.runtime.service import Service, answers, every
 from trolley.scanning import Reject, ScanInput
 from trolley_mapper import checkpoint as checkpoints
@@ -30,6 +31,8 @@ if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not loa
 ANSWER_NS = 1_500_000_000
 """Local time after which a request is answered with the progress so far; requests are given up
 after 2 s [ns]."""
+BESIDE_MAP_M = 20.0
+"""Distance from the map within which a loose part may be joined to it [m]."""
 _ENVELOPE_BYTES = 4096
 """Part of the largest message that is left for everything beside the cells [bytes]."""
 _NOTHING_PUBLISHED = -1
@@ -188,6 +191,27 @@ class Mapping:
             return self.announce("Everything that was added to the map has been removed.")
         return self.announce("Everything has been removed except where the map began.")
 
+    @answers(requests.MAP_JOIN)
+    def join(self, params: JoinPart) -> MappingStatus:
+        """Join the part that the robot is in to the map, where a person says that it is."""
+        core = self.check_may_change().core
+        if core is None or not core.is_loose:
+            raise Refused(codes.NOT_LOOSE)
+        if not _is_about_map(core.grid(), params.pose):
+            raise Refused(codes.OUTSIDE_MAP)
+        core.join(params.pose)
+        return self.announce("")
+
+    @answers(requests.MAP_DROP)
+    def drop(self, _: Nothing) -> MappingStatus:
+        """Forget the parts that hang loose."""
+        session = self.check_may_change()
+        num = session.num_loose
+        if num == 0:
+            raise Refused(codes.NOT_LOOSE)
+        session.drop_loose()
+        return self.announce(f"{num} scans that hung loose have been removed.")
+
     @answers(requests.MAP_CANCEL)
     def cancel(self, _: Nothing) -> MappingStatus:
         """Discard the map; the localizer goes back to the previous one."""
@@ -327,6 +351,7 @@ class Mapping:
             loops=0 if session is None else session.loops,
             exploring="off" if explorer is None else explorer.state,
             area=0.0 if explorer is None else round(explorer.area_m2, 1),
+            loose=0 if session is None else session.num_loose,
         )
 
     def _message(self) -> str:
@@ -352,6 +377,13 @@ class Mapping:
         if newest is None:
             return self.session.estimate.pose
         return (self.session.estimate.map_T_odom @ newest).wrapped()
+
+
+def _is_about_map(grid: GridMap, pose: Pose2D) -> bool:
+    """Say whether a pose lies on the map or not far off it: a part may hang on its edge."""
+    corners = grid.corners()
+    low, high = corners.min(axis=0) - BESIDE_MAP_M, corners.max(axis=0) + BESIDE_MAP_M
+    return bool(low[0] <= pose.x <= high[0] and low[1] <= pose.y <= high[1])
 
 
 def _load(config: RobotConfig, checkpoint: Checkpoint | None) -> MapSession | ValueError | None:

@@ -5,7 +5,7 @@ wherever that happens, and at whatever speed. `yield from` goes on with another 
 """
 
 from collections.abc import Generator
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 Slices = Generator[None, None, T]
@@ -21,7 +21,7 @@ def whole(slices: Slices[T]) -> T:
             return result
 
 
-def is_left(slices: Slices[None]) -> bool:
+def is_left(slices: Slices[Any]) -> bool:
     """Do one slice; False if it was the last one."""
     try:
         next(slices)

@@ -135,6 +135,8 @@ def mapping_line(mapping: MappingStatus | None) -> StatusLine | None:
     loops = f", {mapping.loops} loops closed" if mapping.loops else ""
     scans = "1 scan" if mapping.scans == 1 else f"{mapping.scans} scans"
     detail = f"{duration(mapping.seconds // 1.0)}, {scans}{loops}."
+    if mapping.loose:
+        detail += f" {mapping.loose} scans hang loose."
     name = mapping.name or ""
     match mapping.state:
         case "starting":

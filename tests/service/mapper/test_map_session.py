@@ -12,6 +12,7 @@ from trolley.gridmap import load_map
 from trolley.messages import GoalStatus, OccupancyGrid, SavedPose, Zone
 from trolley.messages.request_params import (
     Capture,
+    JoinPart,
     LoadMap,
     MapNamed,
     Named,
@@ -25,7 +26,7 @@ from trolley.messages.request_params import (
 from trolley.runtime import codec
 from trolley.runtime.service import Service, answers
 
-from .conftest import Stage
+from .conftest import START, Stage
 
 MakeStage = Callable[..., Stage]
 
@@ -279,3 +280,43 @@ def test_some_time_after_a_map_the_mapper_gives_its_memory_back(make_stage: Make
     assert not mapper.is_spent
     stage.bus.run(20.0)
     assert mapper.is_spent
+
+
+def carried_away(stage: Stage) -> Pose2D:
+    """Map a bit, and carry the robot away until a part hangs loose; returns true_T_map."""
+    true_T_map = stage.map(seconds=4.0)
+    stage.world.pose = Pose2D(5.6, 4.4, 2.0)
+    for _ in range(100):
+        if stage.pose.state == "lost":
+            stage.bus.run(1.0)  # until the status tells of it
+            assert stage.status.loose
+            return true_T_map
+        stage.bus.run(0.1)
+    raise AssertionError("no part hangs loose")
+
+
+def test_a_person_joins_the_part_that_hangs_loose(stage: Stage) -> None:
+    assert stage.refusal(requests.MAP_JOIN, JoinPart(pose=START)).code == codes.NOT_MAPPING
+    true_T_map = carried_away(stage)
+    scans = stage.status.scans
+    assert "say where the robot is" in stage.status.message
+    far = Pose2D(1e4, 0.0, 0.0)
+    assert stage.refusal(requests.MAP_JOIN, JoinPart(pose=far)).code == codes.OUTSIDE_MAP
+    here = true_T_map.inverse() @ stage.world.map_T_base
+    stage.ask(requests.MAP_JOIN, JoinPart(pose=here @ Pose2D(0.2, 0.1, 0.1)))
+    stage.bus.run(1.5)
+    assert (stage.status.loose, stage.pose.state) == (0, "mapping")
+    assert stage.status.scans > scans
+    assert stage.error_m(true_T_map) < 0.5
+    assert stage.refusal(requests.MAP_JOIN, JoinPart(pose=here)).code == codes.NOT_LOOSE
+
+
+def test_a_person_removes_what_hangs_loose(stage: Stage) -> None:
+    stage.map(seconds=2.0)
+    assert stage.refusal(requests.MAP_DROP).code == codes.NOT_LOOSE
+    stage.ask(requests.MAP_CANCEL)
+    carried_away(stage)
+    scans, loose = stage.status.scans, stage.status.loose
+    status = stage.ask(requests.MAP_DROP)
+    assert (status.scans, status.loose) == (scans, 0)
+    assert f"{loose} scans that hung loose" in status.message

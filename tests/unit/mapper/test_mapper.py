@@ -194,6 +194,66 @@ def test_after_a_long_way_with_a_covered_lidar_the_map_goes_on_apart_until_it_is
     assert drive.error_m() < 0.05
 
 
+def drive_into_a_loose_part(drive: Drive) -> None:
+    """See nothing for so long that nobody knows where the robot is, then a part of the map."""
+    drive.tour()
+    drive.is_covered, drive.odometry_scale = True, 1.15
+    for count in (18, 100, 18, 60, 18, 90):
+        for _ in range(count):
+            turns = count == 18
+            drive.scan(0.0 if turns else -0.3 if count == 60 else 0.3, 0.8 if turns else 0.0)
+    drive.is_covered, drive.odometry_scale = False, 1.0
+    assert drive.look().state == "lost"
+    assert drive.mapper.is_loose
+    assert drive.mapper.num_loose > 0
+
+
+@pytest.mark.parametrize("error", [Pose2D(0.4, -0.3, 0.2), Pose2D(-0.6, 0.5, -0.3)])
+def test_a_loose_part_is_joined_where_a_person_says_about_it_is(
+    make_drive: MakeDrive, error: Pose2D
+) -> None:
+    drive = make_drive()
+    drive_into_a_loose_part(drive)
+    drive.mapper.join(drive.pose @ error)
+    drive.look()
+    assert drive.look().state == "mapping"
+    assert not drive.mapper.is_loose
+    assert drive.mapper.num_loose == 0
+    assert drive.error_m() < 0.05
+
+
+def test_a_loose_part_that_a_person_joins_in_a_wrong_place_is_cut_off_again(
+    make_drive: MakeDrive,
+) -> None:
+    drive = make_drive()
+    drive_into_a_loose_part(drive)
+    drive.mapper.join(Pose2D(1.5, 5.0, 1.0))
+    said = set[str]()
+    for vx, wz, count in ((0.0, -0.8, 10), (0.3, 0.0, 100), (0.0, 0.8, 40), (0.3, 0.0, 20)):
+        said |= {drive.scan(vx, wz).message for _ in range(count)}
+    assert CUT in said
+    assert drive.error_m() < 0.05
+
+
+def test_a_loose_part_that_is_dropped_is_not_joined_and_another_one_begins(
+    make_drive: MakeDrive,
+) -> None:
+    drive = make_drive()
+    drive_into_a_loose_part(drive)
+    grid = drive.mapper.grid()
+    drive.mapper.drop_loose()
+    assert drive.mapper.num_loose == 0
+    assert not drive.mapper.is_loose
+    assert drive.look().state == "lost"
+    assert drive.mapper.num_loose == 1
+    assert drive.mapper.grid() is grid
+    for _ in range(40):
+        drive.scan(0.0, 0.8)
+    assert drive.last is not None
+    assert drive.last.state == "mapping"
+    assert drive.error_m() < 0.05
+
+
 def test_a_lifted_robot_is_lost_and_found_and_the_map_is_not_bent(make_drive: MakeDrive) -> None:
     drive = make_drive()
     drive.tour()

@@ -8,8 +8,9 @@ import pytest
 from support.pages import page_of
 
 from trolley import requests, topics
+from trolley.geometry import Pose2D
 from trolley.messages import MappingStatus
-from trolley.messages.request_params import MapNamed, Nothing, PauseMap
+from trolley.messages.request_params import JoinPart, MapNamed, Nothing, PauseMap
 from trolley.runtime.service import Service, answers
 from trolley_viz.graphics.camera import FIELD_OF_VIEW, stand
 from trolley_viz.graphics.icons import icon_names
@@ -24,6 +25,7 @@ from trolley_viz.panels.markup import (
     table,
     title,
 )
+from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopLine, StopPresses
 from trolley_viz.scene.scan_and_particles import stroke_colours
@@ -75,11 +77,14 @@ class Mapper(Service):
 
     name = "mapper"
 
+    loose = 0
+
     def start(self) -> None:
+        self.joined: list[Pose2D] = []
         self.say("idle")
 
     def say(self, state: Any, name: str | None = None) -> MappingStatus:
-        status = MappingStatus(stamp_ns=self.stamp_ns, state=state, name=name)
+        status = MappingStatus(stamp_ns=self.stamp_ns, state=state, name=name, loose=self.loose)
         self.publish(topics.MAPPING, status)
         return status
 
@@ -90,6 +95,16 @@ class Mapper(Service):
     @answers(requests.MAP_PAUSE)
     def pause(self, params: PauseMap) -> MappingStatus:
         return self.say("paused" if params.on else "mapping", "flat")
+
+    @answers(requests.MAP_JOIN)
+    def join(self, params: JoinPart) -> MappingStatus:
+        self.joined.append(params.pose)
+        return self.say("mapping", "flat")
+
+    @answers(requests.MAP_DROP)
+    def drop(self, _: Nothing) -> MappingStatus:
+        self.loose = 0
+        return self.say("mapping", "flat")
 
     @answers(requests.MAP_CANCEL)
     def give_up(self, _: Nothing) -> MappingStatus:
@@ -118,6 +133,24 @@ def test_a_map_is_begun_paused_and_given_up_at_the_second_press(stage: "Stage") 
     page.press("Really discard it?")
     stage.runtime.run(0.5)
     assert page.is_shown("New map")
+
+
+def test_what_hangs_loose_is_joined_by_pointing_or_removed(stage: "Stage") -> None:
+    stage.browse()
+    page = page_of(stage).within("Make a map")
+    mapper = stage.runtime.add(Mapper())
+    mapper.loose = 14
+    mapper.say("mapping", "flat")
+    stage.runtime.run(0.5)
+    assert "14 scans hang loose." in page.text()
+    stage.session.aiming.set_pose(Pointed(1.2, 0.4, 0.5))
+    stage.runtime.run(0.5)
+    assert mapper.joined == [Pose2D(1.2, 0.4, 0.5)]
+    assert stage.robot.poses_set == []
+    page.press("Remove loose part")
+    stage.runtime.run(0.5)
+    assert not page.is_shown("Remove loose part")
+    assert "loose" not in page.text()
 
 
 def test_stop_is_one_press_whatever_how_often_it_is_pressed() -> None:

@@ -11,7 +11,7 @@ from trolley_mapper.slam.joining import JoinJob, Joint
 from trolley_mapper.slam.keyframe_map import KeyframeMap
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import Closure, LoopJob, Place
-from trolley_mapper.slam.pose_graph import Edge
+from trolley_mapper.slam.pose_graph import Edge, compose
 
 MapJob = LoopJob | JoinJob | CutJob
 
@@ -41,6 +41,8 @@ class BackEnd:
         self._joint: Joint | None = None
         # Edges that joined parts where they do not belong.
         self._refuted: list[Edge] = []
+        # Where a person says that the newest keyframe was taken (3,).
+        self._said: NDArray[np.float64] | None = None
         # Over a part that is to be cut off again.
         self._cut: JoinWatch | None = None
         # Places that were not searched yet from the loose part, and whether they all were once.
@@ -54,7 +56,11 @@ class BackEnd:
     def part_began(self, joint: Joint) -> None:
         """From now on look for where a new part belongs; earlier findings no longer count."""
         self._joint, self._places, self._is_searched = joint, [], False
-        self._pending, self._job, self._cut = [], None, None
+        self._pending, self._job, self._cut, self._said = [], None, None, None
+
+    def join_as_said(self, said: NDArray[np.float64]) -> None:
+        """Join the loose part at the next chance, its newest keyframe about at a pose (3,)."""
+        self._job, self._said = None, said
 
     def cut(self, refuted: JoinWatch) -> None:
         """Cut a part off the map at the next chance, and never join it there again."""
@@ -63,6 +69,7 @@ class BackEnd:
     def map_turned(self, new_map_T_old_map: NDArray[np.float64]) -> None:
         """Take note that the whole map has moved by a motion (3,): a job that is out is void."""
         self._job, self._places = None, []
+        self._said = None if self._said is None else compose(new_map_T_old_map, self._said)
         if self._joint is not None:
             self._joint = self._joint.moved(new_map_T_old_map)
 
@@ -93,13 +100,13 @@ class BackEnd:
 
     def _join(self, made: KeyframeMap, joint: Joint, pose: NDArray[np.float64]) -> JoinJob | None:
         """Return the search of one place: all of them in turn take long in a large building."""
-        if not self._places:
+        if self._said is None and not self._places:
             if not self._has_new:
                 return None
             self._has_new, self._places = False, None
         return JoinJob(
             made.store.copy(), list(self._pending), self._config, made.blank, joint, pose.copy(),
-            self._places, self._is_searched, list(self._refuted),
+            self._places, self._is_searched, list(self._refuted), self._said,
         )  # fmt: skip
 
     def finish(self, job: MapJob, store: KeyframeStore) -> bool:
@@ -120,7 +127,7 @@ class BackEnd:
             self.part_began(job.joint)
             self._has_new = True
         else:
-            self._places, self._is_searched = job.places, job.is_searched
+            self._places, self._is_searched, self._said = job.places, job.is_searched, None
             if job.accepted:
                 self._pending, self._joint = [], None
         return True
@@ -131,5 +138,5 @@ class BackEnd:
 
     def keyframes_removed(self, store: KeyframeStore) -> None:
         """Drop the job that is out, and closures whose keyframes are gone."""
-        self._job, self._loops, self._cut = None, [], None
+        self._job, self._loops, self._cut, self._said = None, [], None, None
         self._pending = [one for one in self._pending if store.has(one.edge)]

@@ -30,7 +30,7 @@ from trolley_mapper.slam.loop_closure import (
     total_error,
 )
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
-from trolley_mapper.slam.pose_graph import Edge, between, compose, turned
+from trolley_mapper.slam.pose_graph import LOOP, Edge, between, compose, turned
 from trolley_mapper.slices import Slices
 
 
@@ -83,6 +83,10 @@ class JoinParams:
     [m]."""
     min_match: float = 0.8
     """Share of all their points in known space that must be explained."""
+    said_window: tuple[float, float] = (1.0, 0.5)
+    """Half the window in which a part is searched for where a person says that it is [m, rad]."""
+    said_devs: tuple[float, float] = (0.5, 0.25)
+    """Standard deviations of what a person says, where the scans do not show it better [m, rad]."""
     joint_error: float = 25.0
     """Squared error that the odometry across the gap may add; with more the wheels slipped there.
     """
@@ -169,6 +173,7 @@ class JoinJob:
             off; once there is none, only where earlier closures lead is searched.
         is_searched: all places have been searched from this part.
         refuted: edges that joined parts where later scans did not fit.
+        said: (3,) where a person says that the newest keyframe was taken: it is joined there.
         found: closures found now.
         accepted: edges of those that are believed now, and of the odometry across the gap.
         occupancy: the map drawn anew, if the part was joined.
@@ -183,6 +188,7 @@ class JoinJob:
     places: list[Place] | None
     is_searched: bool
     refuted: Sequence[Edge] = ()
+    said: NDArray[np.float64] | None = None
     found: list[Closure] = field(default_factory=list[Closure])
     accepted: list[Edge] = field(default_factory=list[Edge])
     occupancy: LogOddsGrid | None = None
@@ -193,6 +199,10 @@ class JoinJob:
     def slices(self) -> Slices[None]:
         """Search, judge, join."""
         store = self.store
+        if self.said is not None:
+            edge = yield from self._edge_as_said(self.said)
+            yield from self._join([edge])
+            return
         if self.places is None:
             self.places = (yield from places_to_try(store, self.joint, self.pose))[::-1]
         places = self._hints()
@@ -215,6 +225,23 @@ class JoinJob:
         if best and self._fits(best[-1]):
             yield
             yield from self._join([one.edge for one in best])
+
+    def _edge_as_said(self, said: NDArray[np.float64]) -> Slices[Edge]:
+        """Return what joins the part where a person says: by what is seen there, if it fits."""
+        store = self.store
+        if not store.newest.is_blind:
+            place = Place(said[:2], PARAMS.said_window, float(said[2]))
+            closure = yield from self._close(place)
+            if closure is not None:
+                return closure.edge
+        away = np.hypot(*(store.poses[:, :2] - said[:2]).T)
+        away[store.loose] = math.inf
+        number = store.keyframes[int(np.argmin(away))].number
+        first = number if store.prior is None else store.prior
+        dev_m, dev_rad = PARAMS.said_devs
+        information = np.diag(1.0 / np.square([dev_m, dev_m, dev_rad]))
+        step = between(store.pose(first), said)
+        return Edge(first, store.newest.number, step, information, LOOP)
 
     def _hints(self) -> list[Place]:
         """Where earlier closures lead, the newest first."""

@@ -136,6 +136,10 @@ class KeyframeMap:
         self.anchors.forget(self.store, numbers)
         self.store.remove(numbers)
 
+    def drop_loose(self) -> None:
+        """Forget all loose parts."""
+        self.drop([one.number for one in self.store.keyframes if self.store.is_loose(one.number)])
+
     def take_over(
         self, optimised: KeyframeStore, occupancy: LogOddsGrid, loops: Sequence[Edge]
     ) -> NDArray[np.float64]:

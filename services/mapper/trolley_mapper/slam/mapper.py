@@ -33,7 +33,7 @@ from trolley_mapper.slam.local_map import LocalMap, Neighbourhood
 from trolley_mapper.slam.loop_closure import LoopJob
 from trolley_mapper.slam.motion_model import motion_covariance
 from trolley_mapper.slam.odometry_model import OdometryModel
-from trolley_mapper.slam.pose_graph import Edge, between, to_frame
+from trolley_mapper.slam.pose_graph import Edge, between, compose, to_frame
 from trolley_mapper.slam.scan_matcher import MatchQuality, ScanMatch, ScanMatcher
 from trolley_mapper.slam.serialization import State, unpack
 from trolley_mapper.slam.tracking_state import TrackingState
@@ -432,6 +432,34 @@ class Mapper:
         self._back_end.keyframes_removed(self._map.store)
         self._neighbourhood.invalidate()
 
+    @property
+    def is_loose(self) -> bool:
+        """Whether the robot is in a part of which it is not known how it lies to the map."""
+        store = self._map.store
+        return not self._map.is_empty and store.is_loose(store.newest.number)
+
+    @property
+    def num_loose(self) -> int:
+        """Number of scans in such parts."""
+        return int(np.count_nonzero(self._map.store.loose))
+
+    def join(self, map_T_base: Pose2D) -> None:
+        """Join the part that the robot is in: a person says where the robot is, roughly.
+
+        It is cut off again where later scans show that this was wrong.
+        """
+        newest = between(self._matcher.pose, self._map.store.poses[-1])
+        self._back_end.join_as_said(compose(map_T_base.as_array(), newest))
+
+    def drop_loose(self) -> None:
+        """Forget all parts that hang loose; what is seen from now on begins another one."""
+        was_loose = self.is_loose
+        self._map.drop_loose()
+        self._back_end.keyframes_removed(self._map.store)
+        self._neighbourhood.invalidate()
+        if was_loose:
+            self._travel = None
+
     def pause(self) -> None:
         """Stop the map from growing; the pose is tracked on it as long as the scans fit."""
         self._is_paused = True
@@ -472,8 +500,7 @@ class Mapper:
         mapper = cls(config, state.pose)
         mapper._map, mapper.num_loops = KeyframeMap.restore(config, state), state.num_loops
         # Nobody knows any more how loose parts lie.
-        store = mapper._map.store
-        mapper._map.drop([one.number for one in store.keyframes if store.is_loose(one.number)])
+        mapper._map.drop_loose()
         if not mapper._map.is_empty:
             mapper._matcher.reset(state.pose.as_array(), PARAMS.given_devs)
             mapper._tracking = TrackingState.unproven()

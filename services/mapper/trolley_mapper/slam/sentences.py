@@ -2,7 +2,10 @@
 
 BLIND = "the lidar sees too little"
 PAUSED = "paused: the map does not grow"
-LOST = "this part is not joined to the map yet: drive on to a place that the map shows"
+LOST = (
+    "this part is not joined to the map yet: drive on to a place that the map shows, "
+    "or say where the robot is"
+)
 CUT = (
     "this part was joined to the map in a wrong place and is cut off again: "
     "drive on to a place that the map shows"

@@ -11,7 +11,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
 from trolley.messages import Path, PoseEstimate, floats_from_bytes
-from trolley.messages.request_params import SendGoal, SetPose
+from trolley.messages.request_params import JoinPart, SendGoal, SetPose
 from trolley.runtime.service import Service
 from trolley_viz.actions.correction import Correction
 from trolley_viz.actions.robot_actions import RobotActions
@@ -154,9 +154,14 @@ class Aiming:
             return
         here = view.placement.world_T_base
         kept = 0.0 if here is None else here.yaw
+        pose = Pose2D(pointed.x, pointed.y, kept if pointed.yaw is None else pointed.yaw)
+        mapping = view.streams.latest(topics.MAPPING)
+        if mapping is not None and mapping.state != "idle":
+            self._actions.ask(requests.MAP_JOIN, JoinPart(pose=pose), "Pose not set")
+            return
         std_yaw = UNSURE_YAW if pointed.yaw is not None or here is not None else math.pi
         params = SetPose(
-            pose=Pose2D(pointed.x, pointed.y, kept if pointed.yaw is None else pointed.yaw),
+            pose=pose,
             covariance=[UNSURE_XY**2, 0, 0, 0, UNSURE_XY**2, 0, 0, 0, std_yaw**2],
         )
         back = self._undo_step(here)

@@ -48,6 +48,7 @@ class MappingPanel:
                 self._explore = gui.add_button("Explore", icon="compass")
                 self._pause = gui.add_button("Pause", icon="player-pause", colour="teal")
                 self._undo = gui.add_button("Undo last minute", icon="arrow-back-up")
+                self._drop = gui.add_button("Remove loose part", icon="eraser", visible=False)
                 self._cancel = gui.add_button("Discard", icon="trash")
         self._new.on_press(self._begin)
         self._extend.on_press(self._extend_map)
@@ -55,6 +56,7 @@ class MappingPanel:
         self._explore.on_press(self._explore_or_stand)
         self._pause.on_press(self._pause_or_go_on)
         self._undo.on_press(self._take_back)
+        self._drop.on_press(self._drop_loose)
         self._cancel.on_press(self._give_up)
 
     def update(self, view: View) -> None:
@@ -80,6 +82,7 @@ class MappingPanel:
         self._explore.colour = "amber" if self._is_exploring else "green"
         self._explore.disabled = view.is_halted and not self._is_exploring
         self._pause.label = "Continue" if state == "paused" else "Pause"
+        self._drop.visible = is_making and status is not None and status.loose > 0
         is_asking = self._now_ns < self._sure_until_ns
         self._cancel.visible = is_making or state == "starting"
         self._cancel.label = "Really discard it?" if is_asking else "Discard"
@@ -115,6 +118,9 @@ class MappingPanel:
 
     def _take_back(self) -> None:
         self._ask(requests.MAP_UNDO, UndoMap(), "Not undone")
+
+    def _drop_loose(self) -> None:
+        self._ask(requests.MAP_DROP, Nothing(), "Not removed")
 
     def _give_up(self) -> None:
         if self._now_ns >= self._sure_until_ns:
