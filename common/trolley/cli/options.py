@@ -4,11 +4,12 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from trolley.geometry import Pose2D
+if TYPE_CHECKING:  # with numpy, which the list of commands must not load
+    from trolley.geometry import Pose2D
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -125,8 +126,10 @@ def pose_options(command: F) -> F:
     return click.argument("where", nargs=-1, metavar="X Y YAW")(command)
 
 
-def as_pose(where: tuple[str, ...], *, deg: bool) -> Pose2D:
+def as_pose(where: tuple[str, ...], *, deg: bool) -> "Pose2D":
     """Read X, Y and YAW; complain about anything else."""
+    from trolley.geometry import Pose2D
+
     if len(where) != 3:
         raise click.UsageError("give X, Y and YAW")
     x, y, yaw = (as_number(text, name) for text, name in zip(where, ("X", "Y", "YAW"), strict=True))
