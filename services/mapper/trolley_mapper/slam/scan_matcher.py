@@ -39,6 +39,11 @@ class ScanMatcherParams:
     slip_cost: float = 8.0
     """Most log-likelihood that a pose costs, since wheels that slip may report anything; set by
     hand as 4 standard deviations do."""
+    carried_cost: float = 25.0
+    """The same of a pose farther away than the wheels report to have driven: whatever slips reports
+    too much. A robot that was carried is found by several scans, not by one that looks alike."""
+    carried_m: float = 0.3
+    """Distance beyond what the wheels report from which on a robot must have been carried [m]."""
     evidence: float = 25.0
     """Log-likelihood of a scan that is explained in all its points: neighbours err together."""
     contradiction_cost: float = 1.5
@@ -219,6 +224,8 @@ class ScanMatcher:
         self._motion = np.zeros(3)
         self._usual_match = PARAMS.min_match
         self._unseen = (0.0, 0.0)
+        # Where the robot was when that began.
+        self._seen_at = np.zeros(3)
 
     def reset(self, pose: NDArray[np.float64], devs: tuple[float, float]) -> None:
         """Start at a pose (3,) with these standard deviations [m, rad]."""
@@ -226,6 +233,7 @@ class ScanMatcher:
         self.covariance = np.diag([devs[0] ** 2, devs[0] ** 2, devs[1] ** 2])
         self._unseen = (0.0, 0.0)
         self._before, self._motion = self.pose, np.zeros(3)
+        self._seen_at = self.pose
         self.slip = SlipDetector()
 
     def loosen(self, devs: tuple[float, float]) -> None:
@@ -235,6 +243,7 @@ class ScanMatcher:
     def move(self, new_map_T_old_map: NDArray[np.float64]) -> None:
         """Move along with the map, by a motion (3,) of its frame."""
         self.pose = compose(new_map_T_old_map, self.pose)
+        self._seen_at = compose(new_map_T_old_map, self._seen_at)
         self.covariance = turned(self.covariance, float(new_map_T_old_map[2]))
 
     def predict(self, step: Pose2D, covariance: NDArray[np.float64]) -> None:
@@ -415,7 +424,13 @@ class ScanMatcher:
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         dev_m, dev_rad = PARAMS.gate_devs
         together = covariance / believed + np.diag(np.square([dev_m, dev_m, dev_rad]))
-        return min(0.5 * float(away @ np.linalg.solve(together, away)), PARAMS.slip_cost)
+        most = PARAMS.carried_cost if self._is_beyond_wheels(match.pose) else PARAMS.slip_cost
+        return min(0.5 * float(away @ np.linalg.solve(together, away)), most)
+
+    def _is_beyond_wheels(self, pose: NDArray[np.float64]) -> bool:
+        """Say whether the wheels cannot have driven so far since the last match, as they report."""
+        moved_m = math.hypot(*(pose - self._seen_at)[:2].tolist())
+        return moved_m > self._unseen[0] + PARAMS.carried_m + 3.0 * self.devs[0]
 
     def _accept(self, match: ScanMatch) -> None:
         """Take a match over; it is slip where the wheels said something else."""
@@ -426,7 +441,7 @@ class ScanMatcher:
         self._motion = between(self._before, match.pose)
         self.slip.update(self._odometry_step, self._motion)
         self._usual_match += PARAMS.smoothing * (match.quality.match - self._usual_match)
-        self.pose = match.pose
+        self.pose = self._seen_at = match.pose
         self._unseen = (0.0, 0.0)
         floor = np.diag([PARAMS.min_dev_m**2, PARAMS.min_dev_m**2, PARAMS.min_dev_rad**2])
         self.covariance = inverse(inverse(self.covariance) + match.information) + floor
