@@ -78,9 +78,12 @@ class LoopParams:
     with a scan a metre right ones raised it by up to 0.5, wrong ones in corridors by 17."""
     proof_m: float = 3.0
     """Distance driven over which doubtful closures must agree to be believed [m]."""
-    max_strain: float = 250.0
-    """Greatest rise of the squared error of all edges by a closure: right ones raised it by up to
-    90 after bad odometry, wrong ones by 700."""
+    max_strain: float = 110.0
+    """Greatest rise of the squared error of all edges by closures together, however many agree:
+    what is seen along one stretch errs as one. Right ones raised it by up to 90 after bad odometry,
+    wrong ones between identical rooms by 130 to 250."""
+    most_counted: float = 250.0
+    """Squared error that one edge counts as at most: a wrong loop must not hide all others."""
 
 
 PARAMS = LoopParams()
@@ -172,41 +175,45 @@ class LoopJob:
         that strain them wait for others that agree, seen from farther along.
         """
         yield from relax(self.store, is_robust=False)
-        strain = total_error(self.store)
+        before = total_error(self.store)
         apart = self.store.copy()
         for edge in self.accepted:
             self.store.link(edge)
         yield from relax(self.store, is_robust=False)
-        strain = total_error(self.store) - strain
+        strain = total_error(self.store) - before
         is_doubtful = strain > PARAMS.doubtful_strain * len(self.accepted)
         is_short = distance_covered(apart, self.accepted) < PARAMS.proof_m
-        is_strained = strain > PARAMS.max_strain * len(self.accepted)
+        is_strained = strain > PARAMS.max_strain
         is_believed = not (is_doubtful and is_short)
         if is_believed and is_strained:
-            is_believed = yield from self._cut_contradicted()
+            is_believed = yield from self._cut_contradicted(before)
         if not is_believed:
             self.store, self.accepted, self.cut = apart, [], []
             return
         yield from relax(self.store)
         self.occupancy = yield from draw_map(self.blank, self.store)
 
-    def _cut_contradicted(self) -> Slices[bool]:
-        """Cut earlier loops that the new ones outvote; False where it is the other way round."""
+    def _cut_contradicted(self, before: float) -> Slices[bool]:
+        """Cut earlier loops that the new ones outvote; False where it is the other way round.
+
+        Votes are not all: what is left must strain the odometry not much more than `before`.
+        """
         problem = make_problem(self.store.edges, self.store.rows)
         is_out = yield from contradicted(self.store.poses, problem, self.store.anchored_rows)
         out = [edge for edge, is_one in zip(self.store.edges, is_out, strict=True) if is_one]
         if not out or any(edge is new for edge in out for new in self.accepted):
             return False
         self.store.cut(out)
+        yield from relax(self.store, is_robust=False)
         self.cut = out
-        return True
+        return total_error(self.store) - before <= PARAMS.max_strain
 
 
 def total_error(store: KeyframeStore) -> float:
     """Return the sum of the squared errors of all edges; a loop counts for hardly more than phi."""
     problem = make_problem(store.edges, store.rows)
     chi2 = squared_errors(store.poses, problem)
-    return float(np.minimum(chi2, PARAMS.max_strain).sum())
+    return float(np.minimum(chi2, PARAMS.most_counted).sum())
 
 
 def pinned(store: KeyframeStore, edges: Sequence[Edge]) -> float:
