@@ -50,3 +50,26 @@ def test_somebody_met_again_does_not_make_a_robot_stand_that_drives(dev_m: float
     matcher.predict(Pose2D(0.7, 0.0, 0.0), np.diag([0.03**2, 0.03**2, 0.03**2]))
     matcher.correct(local, beside_somebody(0.7), scan(0.7))
     assert matcher.pose == pytest.approx([0.7, 0.0, 0.0], abs=0.1)
+
+
+def among_boxes(x: float) -> Sweep:
+    """What is seen at x [m] of boxes that stand at uneven distances along a corridor."""
+    edges = np.cumsum([-3.0, 0.9, 0.5, 1.3, 0.4, 1.1, 0.7, 1.6, 0.5, 0.9, 1.2])
+    rungs = np.arange(-1.0, 1.0, 0.05)
+    points = np.vstack([np.column_stack([np.full_like(rungs, at - x), rungs]) for at in edges])
+    normals = np.where(points[:, :1] > 0.0, -1.0, 1.0) * np.array([1.0, 0.0])
+    return Sweep(Cloud(points, normals), np.zeros(2), is_blind=False)
+
+
+@pytest.mark.parametrize(("told_m", "is_taken"), [(0.7, False), (2.0, True)])
+def test_one_scan_does_not_take_a_robot_farther_than_its_wheels_have_driven(
+    told_m: float, is_taken: bool
+) -> None:
+    keyframe = Keyframe.of(0, 0, among_boxes(0.0))
+    local = LocalMap([keyframe], np.zeros((1, 3)), np.zeros(2), 14.0)
+    matcher = ScanMatcher(30.0)
+    matcher.reset(np.zeros(3), (0.04, 0.01))
+    matcher.predict(Pose2D(told_m, 0.0, 0.0), np.diag([0.03**2, 0.03**2, 0.03**2]))
+    match = matcher.correct(local, among_boxes(2.0), scan(told_m))
+    assert match.quality.is_good == is_taken
+    assert matcher.pose[0] == pytest.approx(told_m, abs=0.2)
