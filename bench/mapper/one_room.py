@@ -30,7 +30,7 @@ from trolley_mapper.warmup import warm_up
 
 PLAN = Plan((1, 1), block_m=(14.0, 10.0), people=4)
 DRIVE = Drive(step_m=0.25, step_rad=0.5, field_rad=1.5 * np.pi, beams=360)
-METRES_PER_MINUTE = 20.0
+METRES_PER_MINUTE = 26.0
 """About as much is driven, turns on the spot counted in [m/min]."""
 ROOM_M = 1.5
 """It drives to places so far from the middle of the room at most, along each axis [m]."""

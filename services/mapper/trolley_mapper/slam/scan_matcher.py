@@ -219,7 +219,6 @@ class ScanMatcher:
         """Whether the newest scan contradicted the wheels."""
         self.slip = SlipDetector()
         self._odometry_step = Pose2D.identity()
-        self._step_covariance = self.covariance
         self._before = np.zeros(3)
         self._motion = np.zeros(3)
         self._usual_match = PARAMS.min_match
@@ -250,7 +249,6 @@ class ScanMatcher:
         """Carry the pose through one odometry step with a covariance (3, 3)."""
         distance_m = math.hypot(step.x, step.y)
         self._before, self._odometry_step = self.pose, step
-        self._step_covariance = covariance
         moved = compose(self.pose, step.as_array())
         carry = np.eye(3)
         carry[0, 2] = -(moved[1] - self.pose[1])
@@ -330,9 +328,7 @@ class ScanMatcher:
         # Who drives on sees what nobody saw: about a step's share of how far one sees.
         far_m = float(np.quantile(np.hypot(*sweep.cloud.points.T), PARAMS.far_share))
         enough += math.hypot(away[0], away[1]) / max(far_m, 1e-3)
-        stood = _closer(local, match, other, enough)
-        # That it stood is said of this step: how unsure the pose was before it does not matter.
-        return self._likelier(match, stood, self._step_covariance)
+        return self._likelier(match, _closer(local, match, other, enough))
 
     def _try_unbent(self, local: LocalMap, scan: ScanInput, match: ScanMatch) -> ScanMatch:
         """Try whether the wheels turned during the scan and the robot did not: that bends it."""
@@ -397,33 +393,25 @@ class ScanMatcher:
                 return True
         return False
 
-    def _likelier(
-        self, match: ScanMatch, other: ScanMatch, covariance: NDArray[np.float64] | None = None
-    ) -> ScanMatch:
+    def _likelier(self, match: ScanMatch, other: ScanMatch) -> ScanMatch:
         """Return another match where scan and odometry together speak for it, else the first."""
         if other is match:
             return match
-        lead = self._likelihood(other, covariance) - self._likelihood(match, covariance)
-        is_near = self._prior_cost(other, covariance) < PARAMS.slip_cost
+        lead = self._likelihood(other) - self._likelihood(match)
+        is_near = self._prior_cost(other) < PARAMS.slip_cost
         return other if is_near or lead > PARAMS.slip_lead else match
 
-    def _likelihood(self, match: ScanMatch, covariance: NDArray[np.float64] | None = None) -> float:
+    def _likelihood(self, match: ScanMatch) -> float:
         """Return the log-likelihood of scan and odometry from a pose, but for a constant."""
-        return match.quality.log_likelihood - self._prior_cost(match, covariance)
+        return match.quality.log_likelihood - self._prior_cost(match)
 
-    def _prior_cost(self, match: ScanMatch, covariance: NDArray[np.float64] | None = None) -> float:
-        """Return what the odometry says against a pose; wheels that slip say nothing.
-
-        Args:
-            match: from the pose.
-            covariance: (3, 3) of the odometry; None: of all that led to where it has the robot.
-        """
-        covariance = self.covariance if covariance is None else covariance
+    def _prior_cost(self, match: ScanMatch) -> float:
+        """Return what the odometry says against a pose; wheels that slip say nothing."""
         believed = PARAMS.slipping_information if self.is_slipping else 1.0
         away = match.pose - self.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         dev_m, dev_rad = PARAMS.gate_devs
-        together = covariance / believed + np.diag(np.square([dev_m, dev_m, dev_rad]))
+        together = self.covariance / believed + np.diag(np.square([dev_m, dev_m, dev_rad]))
         most = PARAMS.carried_cost if self._is_beyond_wheels(match.pose) else PARAMS.slip_cost
         return min(0.5 * float(away @ np.linalg.solve(together, away)), most)
 
