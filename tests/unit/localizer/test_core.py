@@ -8,7 +8,7 @@ import pytest
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D, Twist2D
-from trolley.gridmap import GridMap
+from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley.scanning import Reject
 from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
@@ -221,6 +221,23 @@ def test_what_stands_about_is_not_on_the_map(make_drive: MakeDrive) -> None:
     estimate = settle(drive)
     assert (estimate.beam_classes[100:130] == NOT_ON_MAP).mean() > 0.9
     assert (estimate.beam_classes[200:] == EXPLAINED).mean() > 0.9
+    assert estimate.state == "localized"
+
+
+def test_a_bed_that_was_moved_beside_the_robot_does_not_pull_it_along() -> None:
+    # The bed meets a third of the beams, but is an eighth of what the lidar sees.
+    room = np.full((84, 104), OCCUPIED, np.int8)
+    room[2:-2, 2:-2] = FREE
+    room[2:8, 60:90] = OCCUPIED
+    beside, moved = room.copy(), room.copy()
+    beside[30:66, 2:18] = OCCUPIED
+    moved[22:58, 10:26] = OCCUPIED
+    known, true = (GridMap("room", 0.05, Pose2D.identity(), cells) for cells in (beside, moved))
+    drive = Drive(true, Localizer(known, [], LocalizerConfig(), 0), Pose2D(1.7, 2.0, 0.3))
+    drive.localizer.set_pose(drive.pose)
+    for _ in range(5):
+        estimate = drive.scan(wz=0.2)
+        assert drive.error_m(estimate) < 0.1
     assert estimate.state == "localized"
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from trolley.geometry.kernels import solve_spd
 from trolley.scanning import Points
 from trolley_localizer.kernels import matching as kernels
-from trolley_localizer.kernels.beams import mark_echoes, take_evenly
+from trolley_localizer.kernels.beams import MOST_OF_MEAN, mark_echoes, take_evenly
 from trolley_localizer.kernels.elementary import angle_of, exp_below_zero, sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines
 from trolley_localizer.kernels.matching import refine_pose, sample_field, score_particles
@@ -301,14 +301,17 @@ def test_the_echoes_of_a_scan_are_marked(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
-def test_some_points_are_taken_evenly(seed: int, phase: float) -> None:
+def test_some_points_are_taken_evenly_over_the_surface_seen(seed: int, phase: float) -> None:
     rng = np.random.default_rng(seed)
-    points = Points(rng.random(200), rng.random(200))
+    end, start = (Points(rng.normal(0.0, s, 200), rng.normal(0.0, s, 200)) for s in (60.0, 2.0))
     used = np.flatnonzero(rng.random(200) < 0.8)
-    count = int(rng.integers(1, used.size))
-    chosen = ((np.arange(count) + phase) * (used.size / count)).astype(np.int64)
-    index = used[np.minimum(chosen, used.size - 1)]
+    count = int(rng.integers(1, used.size + 1))
+    away = (end.x - start.x)[used], (end.y - start.y)[used]
+    length = np.sqrt(away[0] * away[0] + away[1] * away[1])
+    surface = np.cumsum(np.minimum(length, MOST_OF_MEAN * np.cumsum(length)[-1] / used.size))
+    wanted = (np.arange(count) + phase) * (surface[-1] / count)
+    index = used[np.minimum(np.searchsorted(surface, wanted, "right"), used.size - 1)]
     taken = Points(np.empty(count), np.empty(count))
-    take_evenly(taken, points, used, phase)
-    assert (taken.x == points.x[index]).all()
-    assert (taken.y == points.y[index]).all()
+    take_evenly(taken, end, start, used, phase)
+    assert (taken.x == end.x[index]).all()
+    assert (taken.y == end.y[index]).all()

@@ -1,5 +1,7 @@
 """The beams of one scan: which have an echo, and few of them in place of all."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,19 +34,46 @@ def mark_echoes(
     return telling
 
 
+MOST_OF_MEAN = 2.0
+"""Multiple of the mean length from which on beams count alike: a few that leave through a window
+say little about the room (by hand)."""
+
+
 @kernel
-def take_evenly(out: Points, points: Points, indices: NDArray[np.int64], phase: float) -> None:
-    """Take some of many points, evenly over them.
+def take_evenly(
+    out: Points, end: Points, start: Points, indices: NDArray[np.int64], phase: float
+) -> None:
+    """Take some of many end points, evenly over the surface that was seen.
+
+    Beams are evenly spaced by angle, so each covers surface in proportion to its length. What is
+    close by meets many of them: a bed that was moved would outvote the walls of its room.
 
     Args:
-        out: (k,), overwritten.
-        points: (n,) to take from.
-        indices: (m,) of those that may be taken, more than k.
+        out: (k,), overwritten; a point may be taken more than once.
+        end: (n,) end points [cells].
+        start: (n,) where the laser was for each [cells].
+        indices: (m,) of those that may be taken, one at least.
         phase: 0 ... 1, shifts the choice between neighbours.
     """
     count = out.x.size
-    every = indices.size / count
+    length = np.empty(indices.size)
+    total = 0.0
+    for i in range(indices.size):
+        beam = indices[i]
+        dx = end.x[beam] - start.x[beam]
+        dy = end.y[beam] - start.y[beam]
+        length[i] = math.sqrt(dx * dx + dy * dy)
+        total += length[i]
+    most = MOST_OF_MEAN * total / indices.size
+    total = 0.0
+    for i in range(indices.size):
+        total += min(length[i], most)
+    every = total / count
+    at = 0
+    covered = min(length[0], most)
     for i in range(count):
-        chosen = indices[min(int((i + phase) * every), indices.size - 1)]
-        out.x[i] = points.x[chosen]
-        out.y[i] = points.y[chosen]
+        while at < indices.size - 1 and covered <= (i + phase) * every:
+            at += 1
+            covered += min(length[at], most)
+        out.x[i] = end.x[indices[at]]
+        out.y[i] = end.y[indices[at]]

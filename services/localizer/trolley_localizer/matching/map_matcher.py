@@ -52,16 +52,17 @@ class BeamSet:
         return Points(self.start.x[index], self.start.y[index])
 
     def spread(self, count: int, phase: float = 0.5) -> Points:
-        """Return at most `count` used end points, evenly over the scan.
+        """Return at most `count` used end points, evenly over the surface that was seen.
 
         Args:
             count: how many at most.
             phase: 0 ... 1, shifts the choice between neighbours.
         """
-        if self.used.size <= count:
+        if self.used.size == 0:
             return self.points(self.used)
-        chosen = Points(np.empty(count), np.empty(count))
-        take_evenly(chosen, self.end, self.used, phase)
+        few = min(count, self.used.size)
+        chosen = Points(np.empty(few), np.empty(few))
+        take_evenly(chosen, self.end, self.start, self.used, phase)
         return chosen
 
     def only(self, classes: NDArray[np.uint8], used: NDArray[np.int64]) -> "BeamSet":
