@@ -1,5 +1,6 @@
 """Figures beside their targets, as the programs in this folder print them."""
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,3 +59,19 @@ def recordings_folder() -> Path | None:
         print("skipped: TROLLEY_DATA does not name the folder of the recordings")
         return None
     return Path(folder)
+
+
+def wilson_upper(hits: int, count: int, z: float = 1.645) -> float:
+    """Return the one-sided upper bound (Wilson score) of a share of which `hits` were seen.
+
+    Args:
+        hits: of `count`.
+        count: 0 says nothing: the bound is 1.
+        z: quantile of the normal distribution; 1.645 is 95 % confidence.
+    """
+    if count == 0:
+        return 1.0
+    share = hits / count
+    middle = share + z * z / (2.0 * count)
+    half = z * math.sqrt(share * (1.0 - share) / count + z * z / (4.0 * count * count))
+    return (middle + half) / (1.0 + z * z / count)

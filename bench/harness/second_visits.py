@@ -66,9 +66,10 @@ class Case:
     """Share of distances and turns."""
 
 
+MOVED = Case("furniture moved")
 CASES = (
     Case("nothing changed", is_moved=False),
-    Case("furniture moved"),
+    MOVED,
     Case("doors opened", opens_doors=True),
     Case("corridor built on", is_extended=True),
     Case("map cropped", is_cropped=True),
@@ -191,12 +192,26 @@ class Visits:
         grid = self._map_of(first, seed)
         if case.is_moved:
             plan = moved(plan, first.start, np.random.default_rng(seed + 1000))
-        # Other people and other wheels than on the first visit.
-        second = inhabited(plan.built(), seed + 1, case.lidar, case.odometry_error, 2, first.start)
-        scans, truths = self._drive(second, seed + 1)
+        scans, truths = self._drive_again(case, plan, first.start, seed)
         if case.is_cropped:
             grid = cropped(grid, first.start)
         return Visit(grid, scans, truths, told_at(truths[0]))
+
+    def on_map(self, grid: GridMap, number: int) -> Visit:
+        """A drive in a house where furniture has been moved, on a map of another house."""
+        seed = self.seed_of(number)
+        plan = self.plan(seed)
+        start = inhabited(plan.built(), seed, WIDE, 0.02, 0).start
+        plan = moved(plan, start, np.random.default_rng(seed + 1000))
+        scans, truths = self._drive_again(MOVED, plan, start, seed)
+        return Visit(grid, scans, truths, None)
+
+    def _drive_again(
+        self, case: Case, plan: Plan, start: Pose2D, seed: int
+    ) -> tuple[list[ScanInput], list[Pose2D]]:
+        """Drive through a house with other people and other wheels than on the first visit."""
+        house = inhabited(plan.built(), seed + 1, case.lidar, case.odometry_error, 2, start)
+        return self._drive(house, seed + 1)
 
     def _map_of(self, house: House, seed: int) -> GridMap:
         """What the mapper makes of a house, its frame fitted to the house's."""
@@ -470,21 +485,18 @@ def way_m(truths: list[Pose2D]) -> NDArray[np.float64]:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
-def sure_on(
-    grid: GridMap, visit: Visit, first: int, reach_m: float, late: int
-) -> dict[str, float | None]:
+def sure_on(visit: Visit, first: int, reach_m: float, late: int) -> dict[str, float | None]:
     """How far a robot that searches itself on a foreign map drives until it is sure, and how long.
 
     Args:
-        grid: of another house.
-        visit: whose scans are used.
+        visit: on a map of another house.
         first: the scan at which the search begins.
         reach_m: distance that is driven [m].
         late: results of searches arrive so many scans late.
     """
     way = way_m(visit.truths[first:])
     last = int(np.searchsorted(way, reach_m))
-    localizer = Localizer(grid, [], LocalizerConfig(), 0)
+    localizer = Localizer(visit.grid, [], LocalizerConfig(), 0)
     sure = [
         one.state == "localized"
         for one in estimates(localizer, visit.scans[first : first + last], late)

@@ -2,6 +2,7 @@
 
     python -m bench.localizer.second_visits [--visits 2] [--late 0] [--keep DIR] [--full]
     nice python -m bench.localizer.second_visits --full --keep DIR --results FILE --minutes 9
+    python -m bench.localizer.second_visits --only foreign --drawn --visits 50 --tries 4 --reach 2
 
 Each number is a house of one storey. A simulated robot drives through it once and the project's
 mapper maps it; then another robot drives through all of it again and on to places at random, for 10
@@ -28,7 +29,14 @@ from pathlib import Path
 
 import numpy as np
 from bench.harness.bad_inputs import BAD_INPUTS, spoil
-from bench.harness.figures import at_most, recordings_folder, show, table
+from bench.harness.figures import (
+    Figure,
+    at_most,
+    recordings_folder,
+    show,
+    table,
+    wilson_upper,
+)
 from bench.harness.recorded import CREATE3, FREIBURG, MAPS, Recording, read_recording
 from bench.harness.results import Result, Slices
 from bench.harness.second_visits import (
@@ -158,30 +166,37 @@ class Bench:
     def _seed(self, number: int) -> Result:
         return {"house": self.visits.seed_of(number)}
 
-    def foreign_maps(self, numbers: range, tries: int) -> None:
+    def foreign_maps(self, numbers: range, tries: int, reach_m: float, *, drawn_only: bool) -> None:
         """Search on maps of other houses, from scans all over a drive."""
         for number, k in itertools.product(numbers, range(tries)):
             # Mapping takes long: a map of the mapper serves several tries, one without errors one.
-            is_drawn = k % 2 == 1
+            is_drawn = drawn_only or k % 2 == 1
             other = number + 1 + (k if is_drawn else k % 4)
             key = self.ident | {"foreign": other, "drawn": is_drawn, "number": number, "try": k}
-            key |= {"tries": tries, "late": self.lates[k % len(self.lates)]}
+            key |= {"tries": tries, "reach_m": reach_m, "late": self.lates[k % len(self.lates)]}
             self.slices.run(key, partial(self._search, key))
         results = self.slices.having("foreign")
-        sure_m = [np.inf if one["sure_m"] is None else one["sure_m"] for one in results]
         for reach_m, share in zip(REACHES_M, (0.0, 0.01), strict=True):
+            found = [one["sure_m"] for one in results if one["reach_m"] >= reach_m]
+            sure_m = [np.inf if m is None else m for m in found]
             sure = sum(m < reach_m for m in sure_m)
             name = f"foreign maps: sure within {reach_m:g} m, of {len(sure_m)}"
-            show([at_most(name, sure, share * len(sure_m), digits=0)])
+            most = f"≤ {100.0 * wilson_upper(sure, len(sure_m)):.1f} %"
+            show(
+                [
+                    at_most(name, sure, share * len(sure_m), digits=0),
+                    Figure(f"{name}: share, at 95 % confidence", most),
+                ]
+            )
 
     def _search(self, key: Result) -> Result:
         visits, other = self.visits, key["foreign"]
         grid = visits.plan(visits.seed_of(other)).built() if key["drawn"] else visits.mapped(other)
-        visit = visits.make(CASES[1], key["number"])
+        visit = visits.on_map(grid, key["number"])
         way = way_m(visit.truths)
-        last = np.searchsorted(way, way[-1] - REACHES_M[-1]) - 1
+        last = np.searchsorted(way, way[-1] - key["reach_m"]) - 1
         first = int(np.linspace(0, last, key["tries"])[key["try"]])
-        sure = sure_on(grid, visit, first, REACHES_M[-1], key["late"])
+        sure = sure_on(visit, first, key["reach_m"], key["late"])
         return self._seed(key["number"]) | {"scan": first} | sure
 
 
@@ -250,6 +265,10 @@ def main() -> None:
     parser.add_argument("--results", type=Path)
     parser.add_argument("--minutes", type=float, default=np.inf, help="begin nothing after that")
     parser.add_argument("--tries", type=int, default=20, help="on foreign maps, from each drive")
+    parser.add_argument(
+        "--reach", type=float, default=REACHES_M[-1], help="driven on a foreign map at most [m]"
+    )
+    parser.add_argument("--drawn", action="store_true", help="foreign maps without errors only")
     parser.add_argument("--full", action="store_true", help="22 visits of each case")
     options = parser.parse_args()
     count = 22 if options.full else options.visits
@@ -263,7 +282,8 @@ def main() -> None:
     if options.only in (None, "simulated"):
         bench.simulated(numbers, options.case)
     if options.only in (None, "foreign"):
-        bench.foreign_maps(numbers[:10], options.tries)
+        houses = numbers if options.drawn else numbers[:10]
+        bench.foreign_maps(houses, options.tries, options.reach, drawn_only=options.drawn)
     if options.only in (None, "bad"):
         bench.bad_inputs(numbers[:3], options.case)
     folder = recordings_folder() if options.only in (None, "recorded") else None

@@ -34,9 +34,10 @@ def mark_echoes(
     return telling
 
 
-MOST_OF_MEAN = 2.0
-"""Multiple of the mean length from which on beams count alike: a few that leave through a window
-say little about the room (by hand)."""
+MOST_OF_MEAN = 1.0
+"""Multiple of the mean length from which on beams count alike. Far walls are not measured better:
+on a recorded drive in clutter the right place had a median support of 0.79 with all beams alike,
+0.75 with 1 and 0.72 with 2, which places on maps of other houses reach, too."""
 
 
 @kernel
