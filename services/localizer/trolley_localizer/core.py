@@ -200,7 +200,7 @@ class Localizer:
         places.update(beams)
         winner = places.winner()
         if winner is not None:
-            self._follow_winner(winner, places.views, beams)
+            self._follow_winner(winner, places.views, places.lead, beams)
         elif searching.has_result and self._schedule.since_s > self._config.search_again_s:
             # What stands out by now may not be among the places found from where it began.
             self._schedule.is_wanted = not places.is_plausible or places.is_stale
@@ -234,7 +234,7 @@ class Localizer:
         rivals.update(beams, self._estimator.pose, following.preferred(score))
         winner = rivals.winner()
         if winner is not None:
-            return self._follow_winner(winner, rivals.views, beams)
+            return self._follow_winner(winner, rivals.views, rivals.mean_lead, beams)
         if not rivals.exist:
             following.confirm(score.value)
         return following
@@ -414,12 +414,14 @@ class Localizer:
         self._schedule.discard(is_wanted=False)
         return following
 
-    def _follow_winner(self, winner: Hypothesis, views: int, beams: BeamSet) -> Following:
+    def _follow_winner(
+        self, winner: Hypothesis, views: int, lead: float, beams: BeamSet
+    ) -> Following:
         """Follow a place that stands out from all others; driving on must prove it."""
         following = self._follow(winner.pose)
         seen = SeenSurface(self.field)
         seen.add(winner.pose, beams)
-        following.proof = Proof(self._schedule.unproven_m, seen=seen)
+        following.proof = Proof(self._schedule.unproven_m, seen=seen, lead=lead)
         evidence = winner.total / views - PROOF.between
         following.proof.add(evidence, self._matcher.pinned(winner.pose, beams))
         following.is_found = following.is_searched = True

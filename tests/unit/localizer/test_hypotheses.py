@@ -269,6 +269,16 @@ def test_views_of_the_same_walls_add_up_to_no_more_than_the_best_of_them() -> No
     assert not proof.is_right
 
 
+def test_a_room_proves_a_place_without_any_like_it_and_none_with_others_close_behind() -> None:
+    seen = SeenSurface(View(make_house()).field)
+    alone, among = Proof(seen=seen, lead=0.7), Proof(seen=seen, lead=0.11)
+    drive_on(alone, support=0.72, views=6)
+    assert alone.is_right
+    # A room of another floor between the same outer walls had this much, scan after scan.
+    drive_on(among, support=0.79, views=20)
+    assert not among.is_right
+
+
 def test_after_a_metre_without_a_proof_the_walls_of_a_room_alike_prove_nothing() -> None:
     """A room of another floor between the same outer walls had a support of 0.87."""
     proof = Proof(unproven_m=2.4, seen=SeenSurface(View(make_house()).field))
