@@ -76,7 +76,8 @@ class ProofParams:
     most_lead: float = 0.45
     """Lead from which on it counts alike."""
     bound: float = 0.15
-    """Sum over the views at which a place is right, or wrong: at once from a support of 0.8 on."""
+    """Sum over the views at which a place is right, or wrong: at once from a support of 0.8 on, of
+    0.72 where no other place is like it."""
     pinned: float = 0.25
     """Certainty of the pose below which a view counts for less, in proportion: along a bare
     corridor every place fits. Right places have 0.2 ... 0.3 in rooms, less than 0.1 in corridors.
@@ -95,9 +96,10 @@ class ProofParams:
     """Distance after which an undecided proof is given up [m]."""
     again: float = 1.25
     """How often what the best view says counts at most while nothing new comes into view: rooms of
-    the same shape fit as well in each scan as in the first. Up to a support of 0.77 driving about
-    in a room proves nothing, and up to 0.89 once it has driven a metre without a proof: a room of
-    another floor between the same outer walls had 0.87, and with 1.5 the robot was sure of it."""
+    the same shape fit as well in each scan as in the first. Up to a support of 0.77 (with
+    `usual_lead`) driving about in a room proves nothing, and up to 0.89 once it has driven a metre
+    without a proof: a room of another floor between the same outer walls had 0.87, and with 1.5 the
+    robot was sure of it."""
     agreement: float = 0.2
     """Share of the beams on new surface that must end where the map says for it to speak for a
     place. Counting beams that end short of a wall, too, which are left out here, it was 0.01 in the
