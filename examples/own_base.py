@@ -41,6 +41,8 @@ SCAN_SILENCE_NS = 500_000_000
 """The robot stands when the newest scan is older [ns]."""
 REACTION_S = 0.2
 """How long the robot drives on before it brakes: a scan's period, and what the wheels take [s]."""
+BESIDE_M = 0.02
+"""It drives past what is farther than this beside it [m]; the margin ahead is robot.toml's."""
 BEAMS, RANGE_MAX, LASER = 360, 8.0, Pose2D(0.0, 0.0, 0.0)
 """The lidar: its beams, its reach [m], and base_T_laser."""
 STATE_FILE = "own_base.toml"
@@ -285,14 +287,14 @@ class OwnBase(Service):
     def _safe_speed(self, echoes: NDArray[np.float64], direction: float) -> float:
         """Return the speed from which the robot stands before what is in its way [m/s].
 
-        It looks only straight ahead or behind, as wide as the robot is.
+        It looks only straight ahead or behind, hardly wider than the robot is.
         """
-        reach = self._radius_m + self._config.base.stop_margin_m
+        reach = self._radius_m + BESIDE_M
         along, aside = direction * echoes[:, 0], np.abs(echoes[:, 1])
         in_way = (along > 0.0) & (aside < reach)
-        # To where the round robot, its margin included, would touch the nearest.
-        free = along[in_way] - np.sqrt(reach**2 - aside[in_way] ** 2)
-        distance = max(0.0, float(free.min(initial=RANGE_MAX)))
+        free = along[in_way] - np.sqrt(reach**2 - aside[in_way] ** 2)  # until a circle touches it
+        margin = self._config.base.stop_margin_m
+        distance = max(0.0, float(free.min(initial=RANGE_MAX)) - margin)
         brake = self._limits.deceleration_mps2
         return math.sqrt((brake * REACTION_S) ** 2 + 2.0 * brake * distance) - brake * REACTION_S
 

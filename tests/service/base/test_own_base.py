@@ -45,9 +45,9 @@ class Stage:
         self.odometry = self.lockstep.record(topics.ODOM)
         self.begin()
 
-    def begin(self) -> None:
+    def begin(self, start: PoseConfig = START) -> None:
         """Start the base, perhaps again."""
-        self.base = self.lockstep.add(EXAMPLE.OwnBase(config_of()))
+        self.base = self.lockstep.add(EXAMPLE.OwnBase(config_of(start=start)))
 
     @property
     def twist(self) -> Twist2D:
@@ -203,6 +203,13 @@ def test_it_stops_before_a_wall_and_may_drive_back(stage: Stage) -> None:
     assert 0.15 < ahead < 0.15 + 0.05 + 0.05
     stage.drive(0.5, Twist2D(-0.3, 0.0, 0.0))
     assert stage.twist.vx < -0.1
+
+
+def test_a_wall_close_beside_it_does_not_stop_it(stage: Stage) -> None:
+    stage.lockstep.kill("base")
+    stage.begin(PoseConfig(x=-2.2, y=-2.5 + 0.15 + 0.03, yaw=0.0))
+    stage.drive(1.0)
+    assert stage.twist == AHEAD
 
 
 def test_a_silent_lidar_stops_it(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
