@@ -9,6 +9,7 @@ import pytest
 from support.examples import load_example
 
 from trolley import codes, requests, topics
+from trolley.codes import Refused
 from trolley.config import ConfigError, FootprintConfig, MapSection, RobotConfig, RobotSection
 from trolley.config.robot import PoseConfig, StartSection
 from trolley.geometry import Pose2D, Twist2D
@@ -104,6 +105,42 @@ def test_a_base_of_one_s_own_is_driven_to_a_saved_place(stage: Stage) -> None:
     stage.lockstep.run(0.25)  # the planner's commands hold for 0.15 s
     assert stage.twist.is_zero
     assert (stage.states[-1].mode, stage.states[-1].source) == ("ok", None)
+
+
+@pytest.mark.parametrize(
+    ("topic", "missing"),
+    [
+        (topics.CLOCK, ["clock", "scan"]),
+        (topics.ROBOT, ["robot"]),
+        (topics.TF, ["tf/laser", "pose"]),
+        (topics.SCAN, ["scan", "pose"]),
+        (topics.ODOM, ["odom", "pose"]),
+        (topics.BASE, []),
+        (topics.CMD_VEL, []),
+    ],
+    ids=lambda one: getattr(one, "name", ""),
+)
+def test_what_the_page_says_is_needed_is_needed(
+    tmp_path: Path, topic: topics.Topic[Any], missing: list[str]
+) -> None:
+    class Without(EXAMPLE.OwnBase):
+        def publish(self, which: Any, message: Any, *parts: str, robot: str | None = None) -> None:
+            if which is not topic:
+                super().publish(which, message, *parts, robot=robot)
+
+    with Lockstep(state=tmp_path, seed=1) as lockstep:
+        base = lockstep.add(Without(config_of()))
+        for service in (LocalizerService, PlannerService):
+            lockstep.add(service(config_of()))
+        lockstep.run(3.0)
+        goal = SendGoal(pose=Pose2D(-1.6, -1.0, 0.5))
+        if missing:
+            with pytest.raises(Refused) as refused:
+                lockstep.ask(requests.GOAL_SEND, goal)
+            assert refused.value.details["missing"] == missing
+        else:
+            lockstep.ask(requests.GOAL_SEND, goal)
+            assert lockstep.run_until(lambda: not base.hardware.twist.is_zero, 2.0)
 
 
 def test_silence_stops_it(stage: Stage) -> None:
