@@ -31,9 +31,9 @@ SAYS = {
     "everybody": "one: localized",
     "at_once": "arrived after 0 s",
 }
-ELSEWHERE = {"own_planner", "own_base", "keep_away", "depth", "oak", "photograph"}
+ELSEWHERE = {"own_planner", "own_base", "bare_base", "keep_away", "depth", "oak", "photograph"}
 """Programs that go on until they are ended; what they do is tested in tests/service/planner and
-base, of depth and oak in tests/unit."""
+base, of bare_base in test_own_base.py, of depth and oak in tests/unit."""
 
 
 @pytest.fixture
