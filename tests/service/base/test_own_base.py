@@ -155,6 +155,13 @@ def test_silence_stops_it(stage: Stage) -> None:
     assert stage.twist.is_zero
 
 
+def test_it_stands_when_it_ends(stage: Stage) -> None:
+    stage.drive(0.4)
+    stage.lockstep.nodes.pop("base").close()
+    assert stage.twist.is_zero
+    assert stage.states[-1].reason == codes.SHUTDOWN
+
+
 def test_a_stop_is_latched_over_a_restart_until_it_is_resumed(stage: Stage) -> None:
     stage.drive(0.4)
     assert stage.lockstep.ask(requests.BASE_STOP).mode == "stopped"
