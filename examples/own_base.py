@@ -46,6 +46,7 @@ BESIDE_M = 0.02
 BEAMS, RANGE_MAX, LASER = 360, 8.0, Pose2D(0.0, 0.0, 0.0)
 """The lidar: its beams, its reach [m], and base_T_laser."""
 STATE_FILE = "own_base.toml"
+STOPPED = "Stopped. `trolley resume` lets it drive."
 
 
 class Saved(Struct, frozen=True, kw_only=True):
@@ -330,12 +331,13 @@ class OwnBase(Service):
         self.publish(topics.BASE, self._state)
 
     def _say(self, mode: str, reason: str = "", source: str | None = None) -> BaseState:
+        sentence = codes.SENTENCES[reason] if reason else ""
         return BaseState(
             stamp_ns=self.stamp_ns,
             mode=mode,  # pyright: ignore[reportArgumentType]
             source=source,
             reason=reason,
-            message=codes.SENTENCES[reason] if reason else "",
+            message=STOPPED if mode == "stopped" else sentence,
         )
 
 

@@ -164,7 +164,8 @@ def test_it_stands_when_it_ends(stage: Stage) -> None:
 
 def test_a_stop_is_latched_over_a_restart_until_it_is_resumed(stage: Stage) -> None:
     stage.drive(0.4)
-    assert stage.lockstep.ask(requests.BASE_STOP).mode == "stopped"
+    stopped = stage.lockstep.ask(requests.BASE_STOP)
+    assert (stopped.mode, stopped.message) == ("stopped", EXAMPLE.STOPPED)
     assert stage.twist.is_zero
     stage.drive(0.2)
     assert stage.twist.is_zero
