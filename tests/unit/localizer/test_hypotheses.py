@@ -10,6 +10,7 @@ from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley_localizer.matching.global_search import Place, places_around
 from trolley_localizer.matching.hypotheses import (
     PROOF,
+    RIVALS,
     Hypotheses,
     Proof,
     Rivals,
@@ -124,6 +125,27 @@ def test_a_rival_takes_over_when_its_lead_has_added_up(view: View) -> None:
     winner = rivals.winner()
     assert winner is not None
     assert view.field.to_map(winner.pose).distance_to(view.pose) < 0.1
+
+
+def test_a_rival_takes_over_only_where_it_fits_better_than_what_says_nothing(view: View) -> None:
+    rivals = Rivals(view.field, view.matcher, CONFIG)
+    value = view.matcher.score(view.cells, view.beams()).value
+    rivals.start([view.place(view.cells, value)], value)
+    elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
+
+    def drive(step: Pose2D, better: float) -> None:
+        rivals.predict(step)
+        view.pose = view.pose @ step
+        beams = view.beams()
+        rivals.update(beams, elsewhere, view.matcher.score(view.cells, beams).value - better)
+
+    for number in range(150):  # there and back
+        drive(Pose2D(0.4 if number % 2 else -0.4, 0.0, 0.0), 0.005)
+        assert rivals.winner() is None
+    assert rivals.lead > RIVALS.take_over
+    for _ in range(4):
+        drive(STEP, 0.2)
+    assert rivals.winner() is not None
 
 
 def test_all_scans_of_one_view_together_have_one_vote(view: View) -> None:

@@ -54,6 +54,9 @@ class RivalParams:
     """Support below the estimate's beyond which a place is no rival."""
     take_over: float = 0.3
     """Lead in support, summed over the views, at which a rival takes over."""
+    level: float = 0.02
+    """Lead in support by one view that says nothing: of two places alike, now one fits a little
+    better, now the other. In two flats alike the sum wandered to `take_over` in 400 views."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -504,6 +507,7 @@ class Rivals:
     ) -> None:
         self._places = Hypotheses(field, matcher, config)
         self._own = Votes(0.0)
+        self._lowest = 0.0
 
     def start(self, places: Sequence[Place], own: float) -> None:
         """Begin with places that a search found elsewhere, best first.
@@ -515,6 +519,7 @@ class Rivals:
         rivals = [p for p in places if p.support.value >= own - RIVALS.margin]
         self._places.start(rivals[: RIVALS.max_rivals])
         self._own = Votes(own)
+        self._lowest = 0.0
 
     def clear(self) -> None:
         """Give up all of them."""
@@ -539,6 +544,8 @@ class Rivals:
         """
         self._own.add(own, is_new_view=self._places.update(beams))
         self._places.leave_out(pose, self._own.total - RIVALS.margin * self._places.views)
+        if self.exist:
+            self._lowest = min(self._lowest, self._level_lead)
 
     @property
     def exist(self) -> bool:
@@ -560,6 +567,17 @@ class Rivals:
         """By how much the best is ahead of the estimate and the rest, in the mean of the views."""
         return min(self._places.lead, self.lead / self._places.views)
 
+    @property
+    def _level_lead(self) -> float:
+        """The lead, less what says nothing."""
+        return self.lead - RIVALS.level * self.views
+
     def winner(self) -> Hypothesis | None:
-        """Return the place that stands out from the estimate and all others, or None."""
-        return self._places.winner() if self.lead >= RIVALS.take_over else None
+        """Return the place that stands out from the estimate and all others, or None.
+
+        Source:
+            Page, Continuous inspection schemes (1954): the cumulative sum from its lowest point,
+            so that what only wanders about never adds up.
+        """
+        rise = self._level_lead - self._lowest
+        return self._places.winner() if min(self.lead, rise) >= RIVALS.take_over else None
