@@ -109,7 +109,7 @@ def test_nothing_is_left_of_people_who_are_gone(
     ready = compiled()
     hall.drive_for(60.0 * minutes, goals)
     assert compiled() == ready, "a kernel was compiled while the robot drove"
-    assert np.count_nonzero(hall.ever_seen) > 200
+    assert np.count_nonzero(hall.ever_seen) > 100, "the robot has met hardly anybody"
     hall.send_people_home()
     hall.lockstep.run(3.0)
     in_sight = hall.seen()
