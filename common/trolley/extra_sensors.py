@@ -1,4 +1,4 @@
-"""Extra sensors than the lidar: what is published as `scan/<name>`, kept near the robot.
+"""Sensors beside the lidar: what is published as `scan/<name>`, kept near the robot.
 
 Each echo stays where it was seen while the robot moves on: until its own sensor sees past that
 place, for `kept_s` where it does not look. What has come nearer than `range_min`, within which a

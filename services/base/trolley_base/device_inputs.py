@@ -28,7 +28,7 @@ class DeviceInputs:
     Args:
         sight: what the lidar sees.
         base_T_laser: where it sits.
-        extra_sensors: extra sensors that may stop the robot.
+        extra_sensors: sensors beside the lidar that may stop the robot.
         board_sensors: those of the motor board.
     """
 

@@ -285,6 +285,8 @@ class Blocks(NamedTuple):
     """(yaws,) how much of it is used."""
     half: int
     """Half the window's edge [cells]."""
+    side: int
+    """Number of blocks along the window's edge."""
 
 
 @kernel
@@ -302,8 +304,7 @@ def bound_blocks(
     """
     top = levels.shape[0] - 1
     block = 1 << top
-    half = out.half
-    side = (2 * half + block) // block
+    half, side = out.half, out.side
     for a in range(first, last):
         points = place(out.inside[a], cells[a], levels.shape[1:], half, block)
         out.counts[a] = points.inside.size
@@ -336,9 +337,8 @@ def search_blocks(
         The place in `order` where to go on; its length when nothing is left that can be better.
     """
     pull, begin, most = window
-    half = blocks.half
+    half, side = blocks.half, blocks.side
     block = 1 << (levels.shape[0] - 1)
-    side = (2 * half + block) // block
     yaws = cells.shape[0]
     count = 0
     for k in range(begin, order.size):
@@ -381,12 +381,14 @@ def find_best_shift(
     """
     yaws, num_points = cells.shape[:2]
     block = 1 << (levels.shape[0] - 1)
-    in_heading = ((2 * half + block) // block) ** 2
+    side = (2 * half + block) // block
+    in_heading = side * side
     blocks = Blocks(
         np.empty(yaws * in_heading),
         np.empty((yaws, num_points), np.uint32),
         np.empty(yaws, np.int64),
         half,
+        side,
     )
     most = max(SLICE_POINTS // max(num_points, 1), 1)
     headings = max(most // in_heading, 1)
