@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from support.cases import NEW, cases
 from support.processes import Process, RouterProcess, find_free_port, own_router, write_config
 from support.signals import start_children_with_defaults
 from support.waiting import PATIENCE_S
@@ -26,9 +27,9 @@ sys.dont_write_bytecode = False
 # Nor a check of how quickly examples come: that measures the machine.
 NO_CLOCK: dict[str, Any] = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 # The same cases each time, so that a test that is red tells of the last change; new ones on demand.
-settings.register_profile("same", **NO_CLOCK, derandomize=True, max_examples=50, print_blob=True)
-settings.register_profile("new", **NO_CLOCK)
-settings.load_profile("new" if os.environ.get("TROLLEY_NEW_CASES") else "same")
+settings.register_profile("same", **NO_CLOCK, derandomize=True, max_examples=cases(50))
+settings.register_profile("new", **NO_CLOCK, print_blob=True)
+settings.load_profile("new" if NEW else "same")
 
 StartService = Callable[..., Process]
 

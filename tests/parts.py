@@ -33,8 +33,12 @@ PARTS: dict[str, Sequence[str]] = {
     ),
     "process": ("--numprocesses", "3", "--dist", "worksteal", "tests/process"),
     "browser": ("tests/browser",),
+    "new": ("--ignore=tests/process", "--ignore=tests/browser"),
 }
-BESIDE = (("browser",), ("lint", "process"))
+BESIDE = {
+    "not slow": (("browser",), ("lint", "process")),
+    "slow": (("browser",), ("process", "new")),
+}
 """What is run beside the tests that compute; the parts of a row one after another."""
 NO_TESTS = 5
 """What pytest returns where all were deselected."""
@@ -60,6 +64,8 @@ def tests(part: str, marks: str, output: IO[str] | None) -> list[str]:
     report = REPORTS / f"{part}.xml"
     report.unlink(missing_ok=True)
     before = ["nice", "-n", "5"] if part == "compute" else []
+    if part == "new":  # properties that are not slow, on cases that nobody has seen
+        marks, before = "hypothesis and not slow", ["env", "TROLLEY_NEW_CASES=1"]
     code = run([*before, *PYTEST, "-m", marks, f"--junitxml={report}", *PARTS[part]], output)
     found = list(failures(report)) if report.exists() else []
     if code not in (0, 1, NO_TESTS) or (code == 1 and not found):
@@ -123,9 +129,8 @@ def main() -> int:
     REPORTS.mkdir(parents=True, exist_ok=True)
     check = Check(marks)
     began_s = time.monotonic()
-    left_out = {"lint"} if marks == "slow" else set()
-    with ThreadPoolExecutor(len(BESIDE)) as pool:
-        rows = [[part for part in row if part not in left_out] for row in BESIDE]
+    rows = BESIDE[marks]
+    with ThreadPoolExecutor(len(rows)) as pool:
         done = [pool.submit(check.run_beside, row) for row in rows]
         print("\n== compute", flush=True)
         check.run("compute")

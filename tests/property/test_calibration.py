@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley.geometry import Pose2D, exp_twist
 from trolley.geometry import Twist2D as Twist
@@ -50,7 +51,7 @@ def test_arcs_joined_at_once_are_arcs_joined_one_by_one(arcs: list[tuple[float, 
 
 
 @given(planted)
-@settings(max_examples=30)
+@settings(max_examples=cases(30))
 def test_legs_measured_without_noise_give_the_planted_errors(truth: Correction) -> None:
     legs = legs_of(square_steps("ccw", 1.0), truth, 8) + legs_of(square_steps("cw", 1.0), truth, 8)
     found = estimate(legs).correction
@@ -60,7 +61,7 @@ def test_legs_measured_without_noise_give_the_planted_errors(truth: Correction) 
 
 
 @given(st.floats(0.93, 1.07), st.floats(-0.25, 0.25))
-@settings(max_examples=30)
+@settings(max_examples=cases(30))
 def test_ends_of_squares_alone_give_turn_and_bend(angular: float, bend: float) -> None:
     """As a person measures: no heading, and the robot starts each square anew."""
     truth = Correction(1.0, angular, bend)

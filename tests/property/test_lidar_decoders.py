@@ -7,12 +7,13 @@ import pytest
 from bench.base.lidars.catalogue import RECORDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 TITLES = [title for title, one in RECORDS.items() if one.judged and one.judged.frames]
 
 
 @pytest.mark.parametrize("title", TITLES)
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=cases(40))
 @given(seed=st.integers(0, 2**32 - 1))
 def test_samples_are_those_of_the_plain_decoder(title: str, seed: int) -> None:
     record = RECORDS[title]

@@ -8,6 +8,7 @@ from bench.base.lidars.catalogue import RECORDS
 from bench.base.lidars.ydlidar import x4_frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley_base.drivers.lidars.frames import FrameFinder, FrameFormat
 
@@ -62,7 +63,7 @@ def found_in(form: FrameFormat, pieces: list[bytes]) -> tuple[list[bytes], Count
 
 
 @pytest.mark.parametrize("title", FORMATS)
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=cases(100))
 @given(data=st.data())
 def test_frames_are_those_of_the_plain_decoder(title: str, data: st.DataObject) -> None:
     stream = data.draw(damaged_streams(title))

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.interface import LidarScan
@@ -39,7 +40,7 @@ def scans_of(
     return list(revolutions.scans), counts
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=cases(60))
 @given(
     turns_hz=st.floats(5.0, 13.0),
     begin_deg=st.floats(0.0, 359.9),
@@ -66,7 +67,7 @@ def test_even_samples_keep_their_angles_and_times(
         np.testing.assert_allclose(beside, 0.0, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=cases(60))
 @given(
     seed=st.integers(0, 2**32 - 1), turns_hz=st.floats(5.0, 13.0), spread_deg=st.floats(0.0, 2.0)
 )
@@ -91,7 +92,7 @@ def test_uneven_samples_leave_no_holes_and_the_nearest_counts(
         assert np.isin(seen, range_m.astype(np.float32)).all()
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=cases(40))
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.0, 0.18))
 def test_what_was_not_measured_is_empty(seed: int, share: float) -> None:
     rng = np.random.default_rng(seed)

@@ -6,6 +6,7 @@ from itertools import islice, pairwise
 from bench.base.lidars.rplidar import PlainSamples, standard_sample, standard_stream
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley_base.drivers.lidars.rplidar_samples import SampleFinder
 
@@ -42,7 +43,7 @@ def found_in(pieces: list[bytes], in_step: bool) -> tuple[bytes, Counter[str]]:
     return b"".join(run.data.tobytes() for run in runs), counts
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=cases(200))
 @given(
     stream=damaged_streams(),
     cuts=st.lists(st.integers(0, 3600), max_size=10),
@@ -61,7 +62,7 @@ def test_samples_are_those_of_the_plain_decoder(
 
 
 @given(start=st.integers(1, 2000))
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=cases(60))
 def test_an_honest_stream_is_entered_at_the_next_sample(start: int) -> None:
     found, _ = found_in([HONEST[start:]], in_step=False)
     assert found == HONEST[start + -start % 5 :]

@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley_base.drivers.lidars.scan_grid import STRAIGHT, Floats, Grid, place
 
@@ -21,7 +22,7 @@ def uneven(rng: np.random.Generator, count: int = 120) -> tuple[Grid, Floats]:
     return Grid(20.0, STEP_DEG, count), 20.0 + STEP_DEG * (np.arange(count) + beside)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=cases(100))
 @given(seed=st.integers(0, 2**32 - 1), away_m=st.floats(0.2, 8.0), facing_deg=st.floats(0.0, 100.0))
 def test_beams_of_one_wall_lie_on_it(seed: int, away_m: float, facing_deg: float) -> None:
     grid, angle_deg = uneven(np.random.default_rng(seed))
@@ -30,7 +31,7 @@ def test_beams_of_one_wall_lie_on_it(seed: int, away_m: float, facing_deg: float
     np.testing.assert_allclose(ranges, exact, rtol=1e-6)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=cases(200))
 @given(
     seed=st.integers(0, 2**32 - 1),
     at=st.integers(3, 116),
@@ -55,7 +56,7 @@ def test_no_beam_is_between_two_depths(
     assert np.count_nonzero(beside > 1e-6) <= 2
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=cases(60))
 @given(seed=st.integers(0, 2**32 - 1), invalid=st.floats(0.0, 0.5))
 def test_what_is_not_an_echo_is_neither_moved_nor_used(seed: int, invalid: float) -> None:
     rng = np.random.default_rng(seed)

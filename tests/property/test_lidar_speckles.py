@@ -8,6 +8,7 @@ from bench.base.lidars.ld19 import ld19_stream
 from bench.base.lidars.record import chunks
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley.config.hardware import LidarConfig
 from trolley_base.drivers.interface import DriverError
@@ -42,7 +43,7 @@ def kept_by_the_maker(echoes: list[Echo], step_deg: float) -> set[int]:
     return kept
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=cases(200))
 @given(seed=st.integers(0, 2**32 - 1), wall_m=st.floats(0.3, 6.0), dim=st.floats(0.0, 1.0))
 def test_what_the_maker_drops_is_dropped(seed: int, wall_m: float, dim: float) -> None:
     rng = np.random.default_rng(seed)

@@ -8,6 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import ndimage
+from support.cases import cases
 
 from trolley import codes
 from trolley.codes import Refused
@@ -49,7 +50,7 @@ def at(grid: GridMap, share_x: float, share_y: float) -> tuple[float, float]:
 places = st.tuples(st.floats(0.05, 0.95), st.floats(0.05, 0.95))
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(grids(), st.tuples(places, places, places), st.sampled_from(["free", "unknown"]))
 def test_erasing_an_area_changes_all_inside_and_nothing_else(
     grid: GridMap, corners: tuple[tuple[float, float], ...], to: str
@@ -67,7 +68,7 @@ def test_erasing_an_area_changes_all_inside_and_nothing_else(
     np.testing.assert_array_equal(erased.cells[outside], grid.cells[outside])
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(grids(), st.lists(places, min_size=1, max_size=5), st.floats(0.01, 0.5))
 def test_a_brush_touches_what_is_near_its_way(
     grid: GridMap, way: list[tuple[float, float]], width: float
@@ -86,7 +87,7 @@ def test_a_brush_touches_what_is_near_its_way(
     np.testing.assert_array_equal(erased.cells[far], grid.cells[far])
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(origins, places, places)
 def test_no_way_leads_through_a_wall_that_was_drawn(
     origin: Pose2D, a: tuple[float, float], b: tuple[float, float]
@@ -99,7 +100,7 @@ def test_no_way_leads_through_a_wall_that_was_drawn(
     assert (walled.cells == OCCUPIED).sum() < 3 * 70
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(grids(), places, places)
 def test_cropping_keeps_the_cells_inside_where_they_are(
     grid: GridMap, a: tuple[float, float], b: tuple[float, float]
@@ -119,7 +120,7 @@ def test_cropping_keeps_the_cells_inside_where_they_are(
     assert cropped.cells.size <= grid.cells.size
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(grids(), angles, st.floats(-5.0, 5.0))
 def test_turning_there_and_back_keeps_walls_within_a_cell(
     grid: GridMap, angle: float, x: float
@@ -141,7 +142,7 @@ def test_turning_there_and_back_keeps_walls_within_a_cell(
         assert gaps.min(axis=0).max() < reach  # and none is made up
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(origins, angles)
 def test_thin_walls_stay_closed_when_they_are_turned(origin: Pose2D, angle: float) -> None:
     cells = np.zeros((30, 30), np.int8)
@@ -154,7 +155,7 @@ def test_thin_walls_stay_closed_when_they_are_turned(origin: Pose2D, angle: floa
     assert 20 <= (turned.cells >= 65).sum() <= 60
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(grids(), st.integers(-3, 3))
 def test_quarter_turns_lose_nothing(grid: GridMap, quarters: int) -> None:
     straight = GridMap("flat", RESOLUTION, Pose2D(1.0, 2.0, 0.0), grid.cells)
@@ -165,7 +166,7 @@ def test_quarter_turns_lose_nothing(grid: GridMap, quarters: int) -> None:
     np.testing.assert_array_equal(turned.cells, wanted[row0:row1, col0:col1])
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(grids(), grids(), origins, st.sampled_from([0.5, 1.0, 2.0]))
 def test_a_merged_map_keeps_what_was_known_and_gains_the_rest(
     grid: GridMap, other: GridMap, pose: Pose2D, scale: float
@@ -188,7 +189,7 @@ def test_a_merged_map_keeps_what_was_known_and_gains_the_rest(
             assert (gaps[near > 2.0 * reach] < reach).all()
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(angles, origins)
 @example(0.7796553332365121, Pose2D.identity())
 @example(math.radians(1.0), Pose2D.identity())  # steps of a cell here and there, as it lies

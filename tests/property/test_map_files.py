@@ -8,6 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from support.cases import cases
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, MapError, load_map, save_map
@@ -50,7 +51,7 @@ def test_maps_come_back_bit_for_bit(
     assert (copy.name, copy.resolution, copy.origin) == ("any", resolution, origin)
 
 
-@settings(max_examples=300)
+@settings(max_examples=cases(300))
 @given(
     graded_cells,
     st.sampled_from(["pgm", "png"]),
@@ -75,7 +76,7 @@ def test_damaged_images_give_a_map_or_a_reason(
         assert isinstance(damaged, str) or damaged.cells.min() >= -1
 
 
-@settings(max_examples=300)
+@settings(max_examples=cases(300))
 @given(st.one_of(st.binary(max_size=200), st.text(max_size=200).map(str.encode)), st.booleans())
 def test_damaged_descriptions_give_a_reason(content: bytes, appended: bool) -> None:
     with tempfile.TemporaryDirectory() as folder:

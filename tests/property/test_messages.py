@@ -6,6 +6,7 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 from support.strategies import instances_of, message_types
 
 from trolley.messages import Scan
@@ -13,7 +14,7 @@ from trolley.messages.arrays import ARRAY_FIELDS
 from trolley.runtime import codec
 
 TYPES = message_types()
-EXAMPLES = 12  # of each of some fifty types
+EXAMPLES = cases(18)  # of each of some ninety types
 FORMATS: tuple[codec.Format, ...] = ("json", "msgpack")
 
 

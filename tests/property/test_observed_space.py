@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley.geometry import Pose2D, Twist2D, footprint_from_box
 from trolley.sight import SIGHT
@@ -147,7 +148,7 @@ def beams(draw: st.DrawFn, count: int) -> list[float]:
     return ranges
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=cases(20), deadline=None)
 @given(st.data())
 def test_it_sees_and_forgets_what_the_twin_does(data: st.DataObject) -> None:
     count = data.draw(st.sampled_from([60, 90, 180]))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley.geometry import Pose2D
 from trolley_viz.past.record import LATELY, MAX_BEAMS, TRIP, Capacity, Failure, Record
@@ -90,7 +91,7 @@ def records(draw: st.DrawFn) -> Record:
     return record
 
 
-@settings(max_examples=50)
+@settings(max_examples=cases(50))
 @given(record=records(), offset_ns=st.integers(-(2**40), 2**60))
 def test_a_record_comes_back_from_its_file(record: Record, offset_ns: int) -> None:
     content = encode("trolley", "t1", offset_ns, record)
@@ -107,7 +108,7 @@ def test_a_record_comes_back_from_its_file(record: Record, offset_ns: int) -> No
         )
 
 
-@settings(max_examples=50)
+@settings(max_examples=cases(50))
 @given(record=records(), by_ns=st.integers(-(2**50), 2**50))
 def test_a_record_that_is_shifted_tells_the_same_of_other_times(record: Record, by_ns: int) -> None:
     shifted = record.copy()
@@ -117,7 +118,7 @@ def test_a_record_that_is_shifted_tells_the_same_of_other_times(record: Record, 
         assert (mine.pose, mine.words, mine.aim) == (other.pose, other.words, other.aim)
 
 
-@settings(max_examples=50)
+@settings(max_examples=cases(50))
 @given(older=records(), newer=records())
 def test_a_record_goes_on_after_the_viewer_was_restarted(older: Record, newer: Record) -> None:
     ends: list[Any] = [older.copy(), newer.copy()]

@@ -7,6 +7,7 @@ import numpy as np
 from bench.planner.best_paths import grid_cost, taut_length
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley_planner.control.local_costmap import LOCAL, seeds_along
 from trolley_planner.costmap.inflation import LETHAL
@@ -88,7 +89,7 @@ def check(field: CostToGo, land: Terrain, start: int, goal: int) -> None:
         assert total / (2 * STEP) <= allowed * best + 6.0 * 4
 
 
-@settings(max_examples=80)
+@settings(max_examples=cases(80))
 @given(st.integers(0, 10_000), st.booleans(), st.sampled_from([0.0, 3.0, 8.0]))
 def test_changes_of_the_map_leave_no_stale_cost(seed, thin, radius) -> None:
     rng = np.random.default_rng(seed)
@@ -131,7 +132,7 @@ def test_where_the_way_is_not_touched_nothing_is_looked_for_anew(seed) -> None:
 NO_SEEDS = np.empty((0, 2), np.int32)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=cases(60), deadline=None)
 @given(st.integers(0, 10_000), st.booleans(), st.sampled_from([8, 16]))
 def test_costs_repaired_after_changes_are_those_computed_anew(seed, thin, directions) -> None:
     rng = np.random.default_rng(seed)
@@ -183,7 +184,7 @@ def compare(corridor: Corridor, target: int, directions: int) -> None:
         np.testing.assert_allclose(corridor.cost.reshape(-1)[inside], anew[inside], rtol=0.02)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=cases(40), deadline=None)
 @given(st.integers(0, 10_000))
 def test_over_free_floor_paths_are_as_short_as_can_be(seed) -> None:
     rng = np.random.default_rng(seed)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley_planner.people.encounters import ENCOUNTER, times_of_encounters
 
@@ -25,7 +26,7 @@ def first_meeting(one: np.ndarray, other: np.ndarray) -> float:
     return math.inf
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=cases(40), deadline=None)
 @given(st.integers(0, 10_000), st.integers(0, 5))
 def test_encounters_are_those_of_people_who_walk_on(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

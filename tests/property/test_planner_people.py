@@ -7,6 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from support.cases import cases
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
@@ -80,7 +81,7 @@ def plain_cost(gap: float, v: float) -> float:
     return near**2 + PROXIMITY.touch * deep**2 * (1.0 + PROXIMITY.moving * abs(v))
 
 
-@settings(max_examples=300)
+@settings(max_examples=cases(300))
 @given(crowds, poses, st.sampled_from([-0.2, 0.0, 0.3]), st.floats(0.0, 3.0))
 def test_company_counts_everybody_where_they_are_then(
     crowd: NDArray[np.float64], pose: Pose2D, v: float, time_s: float
@@ -105,7 +106,7 @@ def test_company_counts_everybody_where_they_are_then(
         assert low - 1e-6 <= found <= high + 1e-6
 
 
-@settings(max_examples=300)
+@settings(max_examples=cases(300))
 @given(crowds, st.floats(-0.25, 2.0), st.floats(-1.5, 1.5))
 def test_braking_for_somebody_is_seen_in_time(
     crowd: NDArray[np.float64], v: float, w: float

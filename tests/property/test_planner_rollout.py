@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 from support.flatland import empty_room, with_block
 from support.proximity import proximity_cost
 
@@ -50,7 +51,7 @@ def plain_clearance(pose: Pose2D) -> float:
     return nearest - 0.5 * field.fine_m
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=cases(200), deadline=None)
 @given(places)
 def test_clearance_is_exact_near_things_and_to_two_centimetres_elsewhere(place) -> None:
     pose = Pose2D(*place)
@@ -101,7 +102,7 @@ def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> floa
     return cost + terminal_cost(field, (x, y), turned, target)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=cases(25), deadline=None)
 @given(st.integers(0, 10_000), places, st.booleans(), st.booleans(), st.sampled_from([1, 7, 300]))
 def test_side_by_side_they_cost_what_each_costs_alone(seed, place, busy, goes_on, count) -> None:
     rng = np.random.default_rng(seed)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 from support.flatland import empty_room
 
 from trolley.config import PlannerConfig
@@ -147,7 +148,7 @@ def test_the_descent_leads_downhill_to_the_goal(seed, share, directions) -> None
     assert (flat[way] != LETHAL).all()
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(st.integers(0, 10_000))
 def test_paths_touch_nothing_and_are_short(seed) -> None:
     rng = np.random.default_rng(seed)

@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from support.cases import cases
 
 from trolley_planner.people.free_space import View, views_of, was_free, was_free_in_any
 from trolley_planner.people.segments import SEGMENTS, begins_of, segments_of
@@ -87,7 +88,7 @@ def plain_middle(part: Floats) -> Floats:
     return mean + SEGMENTS.depth * float(np.ptp(beside)) * away
 
 
-@settings(max_examples=60)
+@settings(max_examples=cases(60))
 @given(st.integers(0, 2**32 - 1))
 def test_segments_are_those_of_lists_of_pieces(seed: int) -> None:
     points = scan(seed)

@@ -3,6 +3,7 @@
 import msgspec
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley import codes
 from trolley.codes import Refused
@@ -160,7 +161,7 @@ def test_trip_never_sets_off_by_itself_and_loses_nothing(tour: Tour, script: lis
 
 
 @given(tours)
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 def test_trip_with_a_planner_that_always_arrives_ends(tour: Tour):
     play = Play(tour)
     for _ in range(300):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley.geometry import Pose2D
 from trolley_base.world.rays import (
@@ -134,7 +135,7 @@ def stands_in_a_wall(scene: Scene, origin: Pose2D, start: np.ndarray) -> bool:
     return inside and bool(scene.solid[math.floor(y), math.floor(x)])
 
 
-@settings(max_examples=60)
+@settings(max_examples=cases(60))
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_beam_goes_as_far_as_the_obvious_way_says(seed: int) -> None:
     rng = np.random.default_rng(seed)

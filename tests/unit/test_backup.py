@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley import backup
 from trolley.backup import MANIFEST, BackupError, Manifest, Unpacked, save
@@ -268,7 +269,7 @@ def test_the_same_file_twice_is_refused(tmp_path: Path) -> None:
         Unpacked(path, tmp_path / "state")
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=cases(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_a_damaged_backup_is_refused_or_whole(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

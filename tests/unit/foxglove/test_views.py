@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 from support.foxglove_client import fields
 from support.samples import make_odometry, make_place, make_transform
 from support.strategies import instances_of
@@ -229,7 +230,7 @@ def test_a_mesh_is_nothing_to_plot() -> None:
 
 
 @pytest.mark.parametrize("topic", SHOWN, ids=lambda topic: topic.name)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=cases(40), deadline=None)
 @given(data=st.data())
 def test_whatever_is_valid_can_be_shown(topic: Topic[Any], data: st.DataObject) -> None:
     message = data.draw(instances_of(topic.message))

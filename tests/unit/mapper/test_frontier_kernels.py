@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy import ndimage
+from support.cases import cases
 
 from trolley.gridmap.kernels import spread_over
 from trolley_mapper.kernels.frontiers import (
@@ -53,7 +54,7 @@ def naive_spread(mask: NDArray[np.uint8], seeds: list[int], limit: int) -> NDArr
     return cost
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=cases(40), deadline=None)
 @given(MASKS, st.lists(st.integers(0, 80), max_size=3), st.integers(0, 60))
 def test_ways_are_the_shortest(mask: NDArray[np.uint8], wanted: list[int], limit: int) -> None:
     seeds = [seed % mask.size for seed in wanted]
@@ -66,7 +67,7 @@ def test_ways_are_the_shortest(mask: NDArray[np.uint8], wanted: list[int], limit
         assert alone.ravel()[cell] == cost.ravel()[cell]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=cases(50), deadline=None)
 @given(MASKS)
 def test_groups_are_those_that_touch(mask: NDArray[np.uint8]) -> None:
     label = np.empty(mask.shape, np.int32)
@@ -76,7 +77,7 @@ def test_groups_are_those_that_touch(mask: NDArray[np.uint8]) -> None:
     assert np.array_equal(label, expected)  # both count in the order of the cells
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=cases(50), deadline=None)
 @given(MASKS, st.integers(0, 2**32 - 1))
 def test_the_edge_is_free_and_beside_the_other(mask: NDArray[np.uint8], seed: int) -> None:
     beside = np.random.default_rng(seed).integers(0, 2, mask.shape).astype(np.uint8)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 
 from trolley.scan_matching import lines
 from trolley.scan_matching.information import without_noise
@@ -49,7 +50,7 @@ def test_normals_look_from_the_walls_to_the_laser() -> None:
     assert cloud.normals[right] == pytest.approx(np.tile([-1.0, 0.0], (right.sum(), 1)), abs=1e-4)
 
 
-@settings(max_examples=30)
+@settings(max_examples=cases(30))
 @given(x=st.floats(-0.12, 0.12), y=st.floats(-0.12, 0.12), yaw=st.floats(-0.06, 0.06))
 def test_alignment_finds_the_way_back(x: float, y: float, yaw: float) -> None:
     start = np.array([x, y, yaw])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 from support.flatland import BEAMS, Flatland, empty_room, two_rooms, with_block
 
 from trolley.config import PlannerConfig
@@ -186,7 +187,7 @@ def test_a_robot_too_near_to_a_wall_finds_the_way_out() -> None:
     assert path.length_m < 3.9
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=cases(25), deadline=None)
 @given(st.integers(0, 10_000))
 def test_the_outline_fits_along_every_way(seed: int) -> None:
     rng = np.random.default_rng(seed)

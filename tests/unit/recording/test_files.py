@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from support.cases import cases
 from support.samples import make_clock, make_scan
 from support.strategies import instances_of
 
@@ -30,7 +31,9 @@ RECORDED = [topic for topic in topics.TOPICS if recorded_topic(topic.key("one", 
 CHUNK_HEAD = 9 + 8 + 8 + 8 + 4 + 4 + len("zstd") + 8
 """Bytes of a chunk before what is packed in it."""
 SHARED = settings(
-    max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+    max_examples=cases(40),
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    deadline=None,
 )
 
 
@@ -148,7 +151,9 @@ def test_damage_in_the_middle_costs_one_chunk(
 
 
 @settings(
-    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=cases(200),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(data=st.data())
 def test_no_damage_ends_in_anything_but_words(

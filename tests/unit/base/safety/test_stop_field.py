@@ -6,6 +6,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from support.cases import cases
 
 from trolley.geometry import (
     Twist2D,
@@ -207,7 +208,7 @@ class LooksEverywhere(StopField):
         return math.inf, math.inf, math.inf
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(40))
 @given(seed=st.integers(0, 2**32 - 1), is_sideways=st.booleans())
 def test_what_is_left_out_beforehand_could_not_matter(seed: int, is_sideways: bool) -> None:
     rng = np.random.default_rng(seed)

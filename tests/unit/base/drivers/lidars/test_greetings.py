@@ -5,6 +5,7 @@ import pytest
 from bench.base.lidars.catalogue import RECORDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.cases import cases
 from support.lidars import Asked, Session, rplidar, started, stream, ydlidar
 
 from trolley.config.hardware import LidarConfig
@@ -212,7 +213,7 @@ def test_a_hokuyo_that_says_its_own_limits_is_believed() -> None:
 @given(
     data=st.lists(st.sampled_from([*HOKUYO_PIECES, b"\n", b"A", b"\xff", b"0" * 70]), max_size=40)
 )
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=cases(50))
 def test_nothing_that_a_hokuyo_could_say_stops_its_driver(data: list[bytes]) -> None:
     session = Session(LidarConfig(model="hokuyo_urg"))
     for piece in data:
