@@ -94,6 +94,7 @@ def test_unmarked_mirror_is_suspected_and_nothing_else() -> None:
     assert found.position_errors.max() < 0.10
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_drive() -> None:
     config = simulated(WORLDS / "real.toml", WORLDS / "apartment.yaml", START, 7)
     first, second = (drive_tour(config, 7, {"corridor": CORRIDOR}) for _ in range(2))

@@ -51,6 +51,7 @@ class Meeting:
             self.judge.update(step * PEOPLE_S)
 
 
+@pytest.mark.slow
 @pytest.mark.drives
 def test_ideal_of_a_straight_drive_is_its_length_at_full_speed() -> None:
     assert seconds(Pose2D(0.5, 1.0, 0.0), Pose2D(2.5, 1.0, 0.0)) == pytest.approx(4.0, abs=0.1)

@@ -118,7 +118,7 @@ def corridor(door_x: float) -> GridMap:
     return with_block(before, door_x + 0.5, 3.5, 5.5 - door_x, 0.3)
 
 
-@pytest.mark.parametrize("speed", [1.0, 1.4])
+@pytest.mark.parametrize("speed", [pytest.param(1.0, marks=pytest.mark.slow), 1.4])
 def test_who_runs_out_of_a_door_finds_the_robot_standing(
     ride, speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

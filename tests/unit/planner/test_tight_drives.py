@@ -76,6 +76,7 @@ def test_a_goal_in_a_door_is_driven_to_and_left(ride, yaw: float) -> None:
     assert drive.world.touches == 0
 
 
+@pytest.mark.slow
 @pytest.mark.drives
 def test_a_goal_that_furniture_was_moved_onto_is_not_driven_to_and_named(ride) -> None:
     start, goal = Pose2D(3.0, 3.0, 0.0), Pose2D(5.5, 3.0, 0.0)

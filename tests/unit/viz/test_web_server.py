@@ -351,8 +351,8 @@ def test_a_line_that_nobody_reads_is_not_clear_and_can_be_closed(
 ) -> None:
     mine = served.lines[0]
     assert mine.is_clear
-    for _ in range(2000):
-        mine.send(Told(answer=Answer(id=1, is_done=False, text="x" * 5000)))
+    for _ in range(200):
+        mine.send(Told(answer=Answer(id=1, is_done=False, text="x" * 50_000)))
     wait_until(lambda: not mine.is_clear, "it fills")
     mine.close()
     wait_until(lambda: served.closed == [mine], "it is closed without being read")

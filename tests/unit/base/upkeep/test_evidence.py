@@ -77,6 +77,7 @@ def test_a_loose_encoder_is_no_correction_but_something_to_look_at() -> None:
     assert proposed(upkeep) == {"odometry": {}}
 
 
+@pytest.mark.slow
 def test_what_is_said_to_be_uncertain_is_as_uncertain_as_that() -> None:
     ratios: list[np.ndarray] = []
     for seed in range(12):
