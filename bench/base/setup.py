@@ -274,23 +274,31 @@ class Tried:
 
 
 class StopWatch:
-    """Measures how far the robot really goes after each command to stop on a stroke."""
+    """Measures how far the robot really goes after each command to stop, at its highest speed."""
 
     def __init__(self, odd: OddRobot, least_mps: float = 0.15) -> None:
-        self.ways: list[float] = []
         self._odd = odd
         self._least_mps = least_mps
+        self._stops: list[tuple[float, float]] = []
+        """Commanded speed [m/s] and distance [m]."""
         self._before = Twist2D.zero()
         self._from_m: float | None = None
+        self._speed = 0.0
 
     def update(self, twist: Twist2D) -> None:
         """Take each command."""
         if twist.is_zero and abs(self._before.vx) >= self._least_mps:
-            self._from_m = self._odd.way_m
+            self._from_m, self._speed = self._odd.way_m, abs(self._before.vx)
         elif not twist.is_zero and self._from_m is not None:
-            self.ways.append(self._odd.way_m - self._from_m)
+            self._stops.append((self._speed, self._odd.way_m - self._from_m))
             self._from_m = None
         self._before = twist
+
+    @property
+    def stopping_m(self) -> float:
+        """Their mean [m]."""
+        most = max(speed for speed, _ in self._stops)
+        return float(np.mean([way for speed, way in self._stops if speed > 0.95 * most]))
 
 
 def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
@@ -324,7 +332,7 @@ def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
         tried.whole_s = (odd.now_ns - begun_ns) * 1e-9
         tried.collisions = simulation.truth().collisions
         tried.findings = found_by(drive)
-        tried.stopping_m = float(np.mean(watch.ways))
+        tried.stopping_m = watch.stopping_m
         tried.errors = errors(tried)
     except SetupRefused as refusal:
         tried.refusal = str(refusal)

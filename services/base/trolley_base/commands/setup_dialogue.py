@@ -306,7 +306,6 @@ class SetupDialogue:
             own,
             speed_mps=min(DRIVE.speed_mps, limits.speed),
             turn_radps=min(DRIVE.turn_radps, limits.wz),
-            num_turns=DRIVE.num_round if self._short else DRIVE.num_turns,
             driving_s=SHORT_S if self._short else DRIVE.driving_s,
         )
         with person.hold() as hand, robot.opened():

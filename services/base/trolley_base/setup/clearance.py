@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry import Twist2D
 from trolley_base.setup.record import SetupRefused
 
 Floats = NDArray[np.float64]
@@ -21,6 +22,8 @@ class ClearanceParams:
     """Least distance to anything while it turns on the spot [m]."""
     beside_m: float = 0.05
     """What is nearer than this beside the way of a stroke is in it [m]."""
+    straight: float = 1e-6
+    """Curvature below which an arc is straight [1/m]."""
     braking_s: float = 0.5
     """Time for which the distance ahead must suffice [s]: delay and braking of slow boards."""
 
@@ -52,19 +55,20 @@ class Body:
         self._front_m, self._back_m = float(footprint[:, 0].max()), float(footprint[:, 0].min())
         self._left_m, self._right_m = footprint[:, 1].max(), footprint[:, 1].min()
 
-    def refuse_obstacle(self, points: Floats, mount: Mount, speed: float) -> None:
+    def refuse_obstacle(self, points: Floats, mount: Mount, twist: Twist2D) -> None:
         """Refuse to come nearer to what the lidar sees.
 
         Args:
             points: (n, 2) echoes in frame `laser` [m], without those of the robot itself.
             mount: how the lidar sits.
-            speed: that was commanded ahead [m/s]; 0 for a turn on the spot.
+            twist: that was commanded.
 
         Raises:
             SetupRefused: something is too near.
         """
         if not len(points):
             return
+        speed = twist.vx
         if speed == 0.0 or mount.axle is None or mount.ahead is None:
             centre = np.zeros(2) if mount.axle is None else mount.axle
             reach_m = self.radius_m * (2.0 if mount.axle is None else 1.0)
@@ -77,6 +81,7 @@ class Body:
         ahead_x, ahead_y = mount.ahead
         along = ahead_x * away[:, 0] + ahead_y * away[:, 1]
         aside = mount.sign * (ahead_x * away[:, 1] - ahead_y * away[:, 0])
+        along, aside = _on_arc(along, aside, twist.wz / speed)
         in_way = (aside > self._right_m - PARAMS.beside_m) & (
             aside < self._left_m + PARAMS.beside_m
         )
@@ -87,6 +92,20 @@ class Body:
         gap_m = _nearest(gaps)
         if gap_m < 0.5 * abs(speed) * PARAMS.braking_s:
             raise _too_near(gap_m)
+
+
+def _on_arc(along: Floats, aside: Floats, curvature: float) -> tuple[Floats, Floats]:
+    """Return how far points are ahead along an arc, and to the left of it [m].
+
+    Args:
+        along: (n,) how far they are straight ahead [m].
+        aside: (n,) and to the left of that [m].
+        curvature: of the arc, to the left positive [1/m].
+    """
+    radius = 1.0 / math.copysign(max(abs(curvature), PARAMS.straight), curvature)
+    left = math.copysign(1.0, radius)
+    ahead = np.arctan2(along, left * (radius - aside)) * abs(radius)
+    return ahead, radius - left * np.hypot(along, aside - radius)
 
 
 def _nearest(away: Floats) -> float:

@@ -1,15 +1,17 @@
-"""Drives the course of the measurement: turns on the spot, and straight strokes to and fro.
+"""Drives the course of the measurement: turns on the spot, straight strokes to and fro, circles.
 
 It is a machine without a clock: readings in, a velocity out. It trusts nothing that it has not
 measured yet. So it begins with a short, slow turn, goes on only if lidar and wheels saw the same,
-and drives ahead only once a whole turn has shown enough free floor all round. Whatever is wrong
-ends it, with the reason, and from then on the velocity is zero.
+and drives ahead only once a whole turn has shown enough free floor all round. Turns show where the
+lidar sits, strokes how soon the motors obey, and circles, which lead round the same free floor
+without a pause, what the wheels' counts are worth: wheels slip at random, so that takes many
+metres. Whatever is wrong ends it, with the reason, and from then on the velocity is zero.
 """
 
-import itertools
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,14 @@ from trolley_base.drivers import LidarScan, MotionSample
 from trolley_base.setup.clearance import PARAMS as CLEARANCE
 from trolley_base.setup.clearance import Body, Mount
 from trolley_base.setup.motion import LidarTrack, WheelCount, axle_of
-from trolley_base.setup.record import Command, Record, SetupRefused, Stand, refuse_silence
+from trolley_base.setup.record import (
+    Command,
+    Record,
+    SetupRefused,
+    Stand,
+    Waypoint,
+    refuse_silence,
+)
 from trolley_base.setup.sight import PARAMS as SIGHT
 from trolley_base.setup.sight import (
     Beams,
@@ -46,26 +55,39 @@ class DriveParams:
     """Its turn rate [rad/s]."""
     turn_rad: float = 2.2
     """Turns after that, 126 degrees each [rad]."""
-    turn_radps: float = 1.0
+    turn_radps: float = 1.2
     """Their turn rate where limits allow [rad/s]."""
-    num_turns: int = 12
-    """Number of turns each way: 53 rad, over which slip of 0.03 rad a radian errs by 0.4 %."""
-    num_round: int = 4
-    """Number of turns after which the robot has seen all directions."""
+    num_turns: int = 4
+    """Number of turns each way; after those of one way it has seen all directions."""
     speed_mps: float = 0.5
-    """Speed of the strokes where limits allow [m/s]."""
+    """Speed of strokes and circles where limits allow [m/s]."""
     trial_mps: float = 0.12
     """Speed of the first stroke [m/s]."""
     trial_m: float = 0.15
     """Length of the first stroke [m]."""
     half_stroke_m: float = 0.45
-    """Strokes reach so far ahead and behind where room allows [m]."""
+    """Strokes reach so far ahead and behind where room allows, and circles are so large [m]."""
     least_half_m: float = 0.25
     """Shorter strokes tell too little [m]."""
-    driving_s: float = 170.0
-    """How long it drives in all [s]: strokes go on until then, since slip averages out."""
-    least_strokes: int = 6
-    """Number of strokes that are driven however long they take."""
+    driving_s: float = 175.0
+    """How long it drives in all [s]: circles go on until then, since slip averages out."""
+    strokes: tuple[float, ...] = (1.0, -1.0, 1.0, -1.0, 1.0, 0.0, -1.0, 0.0, 1.0)
+    """Where they end, as a share of how far they reach. Two are broken in the middle: these show
+    the way without the play of the wheels, which comes where a wheel turns back."""
+    rounds: float = 2.5
+    """Number of rounds on the circle before the robot stands, so that it knows where it is."""
+    least_round_s: float = 3.0
+    """In less time a circle is not begun [s]."""
+    circle_steering: float = 0.8
+    """Turn rate per error of the heading on a circle [1/s]."""
+    circle_return_m: float = 1.0
+    """Distance from the circle by angle at which the robot is led back to it [m]."""
+    circle_trim: float = 0.05
+    """Added to the turn rate on a circle per error of the heading and time [1/s^2]."""
+    off_circle_m: float = 0.06
+    """A robot that is farther outside stands, turns and begins anew [m]; half the margin."""
+    farther_m: float = 0.02
+    """One that was farther outside already does when it is outside by so much more [m]."""
     steering: float = 1.0
     """Turn rate per error of the heading on a stroke [1/s]."""
     most_steering_radps: float = 0.3
@@ -73,7 +95,7 @@ class DriveParams:
     return_m: float = 0.5
     """Length over which a stroke leads back to the line, at least [m]."""
     most_return_rad: float = 0.25
-    """Largest angle to the line at which it does [rad]."""
+    """Largest angle to the line, or to the circle, at which it does [rad]."""
     lead_s: float = 0.25
     """A stroke is stopped so long before its end until a stop has shown what is right [s]."""
     motors_mps2: float = 1.0
@@ -126,10 +148,9 @@ class SetupDrive:
         footprint: (n, 2) corners [m] in `base_link`.
         half_track_m: half of the track that the board calculates with [m].
         own: where a person has said that the lidar sees the robot itself.
-        speed_mps: of the strokes.
-        turn_radps: of the turns.
-        num_turns: how many turns each way, at least as many as show all directions.
-        driving_s: how long it drives in all, but for the least number of strokes.
+        speed_mps: of strokes and circles.
+        turn_radps: of turns and circles.
+        driving_s: how long it drives in all, but for turns and strokes.
     """
 
     def __init__(
@@ -140,7 +161,6 @@ class SetupDrive:
         *,
         speed_mps: float = PARAMS.speed_mps,
         turn_radps: float = PARAMS.turn_radps,
-        num_turns: int = PARAMS.num_turns,
         driving_s: float = PARAMS.driving_s,
     ) -> None:
         self.record = Record()
@@ -163,7 +183,7 @@ class SetupDrive:
         self._driven_ns = 0
         self._command = Twist2D.zero()
         self._num_fast = self._num_plain = 0
-        self._course = self._drive(driving_s, max(num_turns, PARAMS.num_round))
+        self._course = self._drive(driving_s)
 
     def step(
         self,
@@ -207,37 +227,36 @@ class SetupDrive:
         self.problem = self.problem or problem
 
     # The course.
-    def _drive(self, driving_s: float, num_turns: int) -> Course:
+    def _drive(self, driving_s: float) -> Course:
         yield from self._stand()
         self._refuse_near()
         self.step_name = "a first short turn"
         yield from self._turn(PARAMS.trial_rad, PARAMS.trial_radps)
         yield from self._stand()
         self._judge_trial_turn()
-        for number in range(2 * num_turns):
-            self.step_name = f"turn {number + 1} of {2 * num_turns}"
-            way = 1.0 if number < num_turns else -1.0
+        for number in range(2 * PARAMS.num_turns):
+            self.step_name = f"turn {number + 1} of {2 * PARAMS.num_turns}"
+            way = 1.0 if number < PARAMS.num_turns else -1.0
             yield from self._turn(way * PARAMS.turn_rad, self._turn_radps)
             yield from self._stand()
             self._judge()
             beyond = abs(self._moved().yaw) - PARAMS.turn_rad
             self._line.turn_lead_s = max(0.0, beyond / self._turn_radps)
-            if number + 1 == PARAMS.num_round:
+            if number + 1 == PARAMS.num_turns:
                 self._learn_own()
         half_m = self._find_room()
         yield from self._first_stroke()
         yield from self._creep()
-        for number, target_m in enumerate(_targets(half_m)):
-            if number >= PARAMS.least_strokes and self._driven_ns > driving_s * 1e9:
-                return
-            self.step_name = f"stroke {number + 1}"
-            yield from self._straighten(target_m)
-            way, length_m = self._way_to(target_m), abs(target_m - self._place[0])
-            yield from self._go_to(target_m, self._speed_mps)
-            yield from self._stand()
-            self._judge()
-            beyond_m = way * (self._place[0] - target_m)
-            self._line.learn_lead(beyond_m, self._speed_mps, length_m)
+        for number, share in enumerate(PARAMS.strokes):
+            self.step_name = f"stroke {number + 1} of {len(PARAMS.strokes)}"
+            yield from self._stroke(share * half_m)
+        self._line.worth = self._roughly_worth()
+        middle_s = 0.5 * (self._driven_ns * 1e-9 + driving_s)
+        for side, until_s in ((1.0, middle_s), (-1.0, driving_s)):
+            while self._driven_ns < (until_s - PARAMS.least_round_s) * 1e9:
+                self.step_name = f"circles, {driving_s - self._driven_ns * 1e-9:.0f} s left"
+                yield from self._go_round(_Circle(half_m, side), until_s)
+                yield from self._stand()
 
     def _first_stroke(self) -> Course:
         """Drive a little ahead: the way that the lidar goes is ahead."""
@@ -292,16 +311,30 @@ class SetupDrive:
             seen += abs(angle_difference(now, last))
             last = now
 
-    def _straighten(self, target_m: float) -> Course:
-        """Turn to the heading that leads to the end of a stroke, if another is far off."""
-        error = self._heading_error(target_m)
-        lead = max(0.02, self._line.turn_lead_s * PARAMS.trial_radps)
+    def _stroke(self, target_m: float) -> Course:
+        """Drive straight until the robot is so far ahead of where the strokes began, and stand."""
+        yield from self._turn_to(lambda: self._heading_error(target_m))
+        way, length_m = self._way_to(target_m), abs(target_m - self._place[0])
+        yield from self._go_to(target_m, self._speed_mps)
+        yield from self._stand()
+        self._judge()
+        beyond_m = way * (self._place[0] - target_m)
+        self._line.learn_lead(beyond_m, self._speed_mps, length_m)
+
+    def _turn_to(self, error_of: Callable[[], float]) -> Course:
+        """Turn to a heading, if another is far off.
+
+        Args:
+            error_of: how far the robot is turned to the left of it now [rad].
+        """
+        error = error_of()
+        rate = PARAMS.trial_radps if abs(error) < PARAMS.trial_rad else self._turn_radps
+        lead = max(0.02, self._line.turn_lead_s * rate)
         if abs(error) > max(PARAMS.heading_rad, lead):
-            rate = math.copysign(PARAMS.trial_radps, -error)
-            until_ns = self._deadline(abs(error) / PARAMS.trial_radps + PARAMS.patience_s)
-            while math.copysign(1.0, error) * self._heading_error(target_m) > lead:
+            until_ns = self._deadline(abs(error) / rate + PARAMS.patience_s)
+            while math.copysign(1.0, error) * error_of() > lead:
                 self._refuse_late(until_ns, "The robot does not turn as told")
-                yield Twist2D(0.0, 0.0, rate)
+                yield Twist2D(0.0, 0.0, math.copysign(rate, -error))
             yield from self._stand()
 
     def _go_to(self, target_m: float, speed: float) -> Course:
@@ -316,6 +349,26 @@ class SetupDrive:
                 limit = PARAMS.most_steering_radps
                 turn -= max(-limit, min(limit, PARAMS.steering * self._heading_error(target_m)))
             yield Twist2D(way * speed, 0.0, turn)
+
+    def _go_round(self, circle: "_Circle", until_s: float) -> Course:
+        """Drive rounds on a circle, until it is time to end or the robot is too far outside."""
+        yield from self._turn_to(lambda: self._circle_error(circle)[0])
+        speed = min(self._speed_mps, self._turn_radps * circle.radius_m)
+        way_m, turn_rad = self._line.worth
+        trim, last_ns = 0.0, self._now_ns
+        most_m = max(PARAMS.off_circle_m, self._circle_error(circle)[1] + PARAMS.farther_m)
+        until_ns = self._deadline(PARAMS.rounds * 2.0 * math.pi * circle.radius_m / speed)
+        while self._now_ns < until_ns and self._driven_ns < until_s * 1e9:
+            error, outside_m = self._circle_error(circle)
+            if outside_m > most_m:
+                return
+            limit = PARAMS.most_steering_radps
+            trim -= PARAMS.circle_trim * error * (self._now_ns - last_ns) * 1e-9
+            trim, last_ns = max(-limit, min(limit, trim)), self._now_ns
+            correction = max(-limit, min(limit, trim - PARAMS.circle_steering * error))
+            turning = circle.side * speed * way_m / circle.radius_m
+            turn = (turning + correction) / turn_rad - self._line.bend * speed
+            yield Twist2D(speed, 0.0, turn)
 
     def _stand(self) -> Course:
         """Come to rest, and note where."""
@@ -504,13 +557,14 @@ class SetupDrive:
         for scan in scans:
             if self._lidar.take(scan):
                 self._follow(scan)
+                self.record.waypoints.append(Waypoint(scan.stamp_ns, self._lidar.pose))
 
     def _follow(self, scan: LidarScan) -> None:
         self._refuse_too_fast(self._lidar.follow(scan, self.own))
         if not self._command.is_zero:
             beams = Beams.of(scan)
             points = beams.points(scan.ranges, beams.outside(self.own))
-            self._body.refuse_obstacle(points, self._mount, self._command.vx)
+            self._body.refuse_obstacle(points, self._mount, self._command)
 
     def _refuse_too_fast(self, twist: Twist2D) -> None:
         told_wz = max(abs(one.wz) for one in self._told_lately())
@@ -565,6 +619,31 @@ class SetupDrive:
         back = self._way_to(target_m) * max(-limit, min(limit, back))
         return self._mount.sign * turned + back
 
+    def _circle_error(self, circle: "_Circle") -> tuple[float, float]:
+        """How far the robot is turned to the left of where a circle leads [rad], and outside [m].
+
+        Off the circle it should lead back to it.
+        """
+        along, aside = self._place
+        outside_m = math.hypot(along, aside) - circle.radius_m
+        limit = PARAMS.most_return_rad
+        back = max(-limit, min(limit, outside_m / PARAMS.circle_return_m))
+        wanted = math.atan2(aside, along) + circle.side * (0.5 * math.pi + back)
+        turned = self._mount.sign * angle_difference(self._lidar.here.yaw, self._line.heading_rad)
+        return angle_difference(turned, wanted), outside_m
+
+    def _roughly_worth(self) -> tuple[float, float]:
+        """Return about how many metres a metre counted is really, and radians a radian."""
+        ways, turns = np.zeros(2), np.zeros(2)
+        for index, (before, after) in enumerate(pairwise(self.record.stands)):
+            way, turn = self._wheels.between_stands(index)
+            seen = before.start_T_laser.inverse() @ after.start_T_laser
+            if abs(turn) > PARAMS.trial_rad:
+                turns += abs(turn), abs(seen.yaw)
+            elif abs(way) > PARAMS.least_half_m:
+                ways += abs(way), math.hypot(seen.x, seen.y)
+        return float(ways[1] / ways[0]), float(turns[1] / turns[0])
+
     @property
     def _place(self) -> tuple[float, float]:
         """How far the robot is ahead of where the strokes began, and to the left of it [m]."""
@@ -581,6 +660,14 @@ class SetupDrive:
         return stands[-2].start_T_laser.inverse() @ stands[-1].start_T_laser
 
 
+@dataclass(frozen=True, slots=True)
+class _Circle:
+    """Around where strokes began; its middle lies to the left of the robot, 1, or the right, -1."""
+
+    radius_m: float
+    side: float
+
+
 @dataclass(slots=True)
 class _Line:
     """The line on which strokes go to and fro.
@@ -589,6 +676,7 @@ class _Line:
         start_T_first: where the lidar was when they began, as in `Stand.start_T_laser`.
         heading_rad: its direction then.
         bend: turn per way that the wheels make of a command to go straight [rad/m].
+        worth: about how many metres a metre counted is really, and radians a radian.
         lead_s: how long before its end a stroke is stopped: the robot obeys late [s].
         turn_lead_s: the same of turns [s].
     """
@@ -596,6 +684,7 @@ class _Line:
     start_T_first: Pose2D = field(default_factory=Pose2D.identity)
     heading_rad: float = 0.0
     bend: float = 0.0
+    worth: tuple[float, float] = 1.0, 1.0
     lead_s: float = PARAMS.lead_s
     turn_lead_s: float = 0.0
 
@@ -609,19 +698,6 @@ class _Line:
         """
         if length_m > self.lead_s * speed + speed**2 / (2.0 * PARAMS.motors_mps2):
             self.lead_s = max(0.0, self.lead_s + 0.5 * beyond_m / speed)
-
-
-def _targets(half_m: float) -> Iterator[float]:
-    """Yield where strokes end, ahead of where they began [m], without an end.
-
-    Two of eight whole ones are broken in the middle: they show the way without the play of the
-    wheels, which comes where a wheel turns back.
-    """
-    yield half_m
-    for number in itertools.count():
-        if number % 8 >= 6:
-            yield 0.0
-        yield half_m if number % 2 else -half_m
 
 
 def _duration_ns(scan: LidarScan) -> int:

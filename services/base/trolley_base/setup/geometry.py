@@ -1,7 +1,8 @@
-"""How the lidar sits and what the wheels' counts are worth, from motions between standing scans.
+"""How the lidar sits and what the wheels' counts are worth, from motions of the lidar.
 
-The lidar's own motion from stand to stand is the truth. With X = base_T_laser, and B the motion of
-the base that the wheels report with these scales, X @ Z @ X^-1 = B for each motion Z of the lidar.
+The lidar's own motion from stand to stand is the truth; long ways are cut where it was meanwhile.
+With X = base_T_laser, and B the motion of the base that the wheels report with these scales,
+X @ Z @ X^-1 = B for each motion Z of the lidar.
 All stretches together give x, y and yaw of the lidar, the size of each wheel, the track, and the
 play of the wheels, by least squares; each stretch counts by the slip that wheels usually have.
 
@@ -11,15 +12,16 @@ Source:
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D, angle_difference
-from trolley_base.setup.record import Record, SetupRefused, WheelMotions
+from trolley.geometry import Pose2D, Twist2D, angle_difference, exp_twist
+from trolley_base.setup.record import Record, SetupRefused, Stand, Waypoint, WheelMotions
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +34,14 @@ class GeometryParams:
     """Standard deviation of where standing scans are aligned [m]."""
     lidar_rad: float = 0.0015
     """The same of their direction [rad]."""
+    moving_m: float = 0.006
+    """Standard deviation of where scans are aligned on the way [m]."""
+    moving_rad: float = 0.004
+    """The same of their direction [rad]."""
+    long_m: float = 1.2
+    """A stretch that is longer is cut into pieces [m]."""
+    piece_m: float = 0.45
+    """Their length [m]: what the wheels slip in it is much more than what the lidar errs."""
     slip_m: float = 0.02
     """Standard deviation of the way after a metre, a random walk [m]: hard wheels on tiles."""
     slip_rad: float = 0.03
@@ -48,6 +58,8 @@ class GeometryParams:
     """It stands aside after such a turn on the spot [rad]."""
     scale_std: float = 0.15
     """Standard deviation of how wrong settings are, before anything is known."""
+    arc_steps: int = 6
+    """Number of places on a stretch at which it is taken to slip."""
     step: float = 1e-5
     """Step of the numeric derivative [m, rad]."""
     iterations: int = 15
@@ -110,9 +122,10 @@ class Geometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """What happened between two stands.
+    """What happened between two stands, or on a piece of a long way.
 
     Attributes:
+        start_ns, end_ns: when [robot time].
         part: of what the wheels counted.
         seen: motion of the lidar, as it is, not as in a mirror.
         way: distance that the wheels count [m].
@@ -120,23 +133,32 @@ class Stretch:
         swings: whether a castor swings round: the robot goes the other way than before, or has
             turned on the spot.
         is_plain: the lidar saw too little at one of its ends to tell how far it went.
+        is_piece: the lidar did not stand at its ends.
     """
 
+    start_ns: int
+    end_ns: int
     part: slice
     seen: Pose2D
     way: float
     turn: float
     swings: bool
     is_plain: bool = False
+    is_piece: bool = False
+
+    @property
+    def seen_turn(self) -> float:
+        """The turn that the lidar saw [rad], more than half a turn, too, if the wheels say so."""
+        return self.turn + angle_difference(self.seen.yaw, self.turn)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """A drive, cut at its stands.
+    """A drive, cut at its stands, and long ways between them into pieces.
 
     Attributes:
         left, right: (n,) distances that the wheels counted [m].
-        stretches: between each two stands.
+        stretches: all of it.
         half_track_m: half of the track that the board calculates with [m].
         is_mirrored: the lidar turns the other way than its driver believes.
     """
@@ -165,16 +187,24 @@ def cut(record: Record, half_track_m: float) -> Drive:
     """
     wheels = record.wheel_motions()
     is_mirrored = find_mirror(record)
+    cuts = [
+        cut
+        for before, after in pairwise(record.stands)
+        for cut in _cuts(record.waypoints, wheels, before, after)
+    ]
+    wheels = wheels.split_at(np.array([cut.end_ns for cut in cuts], np.int64))
     found: list[Stretch] = []
     went = 0.0
-    for before, after in zip(record.stands, record.stands[1:], strict=False):
-        part = wheels.between(before.middle_ns, after.middle_ns)
-        seen = before.start_T_laser.inverse() @ after.start_T_laser
-        way = float(np.sum(wheels.way[part]))
-        turn = float(np.sum(wheels.turn[part]))
-        seen = mirrored(seen) if is_mirrored else seen
-        is_plain = before.is_plain or after.is_plain
-        found.append(Stretch(part, seen, way, turn, way * went <= 0.0, is_plain))
+    for one in cuts:
+        part = wheels.between(one.start_ns, one.end_ns)
+        way, turn = float(np.sum(wheels.way[part])), float(np.sum(wheels.turn[part]))
+        seen = mirrored(one.seen) if is_mirrored else one.seen
+        swings = way * went <= 0.0
+        found.append(
+            Stretch(
+                one.start_ns, one.end_ns, part, seen, way, turn, swings, one.is_plain, one.is_piece
+            )
+        )
         if abs(way) > PARAMS.castor_m:
             went = way
         elif abs(turn) > PARAMS.castor_turn_rad:
@@ -188,6 +218,41 @@ def cut(record: Record, half_track_m: float) -> Drive:
     )
 
 
+class _Cut(NamedTuple):
+    start_ns: int
+    end_ns: int
+    seen: Pose2D
+    """Motion of the lidar, perhaps as in a mirror."""
+    is_plain: bool
+    is_piece: bool
+
+
+def _cuts(
+    waypoints: Sequence[Waypoint], wheels: WheelMotions, before: Stand, after: Stand
+) -> Iterator[_Cut]:
+    """Yield the whole stretch between two stands, or its pieces if it is long."""
+    is_plain = before.is_plain or after.is_plain
+    part = wheels.between(before.middle_ns, after.middle_ns)
+    way_m = np.cumsum(np.abs(wheels.way[part]))
+    on_way = [one for one in waypoints if before.start_ns <= one.stamp_ns <= after.end_ns]
+    if not len(way_m) or way_m[-1] < PARAMS.long_m or len(on_way) < 2:
+        seen = before.start_T_laser.inverse() @ after.start_T_laser
+        yield _Cut(before.middle_ns, after.middle_ns, seen, is_plain, False)
+        return
+    gone = np.interp([one.stamp_ns for one in on_way], wheels.stamps_ns[part], way_m)
+    last = 0
+    for index in range(1, len(on_way)):
+        is_end = index == len(on_way) - 1
+        if gone[index] - gone[last] < PARAMS.piece_m and not is_end:
+            continue
+        if gone[-1] - gone[index] < 0.5 * PARAMS.piece_m and not is_end:
+            continue
+        start, end = on_way[last], on_way[index]
+        seen = start.start_T_laser.inverse() @ end.start_T_laser
+        yield _Cut(start.stamp_ns, end.stamp_ns, seen, is_plain, True)
+        last = index
+
+
 def find_mirror(record: Record) -> bool:
     """Say whether the lidar sees the robot turn the other way than the wheels.
 
@@ -196,7 +261,7 @@ def find_mirror(record: Record) -> bool:
     """
     wheels = record.wheel_motions()
     agreement = 0.0
-    for before, after in zip(record.stands, record.stands[1:], strict=False):
+    for before, after in pairwise(record.stands):
         turn = _sum_turn(wheels, before.middle_ns, after.middle_ns)
         seen = angle_difference(after.start_T_laser.yaw, before.start_T_laser.yaw)
         if 0.2 < abs(turn) < 0.9 * math.pi:
@@ -353,20 +418,28 @@ def _misses(drive: Drive, parts: Sequence[Stretch], theta: Floats) -> Floats:
 def _weights(part: Stretch, theta: Floats) -> Floats:
     """Return W (3, 3) with W^T W the inverse covariance of a miss, in the frame at its start.
 
-    On a straight stretch the heading is a random walk, and the way aside its integral; a castor
-    turns the robot at the beginning. What the lidar's direction errs by moves the base, too.
+    Way and heading are random walks along the arc that was driven; a castor turns the robot at the
+    beginning. What the lidar's direction errs by moves the base, too.
     """
+    lidar_m, lidar_rad = PARAMS.lidar_m, PARAMS.lidar_rad
+    if part.is_piece:
+        lidar_m, lidar_rad = PARAMS.moving_m, PARAMS.moving_rad
     away, turned = abs(part.way), abs(part.turn)
-    walk = PARAMS.slip_rad**2 * away
-    kick = PARAMS.castor_rad**2 if part.swings and away > 0.05 else 0.0
     lever = math.hypot(theta[X], theta[Y])
-    place = 2.0 * (PARAMS.lidar_m**2 + (PARAMS.lidar_rad * lever) ** 2)
-    along = place + PARAMS.slip_m**2 * away
-    aside = place + walk * away**2 / 3.0 + kick * away**2
-    both = walk * away / 2.0 + kick * away
-    yaw = 2.0 * PARAMS.lidar_rad**2 + walk + kick + PARAMS.slip_rad**2 * turned
-    both = math.copysign(both, part.way)
-    covariance = np.array([[along, 0.0, 0.0], [0.0, aside, both], [0.0, both, yaw]])
+    place = 2.0 * (lidar_m**2 + (lidar_rad * lever) ** 2)
+    covariance = np.diag([place, place, 2.0 * lidar_rad**2])
+    twist = Twist2D(part.way, 0.0, part.turn)
+    end = exp_twist(twist)
+    shares = (np.arange(PARAMS.arc_steps) + 0.5) / PARAMS.arc_steps
+    for at in (exp_twist(twist, share) for share in shares.tolist()):
+        along = np.array([math.cos(at.yaw), math.sin(at.yaw), 0.0])
+        covariance += PARAMS.slip_m**2 * away / len(shares) * np.outer(along, along)
+        turning = np.array([at.y - end.y, end.x - at.x, 1.0])
+        walk = PARAMS.slip_rad**2 * (away + turned) / len(shares)
+        covariance += walk * np.outer(turning, turning)
+    if part.swings and away > 0.05:
+        kick = np.array([-end.y, end.x, 1.0])
+        covariance += PARAMS.castor_rad**2 * np.outer(kick, kick)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), np.float64)
 
 

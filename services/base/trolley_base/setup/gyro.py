@@ -80,19 +80,19 @@ def find_gyro(record: Record, parts: list[Stretch]) -> Gyro | str | None:
     angles = np.cumsum(rates * seconds[:, None], axis=0)
     turned: list[Floats] = []
     true: list[float] = []
-    for part, before, after in zip(parts, stands, stands[1:], strict=False):
-        if abs(part.seen.yaw) < PARAMS.least_turn_rad:
+    for part in parts:
+        if abs(part.seen_turn) < PARAMS.least_turn_rad:
             continue
         turned.append(
             np.array(
                 [
-                    np.interp(after.middle_ns, stamps, angles[:, axis])
-                    - np.interp(before.middle_ns, stamps, angles[:, axis])
+                    np.interp(part.end_ns, stamps, angles[:, axis])
+                    - np.interp(part.start_ns, stamps, angles[:, axis])
                     for axis in range(3)
                 ]
             )
         )
-        true.append(part.seen.yaw)
+        true.append(part.seen_turn)
     if len(true) < PARAMS.least_turns:
         return None
     return _judge(np.array(turned), np.array(true))

@@ -62,9 +62,9 @@ class WheelCount:
         """Note what is counted at a stand."""
         self._at_stands.append((self.way, self.turn))
 
-    def between_stands(self) -> tuple[float, float]:
-        """Return the way [m] and the turn [rad] counted between the last two stands."""
-        before, after = self._at_stands[-2:]
+    def between_stands(self, index: int = -2) -> tuple[float, float]:
+        """Return the way [m] and the turn [rad] counted from a stand to the next, the last two."""
+        before, after = self._at_stands[index], self._at_stands[index + 1]
         return after[0] - before[0], after[1] - before[1]
 
 

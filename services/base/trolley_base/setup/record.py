@@ -56,6 +56,20 @@ class Stand:
 
 
 @dataclass(frozen=True, slots=True)
+class Waypoint:
+    """Where the lidar was at the stamp of a scan.
+
+    Attributes:
+        stamp_ns: robot time.
+        start_T_laser: followed from scan to scan since the first, and never corrected: good for
+            short ways only.
+    """
+
+    stamp_ns: int
+    start_T_laser: Pose2D
+
+
+@dataclass(frozen=True, slots=True)
 class Command:
     """A velocity that was commanded from a robot time on."""
 
@@ -73,6 +87,8 @@ class Record:
     """As the board reports them."""
     imu: list[Imu] = field(default_factory=list[Imu])
     stands: list[Stand] = field(default_factory=list[Stand])
+    waypoints: list[Waypoint] = field(default_factory=list[Waypoint])
+    """Of each scan, standing or not."""
 
     def wheel_motions(self) -> "WheelMotions":
         """Return all that the wheels reported as arrays."""
@@ -97,6 +113,17 @@ class WheelMotions:
     stamps_ns: NDArray[np.int64]
     way: NDArray[np.float64]
     turn: NDArray[np.float64]
+
+    def split_at(self, stamps_ns: NDArray[np.int64]) -> "WheelMotions":
+        """Return the same with further ends of intervals: speeds are constant within each."""
+        first, last = self.stamps_ns[0], self.stamps_ns[-1]
+        inside = stamps_ns[(stamps_ns > first) & (stamps_ns < last)]
+        ends = np.union1d(self.stamps_ns, inside)
+
+        def split(moved: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.diff(np.interp(ends, self.stamps_ns, np.cumsum(moved)), prepend=0.0)
+
+        return WheelMotions(ends, split(self.way), split(self.turn))
 
     def between(self, start_ns: int, end_ns: int) -> slice:
         """Return which of them lie between two moments."""

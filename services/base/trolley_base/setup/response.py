@@ -34,6 +34,8 @@ class ResponseParams:
     """Steps to or from slower speeds are not read [m/s]."""
     outlier: float = 5.0
     """A step that differs by so many standard deviations from the others is left out."""
+    same_speed: float = 0.9
+    """Share of the highest speed that a step must have: circles may be slower than strokes."""
     uneven: float = 0.1
     """Share of a speed by which it may change in the moment before the robot is to stop: a stroke
     too short for its speed tells no delay."""
@@ -86,7 +88,7 @@ class Response:
 
 
 def measure(record: Record, linear_scale: float) -> Response:
-    """Read the straight starts and stops of a drive.
+    """Read the starts and stops of strokes and circles.
 
     Args:
         record: the drive.
@@ -107,6 +109,7 @@ def measure(record: Record, linear_scale: float) -> Response:
         step = _read(wheels, at_ns, before, now, end_ns)
         if step is not None:
             (stops if now == 0.0 else starts).append(step)
+    starts, stops = _fastest(starts), _fastest(stops)
     if len(starts) < PARAMS.least_steps or len(stops) < PARAMS.least_steps:
         raise SetupRefused(
             "The wheels did not follow the commands evenly enough to say how soon they obey."
@@ -123,6 +126,12 @@ def measure(record: Record, linear_scale: float) -> Response:
         stopping=_mean([linear_scale * step.way_m for step in stops]),
         speed=linear_scale * float(np.mean([step.speed for step in stops])),
     )
+
+
+def _fastest(steps: Sequence[Step]) -> list[Step]:
+    """Return those at full speed."""
+    least = PARAMS.same_speed * max((step.speed for step in steps), default=0.0)
+    return [step for step in steps if step.speed >= least]
 
 
 def _changes(record: Record) -> list[tuple[int, float]]:

@@ -95,7 +95,7 @@ def drive_with(
     # As the lidar is believed to turn.
     post = (-direction - 0.15, -direction + 0.15)
     own = [post] if own is None else own
-    drive = SetupDrive(FOOTPRINT, 0.5 * ASSUMED_TRACK_M, own, num_turns=4, driving_s=driving_s)
+    drive = SetupDrive(FOOTPRINT, 0.5 * ASSUMED_TRACK_M, own, driving_s=driving_s)
     while not drive.has_ended:
         before(drive)
         motions, scans, imu = odd.read()

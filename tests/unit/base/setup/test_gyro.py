@@ -30,17 +30,20 @@ def turned(up: np.ndarray, scale: float) -> tuple[Record, list[Stretch]]:
             imu = Imu(stamp_ns=now_ns, angular_velocity=(x, y, z), linear_acceleration=gravity)
             record.imu.append(imu)
 
-    def stand() -> None:
+    def stand() -> Stand:
         begun_ns = now_ns
         read(0.0, 1.0)
         pose = Pose2D.identity()
         record.stands.append(Stand(begun_ns, now_ns, pose, np.empty(0, np.float32)))
+        return record.stands[-1]
 
-    stand()
+    before = stand()
     for turn in TURNS:
         read(math.copysign(0.75, turn), 2.0)
-        stand()
-        parts.append(Stretch(slice(0, 0), Pose2D(0.0, 0.0, turn), 0.0, turn, False))
+        after = stand()
+        span = before.middle_ns, after.middle_ns
+        parts.append(Stretch(*span, slice(0, 0), Pose2D(0.0, 0.0, turn), 0.0, turn, False))
+        before = after
     return record, parts
 
 
