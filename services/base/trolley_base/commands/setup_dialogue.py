@@ -304,8 +304,8 @@ class SetupDialogue:
             footprint,
             half_track_m,
             own,
-            speed_mps=min(DRIVE.speed_mps, limits.speed),
-            turn_radps=min(DRIVE.turn_radps, limits.wz),
+            speed_mps=limits.speed,
+            turn_radps=limits.wz,
             driving_s=SHORT_S if self._short else DRIVE.driving_s,
         )
         with person.hold() as hand, robot.opened():

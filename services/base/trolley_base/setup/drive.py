@@ -57,6 +57,8 @@ class DriveParams:
     """Turns after that, 126 degrees each [rad]."""
     turn_radps: float = 1.2
     """Their turn rate where limits allow [rad/s]."""
+    circle_radps: float = 1.5
+    """Highest turn rate on a circle [rad/s]: on smaller ones the robot drives more slowly."""
     num_turns: int = 4
     """Number of turns each way; after those of one way it has seen all directions."""
     speed_mps: float = 0.5
@@ -148,8 +150,8 @@ class SetupDrive:
         footprint: (n, 2) corners [m] in `base_link`.
         half_track_m: half of the track that the board calculates with [m].
         own: where a person has said that the lidar sees the robot itself.
-        speed_mps: of strokes and circles.
-        turn_radps: of turns and circles.
+        speed_mps: it drives no faster than this, and than is set above.
+        turn_radps: the same for turns.
         driving_s: how long it drives in all, but for turns and strokes.
     """
 
@@ -159,8 +161,8 @@ class SetupDrive:
         half_track_m: float,
         own: Sequence[Sector] = (),
         *,
-        speed_mps: float = PARAMS.speed_mps,
-        turn_radps: float = PARAMS.turn_radps,
+        speed_mps: float = math.inf,
+        turn_radps: float = math.inf,
         driving_s: float = PARAMS.driving_s,
     ) -> None:
         self.record = Record()
@@ -175,7 +177,9 @@ class SetupDrive:
         """Where the lidar sees the robot itself; once it has turned round, measured."""
         self._body = Body(footprint)
         self._half_track_m = half_track_m
-        self._speed_mps, self._turn_radps = speed_mps, turn_radps
+        self._speed_mps = min(PARAMS.speed_mps, speed_mps)
+        self._turn_radps = min(PARAMS.turn_radps, turn_radps)
+        self._circle_radps = min(PARAMS.circle_radps, turn_radps)
         self._lidar, self._wheels, self._mount = LidarTrack(), WheelCount(), Mount()
         self._line = _Line()
         self._now_ns = 0
@@ -353,7 +357,7 @@ class SetupDrive:
     def _go_round(self, circle: "_Circle", until_s: float) -> Course:
         """Drive rounds on a circle, until it is time to end or the robot is too far outside."""
         yield from self._turn_to(lambda: self._circle_error(circle)[0])
-        speed = min(self._speed_mps, self._turn_radps * circle.radius_m)
+        speed = min(self._speed_mps, self._circle_radps * circle.radius_m)
         way_m, turn_rad = self._line.worth
         trim, last_ns = 0.0, self._now_ns
         most_m = max(PARAMS.off_circle_m, self._circle_error(circle)[1] + PARAMS.farther_m)

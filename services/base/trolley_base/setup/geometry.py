@@ -234,7 +234,7 @@ def _cuts(
     is_plain = before.is_plain or after.is_plain
     part = wheels.between(before.middle_ns, after.middle_ns)
     way_m = np.cumsum(np.abs(wheels.way[part]))
-    on_way = [one for one in waypoints if before.start_ns <= one.stamp_ns <= after.end_ns]
+    on_way = [one for one in waypoints if before.middle_ns <= one.stamp_ns <= after.middle_ns]
     if not len(way_m) or way_m[-1] < PARAMS.long_m or len(on_way) < 2:
         seen = before.start_T_laser.inverse() @ after.start_T_laser
         yield _Cut(before.middle_ns, after.middle_ns, seen, is_plain, False)
@@ -404,9 +404,10 @@ def _seen(part: Stretch, theta: Floats) -> tuple[float, float, float]:
     return moved.x, moved.y, moved.yaw
 
 
-def _misses(drive: Drive, parts: Sequence[Stretch], theta: Floats) -> Floats:
+def _misses(
+    drive: Drive, parts: Sequence[Stretch], treads: tuple[Floats, Floats], theta: Floats
+) -> Floats:
     """Return (n, 3) by how much wheels and lidar differ, x, y [m], yaw [rad]."""
-    treads = _treads(drive, float(theta[PLAY]))
     found = np.empty((len(parts), 3))
     for index, part in enumerate(parts):
         driven, seen = _driven(part, treads, theta, drive.half_track_m), _seen(part, theta)
@@ -447,8 +448,11 @@ def _errors(drive: Drive, parts: Sequence[Stretch], theta: Floats) -> tuple[Floa
     """Return the weighted misses (3 n,) and their derivative (3 n, 7), the weights held."""
     weights = np.stack([_weights(part, theta) for part in parts])
 
+    treads = _treads(drive, float(theta[PLAY]))  # slow, and only the play changes them
+
     def weighted(at: Floats) -> Floats:
-        return np.einsum("nij,nj->ni", weights, _misses(drive, parts, at)).ravel()
+        own = treads if at[PLAY] == theta[PLAY] else _treads(drive, float(at[PLAY]))
+        return np.einsum("nij,nj->ni", weights, _misses(drive, parts, own, at)).ravel()
 
     columns: list[Floats] = []
     for index in range(7):

@@ -34,8 +34,6 @@ class ResponseParams:
     """Steps to or from slower speeds are not read [m/s]."""
     outlier: float = 5.0
     """A step that differs by so many standard deviations from the others is left out."""
-    same_speed: float = 0.9
-    """Share of the highest speed that a step must have: circles may be slower than strokes."""
     uneven: float = 0.1
     """Share of a speed by which it may change in the moment before the robot is to stop: a stroke
     too short for its speed tells no delay."""
@@ -72,7 +70,7 @@ class Response:
         longest_delay_s: of all steps, with what may be beyond [s].
         acceleration, braking: of what the wheels count, in true metres [m/s^2].
         stopping: distance from the command to stop until the robot stands [m], at `speed`.
-        speed: at which that was measured [m/s].
+        speed: the highest at which that was measured; slower stops are converted [m/s].
     """
 
     delay: Estimate
@@ -109,7 +107,6 @@ def measure(record: Record, linear_scale: float) -> Response:
         step = _read(wheels, at_ns, before, now, end_ns)
         if step is not None:
             (stops if now == 0.0 else starts).append(step)
-    starts, stops = _fastest(starts), _fastest(stops)
     if len(starts) < PARAMS.least_steps or len(stops) < PARAMS.least_steps:
         raise SetupRefused(
             "The wheels did not follow the commands evenly enough to say how soon they obey."
@@ -118,20 +115,26 @@ def measure(record: Record, linear_scale: float) -> Response:
     delay = _mean(delays)
     usual = _usual(delays)
     spread = float(np.std(usual, ddof=1))
+    braking = _mean([step.rate for step in stops])
+    fastest = max(step.speed for step in stops)
+
+    def from_fastest(step: Step) -> float:
+        """Return how far it would have been from the highest speed [m]."""
+        before_s = delay.value + 0.5 * (fastest + step.speed) / braking.value
+        return step.way_m + (fastest - step.speed) * before_s
+
     return Response(
         delay=delay,
         longest_delay_s=max(float(usual.max()), delay.value + 2.0 * spread),
-        acceleration=_mean([linear_scale * step.rate for step in starts]),
-        braking=_mean([linear_scale * step.rate for step in stops]),
-        stopping=_mean([linear_scale * step.way_m for step in stops]),
-        speed=linear_scale * float(np.mean([step.speed for step in stops])),
+        acceleration=_scaled(_mean([step.rate for step in starts]), linear_scale),
+        braking=_scaled(braking, linear_scale),
+        stopping=_scaled(_mean([from_fastest(step) for step in stops]), linear_scale),
+        speed=linear_scale * fastest,
     )
 
 
-def _fastest(steps: Sequence[Step]) -> list[Step]:
-    """Return those at full speed."""
-    least = PARAMS.same_speed * max((step.speed for step in steps), default=0.0)
-    return [step for step in steps if step.speed >= least]
+def _scaled(one: Estimate, scale: float) -> Estimate:
+    return Estimate(scale * one.value, scale * one.std)
 
 
 def _changes(record: Record) -> list[tuple[int, float]]:

@@ -1,5 +1,6 @@
 """Lidar and wheels from motions between stands, where the truth can be calculated."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -8,8 +9,8 @@ import pytest
 
 from trolley.geometry import Pose2D, Twist2D, exp_twist
 from trolley_base.drivers import MotionSample
-from trolley_base.setup.geometry import Geometry, cut, fit, mirrored
-from trolley_base.setup.record import Record, SetupRefused, Stand
+from trolley_base.setup.geometry import Geometry, Stretch, cut, fit, mirrored
+from trolley_base.setup.record import Record, SetupRefused, Stand, Waypoint
 
 HALF_TRACK_M = 0.1
 LEFT, RIGHT, TRACK, PLAY_M = 0.95, 1.04, 1.1, 0.004
@@ -121,3 +122,79 @@ def test_a_castor_swings_round_where_the_robot_sets_off_after_a_turn_or_goes_bac
     record = record_of(Pose2D(0.1, 0.0, 0.0), is_mirrored=False)
     strokes = cut(record, HALF_TRACK_M).stretches[8:14]
     assert [stroke.swings for stroke in strokes] == [True, False, True, True, False, True]
+
+
+def with_rounds(base_T_laser: Pose2D, *, late_ns: int = 0, slip_m: float = 0.0) -> Record:
+    """The course, and then three rounds on a circle each way, where the lidar scans ten times a
+    second, by a clock that is late."""
+    record = record_of(base_T_laser, is_mirrored=False)
+    now_ns, treads = record.motions[-1].stamp_ns, Treads()
+    start_T_base = base_T_laser @ record.stands[-1].start_T_laser @ base_T_laser.inverse()
+    rng = np.random.default_rng(1)
+
+    def go(twist: Twist2D, seconds: float) -> None:
+        nonlocal now_ns, start_T_base
+        for _ in range(round(seconds * 100)):
+            now_ns += 10_000_000
+            step = twist.scaled(0.01)
+            record.motions.append(MotionSample(now_ns, exp_twist(step), twist))
+            start_T_base = start_T_base @ treads.move(step)
+            slipped = slip_m * math.sqrt(abs(step.vx)) * float(rng.standard_normal())
+            start_T_base = start_T_base @ Pose2D(slipped, 0.0, 0.0)
+            if now_ns % 100_000_000 == 0:
+                record.waypoints.append(Waypoint(now_ns + late_ns, lidar()))
+
+    def lidar() -> Pose2D:
+        return base_T_laser.inverse() @ start_T_base @ base_T_laser
+
+    def stand() -> None:
+        start_ns = now_ns
+        go(Twist2D.zero(), 1.0)
+        stand = Stand(start_ns + 200_000_000, now_ns, lidar(), np.empty(0, np.float32))
+        record.stands.append(stand)
+
+    stand()
+    for side in (1.0, -1.0):
+        go(Twist2D(0.5, 0.0, side * 1.1), 17.0)
+        stand()
+    return record
+
+
+def test_rounds_on_a_circle_show_the_wheels_though_they_end_where_they_began() -> None:
+    mount = Pose2D(-0.1, 0.03, 2.0)
+    found = fit(cut(with_rounds(mount), HALF_TRACK_M))
+    strokes_alone = measured(mount, is_mirrored=False)
+    assert found.left.value == pytest.approx(LEFT, rel=1e-3)
+    assert found.right.value == pytest.approx(RIGHT, rel=1e-3)
+    assert found.track.value == pytest.approx(TRACK, rel=1e-3)
+    assert found.left.std < 0.8 * strokes_alone.left.std
+
+
+def test_a_lidar_whose_clock_is_late_sees_the_same_circles() -> None:
+    late = fit(cut(with_rounds(Pose2D(0.1, 0.0, 0.0), late_ns=40_000_000), HALF_TRACK_M))
+    assert late.left.value == pytest.approx(LEFT, rel=1e-3)
+    assert late.right.value == pytest.approx(RIGHT, rel=1e-3)
+    assert late.track.value == pytest.approx(TRACK, rel=2e-3)
+    assert abs(late.yaw.value) < math.radians(0.3)
+
+
+def test_wheels_that_slip_are_known_as_well_as_is_said() -> None:
+    found = fit(cut(with_rounds(Pose2D(0.1, 0.0, 0.0), slip_m=0.02), HALF_TRACK_M))
+    assert abs(found.linear.value - 0.5 * (LEFT + RIGHT)) < 3.0 * found.linear.std
+    assert found.linear.std < 0.006
+
+
+def test_pieces_of_a_long_way_leave_nothing_of_it_out() -> None:
+    drive = cut(with_rounds(Pose2D(0.1, 0.0, 0.0)), HALF_TRACK_M)
+    pieces = [one for one in drive.stretches if one.is_piece]
+    assert len(pieces) == 34
+    assert all(before.end_ns <= after.start_ns for before, after in itertools.pairwise(pieces))
+    assert sum(one.way for one in pieces) == pytest.approx(2 * 17.0 * 0.5)
+    assert sum(one.turn for one in pieces) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("turn", [3.3, -3.3, 2.0, -0.4])
+def test_a_turn_of_more_than_half_a_round_is_not_taken_for_one_the_other_way(turn: float) -> None:
+    seen = Pose2D(0.0, 0.0, 1.02 * turn)
+    stretch = Stretch(0, 1, slice(0, 0), seen, 0.0, turn, swings=False)
+    assert stretch.seen_turn == pytest.approx(1.02 * turn)

@@ -21,6 +21,7 @@ def drive(
     strokes: int = 8,
     driven_s: Sequence[float] = (3.0,),
     jitter_s: float = 0.0,
+    speeds: Sequence[float] = (SPEED,),
 ) -> Record:
     """Strokes to and fro by motors that follow after a delay; reports at the end of each period."""
     record = Record()
@@ -31,8 +32,9 @@ def drive(
     for number in range(strokes):
         start_ns = number * 6_000_000_000 + int(rng.integers(period_ns))
         direction = 1.0 if number % 2 else -1.0
+        fast = speeds[number % len(speeds)]
         end_ns = start_ns + round(driven_s[number % len(driven_s)] * 1e9)
-        for at_ns, velocity in ((start_ns, direction * SPEED), (end_ns, 0.0)):
+        for at_ns, velocity in ((start_ns, direction * fast), (end_ns, 0.0)):
             late_s = delay_s + jitter_s * (number % 5 - 2) / 2.0
             changes.append((at_ns + round(late_s * 1e9), velocity))
             record.commands.append(Command(at_ns, Twist2D(velocity, 0.0, 0.0)))
@@ -72,6 +74,12 @@ def test_wheels_that_are_smaller_than_set_brake_less() -> None:
 def test_strokes_too_short_for_their_speed_make_no_stop_look_late() -> None:
     record = drive(0.2, strokes=30, driven_s=(0.84, 0.84, 3.0), jitter_s=0.025)
     assert measure(record, 1.0).delay.value == pytest.approx(0.2, abs=0.003)
+
+
+def test_slower_stops_count_for_what_they_would_be_from_the_highest_speed() -> None:
+    found = measure(drive(0.1, strokes=12, speeds=(SPEED, 0.7 * SPEED)), 1.0)
+    assert found.speed == pytest.approx(SPEED, rel=0.01)
+    assert found.stopping.value == pytest.approx(0.1 * SPEED + SPEED**2 / (2.0 * BRAKING), rel=0.03)
 
 
 def test_two_strokes_say_nothing() -> None:
