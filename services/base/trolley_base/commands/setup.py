@@ -9,9 +9,10 @@ from trolley.cli.options import given, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.config import find_config
-from trolley_base.commands.setup_dialogue import SetupDialogue
+from trolley_base.commands.setup_dialogue import SHORT_S, SetupDialogue
 from trolley_base.commands.setup_page import run_on_page
 from trolley_base.commands.setup_terminal import Terminal
+from trolley_base.setup.drive import PARAMS as DRIVE
 from trolley_base.setup.person import StoppedByHand
 from trolley_base.setup.record import SetupRefused
 
@@ -21,7 +22,9 @@ from trolley_base.setup.record import SetupRefused
 @click.option("--undo", is_flag=True, help="Give the file back as it was before the last setup.")
 @click.option("--again", is_flag=True, help="Begin with the first step, whatever is done already.")
 @click.option(
-    "--short", is_flag=True, help="Drive 45 s instead of 170 s, and measure less exactly."
+    "--short",
+    is_flag=True,
+    help=f"Drive {SHORT_S:.0f} s instead of {DRIVE.driving_s:.0f} s, and measure less exactly.",
 )
 @click.option("--page", is_flag=True, help="Ask at a page of the viewer, such as on a phone.")
 @where_options
@@ -30,8 +33,9 @@ def setup_command(ports: tuple[str, ...], undo: bool, again: bool, short: bool, 
     """Let the robot measure itself: devices, wheels, lidar, gyro, delays; into its robot.toml.
 
     Three steps, each checked before the next: find the devices (at the PORTs given, else all);
-    try the wheels in the air; drive to and fro on the floor for some minutes. Any key stops the
-    robot. Called again, it goes on with the step that was not finished. Base must not be running.
+    try the wheels in the air; drive on the floor for three minutes, to and fro and in circles.
+    Any key stops the robot. Called again, it goes on with the step that was not finished. Base
+    must not be running.
     With --page it starts a router and the viewer where none runs, and prints the page's link.
     """
     path = find_config(given("config")) or Path("robot.toml")

@@ -291,8 +291,8 @@ class SetupDialogue:
         room_m = 2.0 * (radius_m + DRIVE.half_stroke_m + CLEARANCE.margin_m)
         person.tell(
             f"Put the robot on the floor in the middle of {room_m:.1f} m of free room all round, "
-            "with walls or furniture in sight. It turns on the spot, then drives to and fro. Keep "
-            "out of its sight, and your hand on Stop."
+            "with walls or furniture in sight. It turns on the spot, then drives to and fro and in "
+            "circles. Keep out of its sight, and your hand on Stop."
         )
         robot = OpenRobot(config)
         with robot.opened():

@@ -116,6 +116,8 @@ class DriveParams:
     """Number of scans that are taken at a stand."""
     tries: int = 4
     """Number of times that scans are taken where something moves around the robot."""
+    moved_m: float = 0.1
+    """A robot that is to go round has to get on by so much within the time below [m]."""
     patience_s: float = 3.0
     """Longest time until the robot moves as told [s]."""
     stand_s: float = 12.0
@@ -254,12 +256,11 @@ class SetupDrive:
         for number, share in enumerate(PARAMS.strokes):
             self.step_name = f"stroke {number + 1} of {len(PARAMS.strokes)}"
             yield from self._stroke(share * half_m)
-        self._line.worth = self._roughly_worth()
+        self._line.linear, self._line.angular = self._roughly_worth()
         middle_s = 0.5 * (self._driven_ns * 1e-9 + driving_s)
         for side, until_s in ((1.0, middle_s), (-1.0, driving_s)):
             while self._driven_ns < (until_s - PARAMS.least_round_s) * 1e9:
-                self.step_name = f"circles, {driving_s - self._driven_ns * 1e-9:.0f} s left"
-                yield from self._go_round(_Circle(half_m, side), until_s)
+                yield from self._go_round(_Circle(half_m, side), until_s, driving_s)
                 yield from self._stand()
 
     def _first_stroke(self) -> Course:
@@ -354,25 +355,33 @@ class SetupDrive:
                 turn -= max(-limit, min(limit, PARAMS.steering * self._heading_error(target_m)))
             yield Twist2D(way * speed, 0.0, turn)
 
-    def _go_round(self, circle: "_Circle", until_s: float) -> Course:
-        """Drive rounds on a circle, until it is time to end or the robot is too far outside."""
+    def _go_round(self, circle: "_Circle", until_s: float, driving_s: float) -> Course:
+        """Drive rounds on a circle, until it is time to stand or the robot is too far outside.
+
+        Args:
+            circle: it.
+            until_s: when it is to be over at the latest, as time of driving [s].
+            driving_s: when the whole drive is [s].
+        """
         yield from self._turn_to(lambda: self._circle_error(circle)[0])
         speed = min(self._speed_mps, self._circle_radps * circle.radius_m)
-        way_m, turn_rad = self._line.worth
+        limit = PARAMS.most_steering_radps
         trim, last_ns = 0.0, self._now_ns
         most_m = max(PARAMS.off_circle_m, self._circle_error(circle)[1] + PARAMS.farther_m)
+        was_at, moved_by_ns = self._place, self._deadline(PARAMS.patience_s)
         until_ns = self._deadline(PARAMS.rounds * 2.0 * math.pi * circle.radius_m / speed)
         while self._now_ns < until_ns and self._driven_ns < until_s * 1e9:
+            self.step_name = f"circles, {driving_s - self._driven_ns * 1e-9:.0f} s left"
+            self._refuse_late(moved_by_ns, "The robot does not drive in a circle as told")
+            if math.dist(was_at, self._place) > PARAMS.moved_m:
+                was_at, moved_by_ns = self._place, self._deadline(PARAMS.patience_s)
             error, outside_m = self._circle_error(circle)
             if outside_m > most_m:
                 return
-            limit = PARAMS.most_steering_radps
             trim -= PARAMS.circle_trim * error * (self._now_ns - last_ns) * 1e-9
             trim, last_ns = max(-limit, min(limit, trim)), self._now_ns
-            correction = max(-limit, min(limit, trim - PARAMS.circle_steering * error))
-            turning = circle.side * speed * way_m / circle.radius_m
-            turn = (turning + correction) / turn_rad - self._line.bend * speed
-            yield Twist2D(speed, 0.0, turn)
+            steering = max(-limit, min(limit, trim - PARAMS.circle_steering * error))
+            yield Twist2D(speed, 0.0, self._line.turn_for(speed, circle, steering))
 
     def _stand(self) -> Course:
         """Come to rest, and note where."""
@@ -680,7 +689,7 @@ class _Line:
         start_T_first: where the lidar was when they began, as in `Stand.start_T_laser`.
         heading_rad: its direction then.
         bend: turn per way that the wheels make of a command to go straight [rad/m].
-        worth: about how many metres a metre counted is really, and radians a radian.
+        linear, angular: about what a metre and a radian that wheels count are really.
         lead_s: how long before its end a stroke is stopped: the robot obeys late [s].
         turn_lead_s: the same of turns [s].
     """
@@ -688,9 +697,21 @@ class _Line:
     start_T_first: Pose2D = field(default_factory=Pose2D.identity)
     heading_rad: float = 0.0
     bend: float = 0.0
-    worth: tuple[float, float] = 1.0, 1.0
+    linear: float = 1.0
+    angular: float = 1.0
     lead_s: float = PARAMS.lead_s
     turn_lead_s: float = 0.0
+
+    def turn_for(self, speed: float, circle: "_Circle", steering: float) -> float:
+        """Return the turn rate to command on a circle [rad/s].
+
+        Args:
+            speed: that is commanded [m/s].
+            circle: where the robot goes round.
+            steering: how much faster it should turn to the left, really [rad/s].
+        """
+        turning = circle.side * speed * self.linear / circle.radius_m
+        return (turning + steering) / self.angular - self.bend * speed
 
     def learn_lead(self, beyond_m: float, speed: float, length_m: float) -> None:
         """Learn from a stroke, but not from one too short to gather speed.

@@ -254,3 +254,34 @@ def test_wheels_are_not_tried_on_a_robot_that_stands_on_the_floor(
     assert trial.problem is not None
     assert "Lift it" in trial.problem
     assert odd.simulation.truth().pose.distance_to(Pose2D.identity()) < 0.2
+
+
+def test_a_robot_that_gets_stuck_on_its_circle_says_so() -> None:
+    odd = odd_robot()
+
+    def lift(drive: SetupDrive) -> None:
+        if drive.step_name.startswith("circles"):
+            odd.hardware.chassis.wheels.trouble = Trouble(lifted=True)
+
+    drive = drive_with(odd, before=lift, driving_s=100.0)
+    assert drive.problem is not None
+    assert "in a circle as told: the wheels turn, but the lidar sees no motion" in drive.problem
+
+
+@pytest.mark.slow
+def test_who_steps_onto_the_circle_is_not_touched() -> None:
+    person = """
+[[person]]
+path = [[1.6, 0.2], [0.4, 0.2]]
+starts_s = 84.0
+speed_mps = 0.6
+dwell_s = 60.0
+radius_m = 0.15
+stops_for_robot_m = 0.3
+"""
+    odd = odd_robot(more=person)
+    drive = drive_with(odd, driving_s=100.0)
+    assert drive.step_name.startswith("circles")
+    assert drive.problem is not None
+    assert "nearer than it may be" in drive.problem
+    assert odd.simulation.truth().collisions == 0
