@@ -369,6 +369,8 @@ def test_a_page_that_is_closed_stops_the_robot_and_the_next_one_goes_on(rig: Rig
         anna.answer("told to go ahead", "f")
         anna.answer("told to turn to the left", "r")
         anna.wait_for("may it drive?")
+        assert ben.state.sight is not None
+        assert len(ben.state.sight.points) > 50
         rig.robot.fault(f"{LINOROBOT}:ok")
         anna.answer("may it drive?", "yes")
         wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")

@@ -63,6 +63,7 @@ from trolley.messages.setup import (
     SetupChoice,
     SetupOutcome,
     SetupQuestion,
+    SetupSight,
     SetupState,
 )
 from trolley.messages.system import Alive, ErrorReply, Health
@@ -146,6 +147,7 @@ __all__ = [
     "SetupChoice",
     "SetupOutcome",
     "SetupQuestion",
+    "SetupSight",
     "SetupState",
     "Stop",
     "StopResult",

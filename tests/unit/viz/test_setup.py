@@ -14,7 +14,7 @@ import trolley_base.commands
 import trolley_base.setup
 from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.messages import BaseState, SetupChoice, SetupQuestion, SetupState
+from trolley.messages import BaseState, SetupChoice, SetupQuestion, SetupSight, SetupState
 from trolley.messages.request_params import AnswerSetup, Nothing
 from trolley.runtime.service import Service, answers, every
 from trolley_viz.controls.controls import NotThere
@@ -217,6 +217,29 @@ def test_what_it_says_is_text_and_no_markup(setting: Setting) -> None:
     bad = "Something <is> so."  # `MADE_UP` in conftest.py
     setting.ask(structs.replace(FREE, text=bad), said=[bad], doing=bad)
     assert "<is>" not in page_of(setting.stage).html()
+
+
+SIGHT = SetupSight(
+    points=[(1.0, 0.5), (-0.8, 0.0), (90.0, 0.0)],
+    outline=[(0.2, 0.1), (0.2, -0.1), (-0.1, -0.1), (-0.1, 0.1)],
+    laser=(0.05, 0.0),
+    room_m=0.76,
+)
+
+
+def test_the_page_shows_what_the_lidar_sees_with_the_front_up(setting: Setting) -> None:
+    assert "<svg" not in page_of(setting.stage).html()
+    setting.ask(FREE, sight=SIGHT)
+    html = page_of(setting.stage).html()
+    # Ahead is up and left is left; what is far out of the picture is left out.
+    assert 'd="M-0.500,-1.000h0M-0.000,0.800h0"' in html
+    assert "if it is mounted as robot.toml says" in html
+    setting.ask(FREE, sight=structs.replace(SIGHT, is_measured=True))
+    assert "compare it with the room" in page_of(setting.stage).text()
+    setting.ask(None)
+    setting.setup.now = structs.replace(setting.setup.now, sight=None)
+    setting.stage.runtime.run(1.5)
+    assert "<svg" not in page_of(setting.stage).html()
 
 
 SPOKEN = {"SetupRefused", "tell", "_confirm", "is_confirmed", "give_up", "ask_number"}

@@ -13,7 +13,7 @@ from msgspec import structs
 from trolley import codes
 from trolley.cli.printing import say, say_block
 from trolley.codes import Refused
-from trolley.messages import SetupChoice, SetupOutcome, SetupQuestion, SetupState
+from trolley.messages import SetupChoice, SetupOutcome, SetupQuestion, SetupSight, SetupState
 from trolley.messages.request_params import AnswerSetup
 from trolley_base.setup.person import StoppedByHand, checked
 
@@ -105,7 +105,7 @@ class SetupDesk:
     def begin(self, step: int, title: str) -> None:
         """Show the title of a step."""
         say(f"{step}. {title}", bold=True)
-        self._set(step=step, title=title, said=[])
+        self._set(step=step, title=title, said=[], sight=None)
 
     def tell(self, text: str) -> None:
         """Show a sentence, on the terminal as well."""
@@ -116,6 +116,10 @@ class SetupDesk:
         """Name the file that was changed, and print how on the terminal."""
         say_block(difference, nl=False)
         self.tell(f"Changed in {path}.")
+
+    def show_sight(self, sight: SetupSight) -> None:
+        """Show what the lidar sees."""
+        self._set(sight=sight)
 
     def set_outcome(self, outcome: SetupOutcome) -> None:
         """Say how it goes."""

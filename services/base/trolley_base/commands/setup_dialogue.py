@@ -23,10 +23,10 @@ from trolley_base.setup.clearance import PARAMS as CLEARANCE
 from trolley_base.setup.clearance import Body
 from trolley_base.setup.drive import PARAMS as DRIVE
 from trolley_base.setup.drive import SetupDrive
-from trolley_base.setup.findings import Settings, describe, evaluate, settings_of
+from trolley_base.setup.findings import Settings, describe, evaluate, picture_of, settings_of
 from trolley_base.setup.person import Person, ask_number, is_confirmed, value_of
 from trolley_base.setup.record import SetupRefused
-from trolley_base.setup.sight import Beams, Sector, near_sectors, usual_ranges
+from trolley_base.setup.sight import Beams, Sector, near_sectors, picture, usual_ranges
 from trolley_base.setup.wheels import Seen, WheelTrial, judge_counts, judge_wiring
 
 STEPS = ("Devices", "Wheels in the air", "On the floor")
@@ -297,6 +297,10 @@ class SetupDialogue:
         robot = OpenRobot(config)
         with robot.opened():
             scans = robot.look(DRIVE.scans)
+        beams = Beams.round_about(scans[0])
+        seen = beams.points(usual_ranges(beams, scans), beams.outside([]))
+        mount, room_m = config.base.lidar.pose.as_pose(), 0.5 * room_m
+        person.show_sight(picture(seen, mount, footprint, room_m, is_measured=False))
         own = self._ask_what_is_near(scans, 2.0 * radius_m + CLEARANCE.turn_margin_m)
         self._confirm("Is the floor free, and may it drive?")
         limits = limits_of(config, robot.watchdog_s)
@@ -311,6 +315,7 @@ class SetupDialogue:
         with person.hold() as hand, robot.opened():
             robot.run(drive, drive.step, lambda: f"Measuring: {drive.step_name}", hand)
         findings = evaluate(drive, half_track_m)
+        person.show_sight(picture_of(drive, findings.geometry, footprint, room_m))
         lines = describe(findings, counted_track_of(config))
         person.tell("Measured, with one standard deviation:")
         for line in lines:

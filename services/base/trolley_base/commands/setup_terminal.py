@@ -13,7 +13,7 @@ import click
 
 from trolley.cli.printing import say, say_block
 from trolley.cli.show import Progress
-from trolley.messages import SetupQuestion
+from trolley.messages import SetupQuestion, SetupSight
 from trolley_base.setup.person import YES, YES_OR_NO, checked
 
 
@@ -34,6 +34,9 @@ class Terminal:
         """Print what was changed in a file."""
         say(f"Changed in {path}:")
         say_block(difference, nl=False)
+
+    def show_sight(self, sight: SetupSight) -> None:
+        """Show nothing: a terminal has no pictures."""
 
     def ask(self, question: SetupQuestion) -> str:
         """Ask until the answer is one."""

@@ -227,6 +227,13 @@ class SetupDrive:
             self._command = command
         return command
 
+    @property
+    def echoes(self) -> Floats:
+        """What the lidar has seen at the last stand (n, 2), in frame `laser` [m]."""
+        beams = self._lidar.beams
+        assert beams is not None
+        return beams.points(self.record.stands[-1].ranges, beams.outside([]))
+
     def give_up(self, problem: str) -> None:
         """End it, with the reason."""
         self.has_ended = True

@@ -4,16 +4,21 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from trolley.config import RobotConfig
 from trolley.config.hardware import Axis
+from trolley.messages import SetupSight
 from trolley_base.odometry.wheel_scales import counted_track_of
 from trolley_base.setup.drive import SetupDrive
 from trolley_base.setup.geometry import Estimate, Geometry, cut, fit
 from trolley_base.setup.gyro import Gyro, find_gyro
 from trolley_base.setup.record import SetupRefused
 from trolley_base.setup.response import Response, measure
-from trolley_base.setup.sight import Sector
+from trolley_base.setup.sight import Sector, picture
 
+Floats = NDArray[np.float64]
 Settings = dict[tuple[str, ...], Any]
 LIDAR, ODOMETRY = ("base", "lidar"), ("base", "odometry")
 CHASSIS, LIMITS, IMU = ("base", "chassis"), ("base", "limits"), ("base", "imu")
@@ -74,6 +79,21 @@ def evaluate(drive: SetupDrive, half_track_m: float) -> Findings:
         own = [(-last, -first) for first, last in reversed(own)]
     gyro = find_gyro(drive.record, course.stretches)
     return Findings(geometry, response, gyro, drive.slowest_mps, own)
+
+
+def picture_of(
+    drive: SetupDrive, geometry: Geometry, footprint: Floats, room_m: float
+) -> SetupSight:
+    """Return what the lidar has seen at the end, as it was found to be mounted.
+
+    Args:
+        drive: a finished drive.
+        geometry: what it has shown.
+        footprint: (n, 2) corners [m] in `base_link`.
+        room_m: how far it had to be free all round [m].
+    """
+    points = drive.echoes * ((1.0, -1.0) if geometry.is_mirrored else (1.0, 1.0))
+    return picture(points, geometry.base_T_laser, footprint, room_m, is_measured=True)
 
 
 def _refuse_unknown(geometry: Geometry) -> None:

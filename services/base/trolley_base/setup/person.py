@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Protocol
 
-from trolley.messages import SetupChoice, SetupQuestion
+from trolley.messages import SetupChoice, SetupQuestion, SetupSight
 from trolley.topics import names_robot
 
 
@@ -40,6 +40,10 @@ class Person(Protocol):
 
     def show_changes(self, path: Path, difference: str) -> None:
         """Show what was changed in a file, as `diff -u` writes it."""
+        ...
+
+    def show_sight(self, sight: SetupSight) -> None:
+        """Show what the lidar sees, where pictures can be shown."""
         ...
 
     def ask(self, question: SetupQuestion) -> str:

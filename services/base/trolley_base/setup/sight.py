@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley.messages import SetupSight
 from trolley.scanning import ScanInput
 from trolley_base.drivers import LidarScan
 from trolley_base.setup.record import Stand
@@ -43,6 +44,10 @@ class SightParams:
     """Echoes on the robot that lie closer together share a mask [rad]."""
     num_bins: int = 36
     """Number of directions in which room is looked for."""
+    picture_m: float = 4.0
+    """A picture for people shows echoes within this [m]."""
+    picture_points: int = 360
+    """Number of them at most."""
 
 
 PARAMS = SightParams()
@@ -167,6 +172,34 @@ def _input(
         odom_T_base=here,
         odom_T_base_end=here,
     )
+
+
+def picture(
+    points: Floats, base_T_laser: Pose2D, footprint: Floats, room_m: float, *, is_measured: bool
+) -> SetupSight:
+    """Return echoes as a picture for people.
+
+    Args:
+        points: (n, 2) in frame `laser` [m].
+        base_T_laser: how it is mounted.
+        footprint: (n, 2) corners [m] in `base_link`.
+        room_m: how far it has to be free all round [m].
+        is_measured: whether that is how it was found to be mounted.
+    """
+    around = base_T_laser.transform_points(points)
+    near = around[np.hypot(*around.T) < PARAMS.picture_m]
+    few = near[:: -(-len(near) // PARAMS.picture_points) or 1]
+    return SetupSight(
+        points=_points(few),
+        outline=_points(footprint),
+        laser=(round(base_T_laser.x, 3), round(base_T_laser.y, 3)),
+        room_m=room_m,
+        is_measured=is_measured,
+    )
+
+
+def _points(array: Floats) -> list[tuple[float, float]]:
+    return [(round(x, 3), round(y, 3)) for x, y in array.tolist()]
 
 
 def near_sectors(beams: Beams, ranges: NDArray[np.float32], reach_m: float) -> list[Sector]:

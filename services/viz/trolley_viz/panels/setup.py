@@ -8,6 +8,7 @@ from trolley.messages import SetupQuestion, SetupState
 from trolley.messages.request_params import AnswerSetup
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import note, row, sentence
+from trolley_viz.panels.setup_sight import sight_html
 from trolley_viz.sentences import StatusLine, Tone, refusal
 from trolley_viz.session.session import Session
 
@@ -35,6 +36,7 @@ class SetupPanel:
         with self._folder:
             self._steps = gui.add_html("")
             self._said = gui.add_html("")
+            self._sight = gui.add_html("", visible=False)
             self._asked = gui.add_html("", visible=False)
             self._place = gui.add_folder()
             self._doing = gui.add_html("", visible=False)
@@ -48,6 +50,8 @@ class SetupPanel:
             return
         self._steps.content = _steps(state)
         self._said.content = "".join(map(note, state.said))
+        self._sight.visible = state.sight is not None
+        self._sight.content = "" if state.sight is None else sight_html(state.sight)
         self._ask(state)
         is_elsewhere = self._is_held_elsewhere and state.question is not None
         doing = [state.doing] if state.doing else []

@@ -17,7 +17,7 @@ from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley_base.setup.clearance import PARAMS as CLEARANCE
 from trolley_base.setup.drive import PARAMS as DRIVE
 from trolley_base.setup.drive import SetupDrive
-from trolley_base.setup.findings import evaluate
+from trolley_base.setup.findings import evaluate, picture_of
 from trolley_base.setup.gyro import Gyro
 from trolley_base.setup.sight import Sector
 from trolley_base.setup.wheels import WheelTrial
@@ -123,6 +123,11 @@ def test_a_robot_measures_how_it_is_built() -> None:
     # The mask lies where the post will be once the lidar is known to turn the other way.
     ((first, last),) = findings.own
     assert first < ROBOT.post[0] < last if ROBOT.post else False
+    # The picture for people shows the walls where they are.
+    sight = picture_of(drive, geometry, FOOTPRINT, 0.76)
+    walls = odd.simulation.truth().pose.transform_points(np.array(sight.points))
+    off = np.minimum(np.abs(np.abs(walls[:, 0]) - 2.5), np.abs(np.abs(walls[:, 1]) - 2.0))
+    assert np.mean(off < 0.05) > 0.7  # the rest is the alcove, and the post
 
 
 def test_a_robot_that_obeys_late_stays_where_it_has_seen_room() -> None:

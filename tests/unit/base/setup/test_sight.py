@@ -15,6 +15,7 @@ from trolley_base.setup.sight import (
     moving_share,
     near_sectors,
     own_sectors,
+    picture,
     usual_ranges,
 )
 
@@ -83,3 +84,14 @@ def test_room_is_free_only_where_it_was_seen() -> None:
     assert room.free_m == pytest.approx(2.0)
     room.add(np.array([[0.0, 0.5]]))
     assert room.free_m == pytest.approx(0.5)
+
+
+def test_a_picture_is_in_the_frame_of_the_robot_and_not_too_large() -> None:
+    corners = np.array([[0.2, 0.1], [0.2, -0.1], [-0.2, -0.1], [-0.2, 0.1]])
+    ahead = np.array([[2.0, 0.0]] * 1000 + [[50.0, 0.0]])
+    mount = Pose2D(0.1, 0.0, 0.5 * math.pi)
+    sight = picture(ahead, mount, corners, 0.7, is_measured=False)
+    assert 180 <= len(sight.points) <= 360
+    assert set(sight.points) == {(0.1, 2.0)}
+    assert sight.laser == (0.1, 0.0)
+    assert picture(np.empty((0, 2)), mount, corners, 0.7, is_measured=False).points == []
