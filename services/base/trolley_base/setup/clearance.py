@@ -25,7 +25,8 @@ class ClearanceParams:
     straight: float = 1e-6
     """Curvature below which an arc is straight [1/m]."""
     braking_s: float = 0.5
-    """Time for which the distance ahead must suffice [s]: delay and braking of slow boards."""
+    """Time for which the distance ahead must suffice, at half the speed, while nothing more is
+    known [s]: delay and braking of slow boards."""
 
 
 PARAMS = ClearanceParams()
@@ -55,13 +56,16 @@ class Body:
         self._front_m, self._back_m = float(footprint[:, 0].max()), float(footprint[:, 0].min())
         self._left_m, self._right_m = footprint[:, 1].max(), footprint[:, 1].min()
 
-    def refuse_obstacle(self, points: Floats, mount: Mount, twist: Twist2D) -> None:
+    def refuse_obstacle(
+        self, points: Floats, mount: Mount, twist: Twist2D, stopping_m: float = 0.0
+    ) -> None:
         """Refuse to come nearer to what the lidar sees.
 
         Args:
             points: (n, 2) echoes in frame `laser` [m], without those of the robot itself.
             mount: how the lidar sits.
             twist: that was commanded.
+            stopping_m: way from a command to stop until it stands, as far as it is known [m].
 
         Raises:
             SetupRefused: something is too near.
@@ -90,7 +94,7 @@ class Body:
         else:
             gaps = self._back_m - along[in_way & (along < 0.0)]
         gap_m = _nearest(gaps)
-        if gap_m < 0.5 * abs(speed) * PARAMS.braking_s:
+        if gap_m < max(stopping_m, 0.5 * abs(speed) * PARAMS.braking_s):
             raise _too_near(gap_m)
 
 

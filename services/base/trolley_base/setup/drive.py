@@ -59,6 +59,8 @@ class DriveParams:
     """Their turn rate where limits allow [rad/s]."""
     circle_radps: float = 1.5
     """Highest turn rate on a circle [rad/s]: on smaller ones the robot drives more slowly."""
+    circle_share: float = 0.8
+    """Share of the turn rate that limits allow that a circle may need: the rest is to steer."""
     num_turns: int = 4
     """Number of turns each way; after those of one way it has seen all directions."""
     speed_mps: float = 0.5
@@ -181,7 +183,8 @@ class SetupDrive:
         self._half_track_m = half_track_m
         self._speed_mps = min(PARAMS.speed_mps, speed_mps)
         self._turn_radps = min(PARAMS.turn_radps, turn_radps)
-        self._circle_radps = min(PARAMS.circle_radps, turn_radps)
+        self._circle_radps = min(PARAMS.circle_radps, PARAMS.circle_share * turn_radps)
+        self._limit_radps = turn_radps
         self._lidar, self._wheels, self._mount = LidarTrack(), WheelCount(), Mount()
         self._line = _Line()
         self._now_ns = 0
@@ -388,7 +391,8 @@ class SetupDrive:
             trim -= PARAMS.circle_trim * error * (self._now_ns - last_ns) * 1e-9
             trim, last_ns = max(-limit, min(limit, trim)), self._now_ns
             steering = max(-limit, min(limit, trim - PARAMS.circle_steering * error))
-            yield Twist2D(speed, 0.0, self._line.turn_for(speed, circle, steering))
+            turn = self._line.turn_for(speed, circle, steering)
+            yield Twist2D(speed, 0.0, max(-self._limit_radps, min(self._limit_radps, turn)))
 
     def _stand(self) -> Course:
         """Come to rest, and note where."""
@@ -584,7 +588,8 @@ class SetupDrive:
         if not self._command.is_zero:
             beams = Beams.of(scan)
             points = beams.points(scan.ranges, beams.outside(self.own))
-            self._body.refuse_obstacle(points, self._mount, self._command)
+            stopping_m = self._line.lead_s * abs(self._command.vx)
+            self._body.refuse_obstacle(points, self._mount, self._command, stopping_m)
 
     def _refuse_too_fast(self, twist: Twist2D) -> None:
         told_wz = max(abs(one.wz) for one in self._told_lately())

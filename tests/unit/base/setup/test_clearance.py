@@ -50,6 +50,12 @@ def test_what_stands_straight_ahead_is_in_the_way_of_a_stroke_and_not_behind() -
         BODY.refuse_obstacle(thing(-0.25, 0.0), MOUNT, back)
 
 
+def test_a_robot_that_stops_late_keeps_a_greater_distance() -> None:
+    BODY.refuse_obstacle(thing(0.35, 0.0), MOUNT, Twist2D(0.5, 0.0, 0.0))
+    with pytest.raises(SetupRefused):
+        BODY.refuse_obstacle(thing(0.35, 0.0), MOUNT, Twist2D(0.5, 0.0, 0.0), stopping_m=0.25)
+
+
 def test_a_lidar_that_sees_as_in_a_mirror_looks_at_the_right_side() -> None:
     mirrored = Mount(axle=np.zeros(2), ahead=np.array([1.0, 0.0]), sign=-1.0)
     seen = on_circle(LEFT, 0.26, 0.16) * (1.0, -1.0)

@@ -284,9 +284,10 @@ dwell_s = 60.0
 radius_m = 0.15
 stops_for_robot_m = 0.3
 """
-    odd = odd_robot(more=person)
+    late = WORLD.replace("delay_s = 0.15", "delay_s = 0.3")
+    odd = odd_robot(more=person, world=late)
     drive = drive_with(odd, driving_s=100.0)
     assert drive.step_name.startswith("circles")
     assert drive.problem is not None
     assert "nearer than it may be" in drive.problem
-    assert odd.simulation.truth().collisions == 0
+    assert odd.simulation.truth().clearance > 0.08
