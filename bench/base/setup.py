@@ -273,6 +273,10 @@ class Tried:
     """Error and deviation said."""
 
 
+SAME_SPEED = 0.95
+"""Stops count from so large a share of the highest speed: a short stroke does not reach it."""
+
+
 class StopWatch:
     """Measures how far the robot really goes after each command to stop, at its highest speed."""
 
@@ -280,7 +284,7 @@ class StopWatch:
         self._odd = odd
         self._least_mps = least_mps
         self._stops: list[tuple[float, float]] = []
-        """Commanded speed [m/s] and distance [m]."""
+        """Speed at the command [m/s] and distance [m]."""
         self._before = Twist2D.zero()
         self._from_m: float | None = None
         self._speed = 0.0
@@ -288,7 +292,8 @@ class StopWatch:
     def update(self, twist: Twist2D) -> None:
         """Take each command."""
         if twist.is_zero and abs(self._before.vx) >= self._least_mps:
-            self._from_m, self._speed = self._odd.way_m, abs(self._before.vx)
+            speed = abs(self._odd.simulation.truth().twist.vx)
+            self._from_m, self._speed = self._odd.way_m, speed
         elif not twist.is_zero and self._from_m is not None:
             self._stops.append((self._speed, self._odd.way_m - self._from_m))
             self._from_m = None
@@ -298,7 +303,7 @@ class StopWatch:
     def stopping_m(self) -> float:
         """Their mean [m]."""
         most = max(speed for speed, _ in self._stops)
-        return float(np.mean([way for speed, way in self._stops if speed > 0.95 * most]))
+        return float(np.mean([way for speed, way in self._stops if speed > SAME_SPEED * most]))
 
 
 def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
