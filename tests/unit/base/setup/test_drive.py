@@ -261,6 +261,7 @@ def test_wheels_are_not_tried_on_a_robot_that_stands_on_the_floor(
     assert odd.simulation.truth().pose.distance_to(Pose2D.identity()) < 0.2
 
 
+@pytest.mark.slow
 def test_a_robot_that_gets_stuck_on_its_circle_says_so() -> None:
     odd = odd_robot()
 
