@@ -52,6 +52,9 @@ class GeometryParams:
     """Play of a wheel before anything is known [m]."""
     play_std: float = 0.003
     """Its standard deviation [m]."""
+    on_spot_m: float = 0.05
+    """A turn on the spot leads less far [m]; on the way, wheels of two sizes may count a turn to
+    the left where the robot goes to the right."""
     castor_m: float = 0.02
     """A castor has swung round after this way [m]."""
     castor_turn_rad: float = 0.3
@@ -262,9 +265,10 @@ def find_mirror(record: Record) -> bool:
     wheels = record.wheel_motions()
     agreement = 0.0
     for before, after in pairwise(record.stands):
-        turn = _sum_turn(wheels, before.middle_ns, after.middle_ns)
+        part = wheels.between(before.middle_ns, after.middle_ns)
+        way, turn = float(np.sum(wheels.way[part])), float(np.sum(wheels.turn[part]))
         seen = angle_difference(after.start_T_laser.yaw, before.start_T_laser.yaw)
-        if 0.2 < abs(turn) < 0.9 * math.pi:
+        if abs(way) < PARAMS.on_spot_m and 0.2 < abs(turn) < 0.9 * math.pi:
             agreement += math.copysign(seen, turn * seen)
     if agreement == 0.0:
         raise SetupRefused("The robot has not turned, so nothing shows how the lidar sits.")
@@ -332,6 +336,7 @@ def _geometry(theta: Floats, covariance: Floats, misfit: float, is_mirrored: boo
 
 
 def _first_guess(parts: Sequence[Stretch]) -> Floats:
+    parts = [part for part in parts if not part.is_piece]
     turns = [part for part in parts if abs(part.turn) > PARAMS.least_turn_rad]
     ways = [part for part in parts if abs(part.way) > PARAMS.least_way_m]
     if not turns or not ways:
@@ -471,10 +476,6 @@ def _disturbed(drive: Drive, part: Stretch, theta: Floats) -> str:
         f"{math.degrees(seen[2]):.0f}°: the wheels slipped, or somebody moved the robot. "
         "Measure again, on a floor that grips."
     )
-
-
-def _sum_turn(wheels: WheelMotions, start_ns: int, end_ns: int) -> float:
-    return float(np.sum(wheels.turn[wheels.between(start_ns, end_ns)]))
 
 
 def _rotation(angle: float) -> Floats:
