@@ -1,12 +1,9 @@
 """A base of one's own in place of Trolley's: wheels and a lidar whose program speaks the wire.
 
-Run the others by themselves, and this instead of `trolley run base`:
+Run the others without it, and this beside them:
 
-    trolley router
+    trolley up --without base
     python examples/own_base.py
-    trolley run localizer
-    trolley run planner
-    trolley run tour
 
 No other service can stop the robot now. The limits, the stop field, the latch of a stop, and
 standing still once commands or scans cease are this program's duty; what Trolley's base does beyond

@@ -1,11 +1,8 @@
 """A planner of one's own in place of Trolley's: it turns to the goal and drives straight there.
 
-Run the others by themselves, and this instead of `trolley run planner`:
+Run the others without it, and this beside them:
 
-    trolley router
-    trolley run base
-    trolley run localizer
-    trolley run tour
+    trolley up --without planner
     python examples/own_planner.py
 
 Whatever it commands, `base` keeps to its limits and stop field, and stops the robot if this dies.

@@ -192,6 +192,12 @@ def test_a_broker_that_is_none_is_refused(trolley: Callable) -> None:
     assert "'mqtt://home' is not a broker" in done.stderr
 
 
+def test_a_service_to_leave_out_that_is_none_is_refused(trolley: Callable) -> None:
+    done = trolley("up", "--without", "bass")
+    assert done.returncode == 2
+    assert "'bass' is not installed; installed are: base, localizer" in done.stderr
+
+
 def test_the_router_runs_until_it_is_told_to_stop(port: int, trolley: Callable) -> None:
     endpoint = f"tcp/127.0.0.1:{port}"
     command = [sys.executable, "-m", "trolley.cli", "router", "--listen", endpoint]

@@ -171,6 +171,8 @@ def cancel_map(yes: bool, as_json: bool) -> None:
     with one_robot() as robot:
         if not yes:
             known = robot.latest(topics.MAPPING)
+            if known is not None and known.state == "idle":
+                raise Refused(codes.NOT_MAPPING)  # and not asked: a map may be begun meanwhile
             name = "that is being made" if known is None else known.name
             click.confirm(f"Discard the map {name}?", abort=True, err=True)
         status = robot.ask(requests.MAP_CANCEL)

@@ -167,8 +167,27 @@ def _broker_option(
     return broker
 
 
+def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[str]:
+    return [name for name in installed_services() if name.startswith(typed)]
+
+
+def _check_installed(*services: str) -> None:
+    known = installed_services()
+    for name in services:
+        if name not in known:
+            names = ", ".join(known) or "none"
+            raise click.BadParameter(f"{name!r} is not installed; installed are: {names}")
+
+
 @click.command(name="up")
-@click.option("--no-viz", is_flag=True, help="Do not start the viewer.")
+@click.option(
+    "--without",
+    multiple=True,
+    metavar="SERVICE",
+    shell_complete=_complete,
+    help="Do not start this service, such as a base that is your own (may be repeated).",
+)
+@click.option("--no-viz", is_flag=True, help="Do not start the viewer; as --without viz.")
 @click.option("--no-router", is_flag=True, help="Use a router that is already running.")
 @click.option("-q", "--quiet", is_flag=True, help="Show warnings only.")
 @click.option(
@@ -179,15 +198,18 @@ def _broker_option(
 )
 @config_option
 @reports_errors
-def up_command(no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None) -> None:
+def up_command(
+    without: tuple[str, ...], no_viz: bool, no_router: bool, quiet: bool, mqtt: str | None
+) -> None:
     """Run the router and all installed services of a robot until Ctrl-C.
 
     Needs a configuration file. A service that ends is restarted.
     """
+    _check_installed(*without)
     path, config = find_settings()
     modules = installed_services()
-    if no_viz:
-        modules.pop(VIEWER, None)
+    for service in (*without, *([VIEWER] if no_viz else ())):
+        modules.pop(service, None)
     endpoint = config.zenoh.connect[0]
     port = ports.port_of(endpoint)
     router = None if no_router or not is_of_this_host(endpoint) else endpoint
@@ -296,10 +318,6 @@ def router_command(listen: tuple[str, ...], uplink: tuple[str, ...], folder: Pat
         raise ConfigError(str(error)) from error
 
 
-def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[str]:
-    return [name for name in installed_services() if name.startswith(typed)]
-
-
 @click.command(name="run")
 @click.argument("service", shell_complete=_complete)
 @config_option
@@ -309,9 +327,6 @@ def run_command(service: str) -> None:
 
     Needs a configuration file and a router. Exit code 3 means that it is already running somewhere.
     """
+    _check_installed(service)
     path, _ = find_settings()
-    entries = {entry.name: entry for entry in entry_points(group=SERVICES)}
-    if service not in entries:
-        known = ", ".join(sorted(entries)) or "none"
-        raise click.BadParameter(f"{service!r} is not installed; installed are: {known}")
-    run_process(entries[service].load(), ["--config", str(path)])
+    run_process(entry_points(group=SERVICES)[service].load(), ["--config", str(path)])

@@ -1,0 +1,42 @@
+"""`trolley map`: what a person is asked before a map is thrown away."""
+
+import contextlib
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+
+from trolley import codes
+from trolley.cli import mapping
+from trolley.messages import MappingStatus
+
+IDLE = MappingStatus(stamp_ns=0, state="idle", message="The map home was discarded.")
+MAKING = MappingStatus(stamp_ns=0, state="mapping", name="home")
+
+
+def cancel(monkeypatch: pytest.MonkeyPatch, known: MappingStatus | None, typed: str) -> str:
+    """Type something at `trolley map cancel` to a robot; returns the output."""
+    robot = SimpleNamespace(ask=lambda _: IDLE, latest=lambda _: known)
+    monkeypatch.setattr(mapping, "one_robot", lambda: contextlib.nullcontext(robot))
+    return CliRunner().invoke(mapping.cancel_map, input=typed).output
+
+
+def test_a_map_that_is_being_made_is_named_before_it_is_discarded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert "Discard the map home?" in cancel(monkeypatch, MAKING, "y\n")
+    assert "was discarded" in cancel(monkeypatch, MAKING, "y\n")
+    assert "was discarded" not in cancel(monkeypatch, MAKING, "n\n")
+
+
+def test_nobody_is_asked_about_a_map_that_is_not_being_made(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    output = cancel(monkeypatch, IDLE, "y\n")
+    assert "?" not in output
+    assert "was discarded" not in output
+    assert codes.SENTENCES[codes.NOT_MAPPING] in output
+
+
+def test_a_map_of_which_nothing_is_heard_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "Discard the map that is being made?" in cancel(monkeypatch, None, "n\n")
