@@ -1,9 +1,9 @@
 """The demo with its viewer, and Debian's Chromium looking at it."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
@@ -163,6 +163,37 @@ def browser(chromium: Path) -> Iterator[Browser]:
         expect.set_options(timeout=PATIENCE_MS)
         yield browser
         browser.close()
+
+
+FAILED = pytest.StashKey[bool]()
+of_file: list[pytest.FixtureDef[Any]] = []
+"""What the tests of a file share, in the order in which it was made."""
+
+
+@pytest.hookimpl
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef[Any]) -> None:
+    if fixturedef.scope == "module" and fixturedef not in of_file:
+        of_file.append(fixturedef)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if report.failed:
+        item.stash[FAILED] = True
+    return report
+
+
+@pytest.fixture(autouse=True)
+def begun_anew(request: pytest.FixtureRequest) -> Iterator[None]:
+    """After a test that failed its file begins anew: what it left behind is not the next one's."""
+    yield
+    if FAILED in request.node.stash:
+        for fixture in reversed(of_file):
+            fixture.finish(cast(Any, request))
+        of_file.clear()
 
 
 def open_page(browser: Browser, width: int, height: int, **options: Any) -> Page:

@@ -14,7 +14,7 @@ from PIL import Image
 from playwright.sync_api import Frame, Locator, Page
 from support.waiting import PATIENCE_S
 
-from trolley.gridmap import load_map
+from trolley.gridmap import GridMap, load_map
 from trolley_viz.graphics.camera import FIELD_OF_VIEW, bounds_of, stand
 
 WORLDS = Path(__file__).parents[2] / "worlds"
@@ -35,9 +35,14 @@ def canvas(page: Page) -> Locator:
     return scene(page).locator("canvas[data-engine]")
 
 
-def pixel_of(page: Page, point: tuple[float, float]) -> tuple[float, float]:
-    """Where a point of the floor is seen, with the camera that the viewer gives a new browser."""
-    grid = load_map(WORLDS / "apartment.yaml")
+def pixel_of(
+    page: Page, point: tuple[float, float], grid: GridMap | None = None
+) -> tuple[float, float]:
+    """Where a point of the floor is seen, with the camera that shows all of the map.
+
+    The viewer gives it to a new browser; without `grid` the map is the apartment's.
+    """
+    grid = grid or load_map(WORLDS / "apartment.yaml")
     known = np.argwhere(grid.cells >= 0)
     low, high = known.min(axis=0), known.max(axis=0) + 1
     corners = np.array([low, high])[:, ::-1] * grid.resolution
@@ -64,10 +69,10 @@ def wait_for_frames(page: Page) -> None:
 
 
 @contextlib.contextmanager
-def undrawn(page: Page) -> Generator[None]:
+def undrawn(page: Page, period_ms: float = 1000.0) -> Generator[None]:
     """Hardly draw the scene meanwhile: without a graphics card that takes most of a processor."""
     frame = scene(page)
-    frame.evaluate("framePeriod = 1000")
+    frame.evaluate(f"framePeriod = {period_ms}")
     yield
     frame.evaluate("framePeriod = 250")
 

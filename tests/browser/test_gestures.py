@@ -1,5 +1,6 @@
 """What is pressed on the map and not let go of; what the page remembers."""
 
+import math
 import re
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ from support.waiting import wait_until
 
 from trolley import topics
 
-from .seeing import pixel_of, scene, wait_for_frames
+from .seeing import pixel_of, scene, undrawn, wait_for_frames
 from .test_viewer import FAR, FROM_FAR, button, goal_state
 
 if TYPE_CHECKING:
@@ -57,6 +58,22 @@ def test_what_is_not_let_go_of_sends_no_goal(page: Page, shown: "Shown") -> None
     drag_on()
     touch("touchEnd")
     wait_until(lambda: goal_state(shown) == "driving", "it sets off when it is let go")
+    button(page, "Cancel").click()
+    wait_until(lambda: goal_state(shown) == "canceled", "the goal is taken back")
+
+
+def test_a_tap_before_the_scene_is_drawn_with_the_tool_sends_the_robot(
+    page: Page, shown: "Shown"
+) -> None:
+    with undrawn(page, period_ms=10_000.0):
+        button(page, "Go to …").click()
+        expect(page.locator("#hint")).to_contain_text("Press where it should go")
+        page.mouse.click(*pixel_of(page, FAR))
+        wait_until(lambda: goal_state(shown) == "driving", "it sets off")
+    goal = shown.robot.latest(topics.GOAL)
+    assert goal is not None
+    assert goal.pose is not None
+    assert math.dist((goal.pose.x, goal.pose.y), FAR) < 0.1
     button(page, "Cancel").click()
     wait_until(lambda: goal_state(shown) == "canceled", "the goal is taken back")
 

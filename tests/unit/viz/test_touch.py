@@ -1,5 +1,6 @@
 """Touching the map: what is found there, and what its card does."""
 
+import asyncio
 import math
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from trolley.runtime.service import Service, answers
 from trolley_viz.graphics import camera
 from trolley_viz.scene.place_labels import Eye
 from trolley_viz.scene.touch import touched
-from trolley_viz.server.messages import Gesture, Said
+from trolley_viz.server.messages import Gesture, Press, Said, Stop
 from trolley_viz.server.visitors import Visitor
 
 if TYPE_CHECKING:
@@ -213,6 +214,78 @@ def test_while_a_tool_waits_the_tap_is_the_tools(stage: "Stage", page: PageOf) -
     page.press("Go to …")
     tap(stage, *KITCHEN)
     assert not page.is_shown("Look closer")
+
+
+def clicked(plane: Any, x: float, y: float, at: tuple[float, float]) -> None:
+    """Do what viser does when a press on an unseen floor ends there."""
+    event = SimpleNamespace(ray_origin=(x, y, 6.0), ray_direction=(0, 0, -1), screen_pos=at)
+    asyncio.run(plane._impl.click_cb[0].callback(event))
+
+
+def test_a_tap_that_the_scene_has_missed_counts_for_the_tool_once(
+    stage: "Stage", page: PageOf
+) -> None:
+    """A slow browser shows the hint of a tool before its scene has the floor that takes the tap."""
+    page.press("Go to …")
+    plane = stage.session.pointing._plane
+    tap(stage, -1.0, 0.5)
+    stage.runtime.run(0.5)
+    (goal,) = stage.robot.goals
+    assert goal.pose is not None
+    assert (goal.pose.x, goal.pose.y) == pytest.approx((-1.0, 0.5), abs=1e-6)
+    assert not page.is_shown("Look closer")
+    page.press("Go to …")
+    clicked(plane, -1.0, 0.5, seen_at(eye_over(0.0, 0.0), -1.0, 0.5))  # it tells of it late
+    stage.runtime.run(3.0)
+    assert len(stage.robot.goals) == 1
+    assert stage.session.aiming.armed
+
+
+def test_a_tap_of_which_the_scene_tells_is_taken_from_there(stage: "Stage", page: PageOf) -> None:
+    page.press("Go to …")
+    at = seen_at(eye_over(0.0, 0.0), -1.0, 0.5)
+    clicked(stage.session.pointing._plane, -1.1, 0.5, at)  # it knows best where its camera is
+    stage.runtime.run(0.1)
+    tap(stage, -1.0, 0.5)
+    stage.runtime.run(1.0)
+    (goal,) = stage.robot.goals
+    assert goal.pose is not None
+    assert goal.pose.x == pytest.approx(-1.1)
+    assert not page.is_shown("Look closer")
+
+
+def test_what_is_pressed_after_a_tap_is_done_after_it(stage: "Stage", page: PageOf) -> None:
+    page.press("Choose places …")
+    at = seen_at(eye_over(0.0, 0.0), -1.0, 0.5)
+    browser = stage.browsers[0]
+    gesture = Gesture(at_ms=stage.now_ms, released=at, is_tap=True)
+    stage.say(browser, Said(gesture=gesture))
+    (kitchen,) = [id_ for id_, one in stage.page().controls.all.items() if one.label == "kitchen"]
+    stage.say(browser, Said(press=Press(id=1, at_ms=stage.now_ms, control=kitchen)))
+    stage.runtime.run(1.0)
+    titles = [one.title for one in stage.session.actions.goal_queue.items]
+    assert titles == ["x -1.0 m, y 0.5 m", "kitchen"]
+
+
+def test_a_tap_before_stop_is_forgotten(stage: "Stage", page: PageOf) -> None:
+    page.press("Go to …")
+    at = seen_at(eye_over(0.0, 0.0), -1.0, 0.5)
+    browser = stage.browsers[0]
+    gesture = Gesture(at_ms=stage.now_ms, released=at, is_tap=True)
+    stage.say(browser, Said(gesture=gesture))
+    stage.say(browser, Said(stop=Stop(id=1, robots=["trolley"])))
+    stage.runtime.run(3.0)
+    assert stage.robot.goals == []
+
+
+def test_a_corner_that_the_scene_has_missed_is_drawn(stage: "Stage", page: PageOf) -> None:
+    stage.session.zone_editor.start("keepout")
+    tap(stage, -1.0, 0.5)
+    tap(stage, 0.5, 0.5)
+    stage.runtime.run(1.0)
+    sketch = stage.session.zone_editor.sketch
+    assert sketch is not None
+    assert np.array(sketch.points) == pytest.approx(np.array([(-1.0, 0.5), (0.5, 0.5)]), abs=1e-6)
 
 
 def test_who_only_looks_gets_no_card(stage: "Stage") -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from trolley_viz.drawing.sketch import Point, Sketch
 from trolley_viz.graphics.shapes import closed_segments, meet_floor, open_segments
-from trolley_viz.pointing.drags import Drags
+from trolley_viz.pointing.drags import Drags, Ray
 from trolley_viz.pointing.picture import Picture
 from trolley_viz.pointing.pointer import add_floor
 from trolley_viz.scene.layer import WALL_HEIGHT
@@ -79,12 +79,16 @@ class Canvas:
             return
         floor = self._floor = add_floor(scene, "/drawing/floor")
 
-        async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
-            met = meet_floor(event.ray_origin, event.ray_direction)
+        def tapped(ray: Ray) -> None:
+            met = meet_floor(*ray)
             if met is not None:
-                reach_m = REACH_SHARE * math.dist(event.ray_origin, (*met, 0.0))
-                self._drags.on_click(event, lambda: strokes.tapped(met, reach_m))
+                strokes.tapped(met, REACH_SHARE * math.dist(np.asarray(ray[0]), (*met, 0.0)))
 
+        async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
+            ray = event.ray_origin, event.ray_direction
+            self._drags.on_click(event, lambda: tapped(ray))
+
+        self._drags.lay_floor(self, tapped)
         floor.on_click(click)
         dragged = strokes.dragged
         if dragged is None:
@@ -105,6 +109,7 @@ class Canvas:
 
     def release(self) -> None:
         """Give clicks and drags back to the camera."""
+        self._drags.lift_floor(self)
         if self._floor is not None:
             self._floor.remove()
             self._floor = None

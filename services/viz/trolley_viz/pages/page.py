@@ -283,6 +283,7 @@ class Page:
         return False
 
     def _press(self, press: Press) -> None:
+        self.session.drags.do_missed_tap()
         try:
             self.controls.handle(press.control, press.value)
         except NotThere:
@@ -300,6 +301,7 @@ class Page:
     def _stop(self, stop: Stop) -> None:
         hub = self._hub
         self.session.past.return_to_now()
+        self.session.drags.forget_missed_tap()
         # A viewer that has just started has not heard of all robots yet.
         named = [name for name in stop.robots if ROBOT_NAME.fullmatch(name)]
         for robot in named or hub.robots.names(self.robot):
@@ -347,9 +349,7 @@ class Page:
         elif gesture.cancelled or (is_late and gesture.released is not None):
             session.drags.cancelled()
         elif gesture.released is not None:
-            session.drags.released(gesture.released)
-            if gesture.is_tap:
-                session.tapped(gesture.released)
+            session.released(gesture.released, is_tap=gesture.is_tap)
 
     def _shown_overlays(self) -> ShownOverlays | None:
         session = self.session

@@ -15,7 +15,7 @@ import viser
 
 from trolley.geometry import Pose2D, wrap_angle
 from trolley_viz.graphics.shapes import meet_floor
-from trolley_viz.pointing.drags import Drags
+from trolley_viz.pointing.drags import Drags, Ray
 from trolley_viz.pointing.picture import Picture
 
 FLOOR_HALF_SIZE_M = 500.0
@@ -87,11 +87,16 @@ class Pointer:
                 lambda: self._dragged(tool, None, phase),
             )
 
-        async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
-            met = meet_floor(event.ray_origin, event.ray_direction)
+        def tapped(ray: Ray) -> None:
+            met = meet_floor(*ray)
             if met is not None:
-                self._drags.on_click(event, lambda: self._dragged(tool, Pointed(*met), "end"))
+                self._dragged(tool, Pointed(*met), "end")
 
+        async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
+            ray = event.ray_origin, event.ray_direction
+            self._drags.on_click(event, lambda: tapped(ray))
+
+        self._drags.lay_floor(self, tapped)
         plane.on_drag("left")(drag)
         plane.on_click(click)
 
@@ -102,6 +107,7 @@ class Pointer:
 
     def hide(self) -> None:
         """Leave the picture; the tool stays armed."""
+        self._drags.lift_floor(self)
         if self._plane is not None:
             self._plane.remove()
             self._plane = None

@@ -4,6 +4,7 @@ Names keep their size on the screen. On a phone, or seen from afar, they would l
 other; whoever zooms in sees the others.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -39,6 +40,18 @@ class Eye(NamedTuple):
     """From the lower to the upper edge [rad]."""
     size: tuple[float, float]
     """Width and height of the picture [px] in the measure in which the names are so large."""
+
+    def direction(self, at: tuple[float, float]) -> NDArray[np.float64]:
+        """Return in which direction (3,) something is seen.
+
+        Args:
+            at: shares of the picture's width and height, from its upper left corner.
+        """
+        up = math.tan(0.5 * self.fov)
+        width, height = self.size
+        right = (2.0 * at[0] - 1.0) * up * width / max(height, 1.0)
+        ahead = np.array([right, (2.0 * at[1] - 1.0) * up, 1.0])
+        return SO3(self.wxyz).apply(ahead).astype(np.float64)
 
 
 class PlaceLabels:

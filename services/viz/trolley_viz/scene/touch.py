@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from viser.transforms import SO3
 
 from trolley import topics
 from trolley.geometry.frames import MAP
@@ -62,17 +61,11 @@ def touched(view: View, eye: Eye, at: Point) -> Touched | None:
     Returns:
         None above the horizon.
     """
-    up = math.tan(0.5 * eye.fov)
-    width, height = eye.size
-    ray = np.array(
-        [(2.0 * at[0] - 1.0) * up * width / max(height, 1.0), (2.0 * at[1] - 1.0) * up, 1.0]
-    )
-    turn = SO3(eye.wxyz)
-    point = meet_floor(eye.position, turn.apply(ray))
+    point = meet_floor(eye.position, eye.direction(at))
     if point is None:
         return None
-    depth = float((np.array([*point, 0.0]) - eye.position) @ turn.apply(np.array([0.0, 0.0, 1.0])))
-    reach = REACH_PX * 2.0 * up * depth / max(height, 1.0)
+    depth = float((np.array([*point, 0.0]) - eye.position) @ eye.direction((0.5, 0.5)))
+    reach = REACH_PX * 2.0 * math.tan(0.5 * eye.fov) * depth / max(eye.size[1], 1.0)
     finders: tuple[tuple[What, Iterator[tuple[str, float]]], ...] = (
         ("robot", _other_robots(view, point)),
         ("place", _places(view, point)),

@@ -281,10 +281,18 @@ class Session:
         here = self.view.placement.world_T_base or Pose2D.identity()
         self.pointing.step(here, Pose2D(*self.window.offset(right, up), turn))
 
-    def tapped(self, at: tuple[float, float]) -> None:
-        """Take a tap on the picture, unless a tool waits for it: shares of its width and height."""
-        eye = self.window.eye
-        if self.hint or eye is None or not self.may_drive:
+    def released(self, at: tuple[float, float], *, is_tap: bool) -> None:
+        """Take note that a pointer was let go on the picture.
+
+        Args:
+            at: shares of its width and height.
+            is_tap: whether it came down there shortly before: touches what is there, unless a
+                tool waits for it.
+        """
+        eye, is_for_tool = self.window.eye, bool(self.hint)
+        ray = (eye.position, eye.direction(at)) if is_tap and eye is not None else None
+        self.drags.released(at, ray)
+        if not is_tap or is_for_tool or eye is None or not self.may_drive:
             return
         one = touched(self.view, eye, at)
         if one is None or not (self.take_tap and self.take_tap(one)):
