@@ -200,7 +200,8 @@ def status_text(status: MappingStatus) -> str:
     if status.loops:
         text += f", {status.loops} loops closed"
     if status.loose:
-        text += f", {status.loose} scans that hang loose"
+        scans = "1 scan that hangs" if status.loose == 1 else f"{status.loose} scans that hang"
+        text += f", {scans} loose"
     return f"{text}. {status.message}" if status.message else text
 
 

@@ -136,7 +136,8 @@ def mapping_line(mapping: MappingStatus | None) -> StatusLine | None:
     scans = "1 scan" if mapping.scans == 1 else f"{mapping.scans} scans"
     detail = f"{duration(mapping.seconds // 1.0)}, {scans}{loops}."
     if mapping.loose:
-        detail += f" {mapping.loose} scans hang loose."
+        detail += " 1 scan hangs" if mapping.loose == 1 else f" {mapping.loose} scans hang"
+        detail += " loose."
     name = mapping.name or ""
     match mapping.state:
         case "starting":

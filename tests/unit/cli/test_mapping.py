@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
+from msgspec.structs import replace
 
 from trolley import codes
 from trolley.cli import mapping
@@ -36,6 +37,13 @@ def test_nobody_is_asked_about_a_map_that_is_not_being_made(
     assert "?" not in output
     assert "was discarded" not in output
     assert codes.SENTENCES[codes.NOT_MAPPING] in output
+
+
+@pytest.mark.parametrize(
+    ("loose", "said"), [(1, ", 1 scan that hangs loose"), (2, ", 2 scans that hang loose")]
+)
+def test_the_status_counts_what_hangs_loose(loose: int, said: str) -> None:
+    assert said in mapping.status_text(replace(MAKING, loose=loose))
 
 
 def test_a_map_of_which_nothing_is_heard_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:

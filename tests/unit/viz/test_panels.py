@@ -139,10 +139,17 @@ def test_what_hangs_loose_is_joined_by_pointing_or_removed(stage: "Stage") -> No
     stage.browse()
     page = page_of(stage).within("Make a map")
     mapper = stage.runtime.add(Mapper())
+    mapper.loose = 1
+    mapper.say("mapping", "flat")
+    stage.runtime.run(0.5)
+    assert "1 scan hangs loose." in page.text()
     mapper.loose = 14
     mapper.say("mapping", "flat")
     stage.runtime.run(0.5)
     assert "14 scans hang loose." in page.text()
+    page.press("Set pose …")
+    stage.runtime.run(0.5)
+    assert page.is_shown("Press again to cancel")
     stage.session.aiming.set_pose(Pointed(1.2, 0.4, 0.5))
     stage.runtime.run(0.5)
     assert mapper.joined == [Pose2D(1.2, 0.4, 0.5)]
@@ -150,6 +157,7 @@ def test_what_hangs_loose_is_joined_by_pointing_or_removed(stage: "Stage") -> No
     page.press("Remove loose part")
     stage.runtime.run(0.5)
     assert not page.is_shown("Remove loose part")
+    assert not page.is_shown("Set pose …")
     assert "loose" not in page.text()
 
 

@@ -218,6 +218,11 @@ class EmulatedRobot:
         with self._lock:
             return self._state
 
+    def carry(self, pose: Pose2D) -> None:
+        """Put the robot somewhere else; its wheels do not notice."""
+        with self._lock:
+            self._simulation.lift_robot(pose)
+
     def commands(self) -> tuple[ReceivedCommand, ...]:
         """Return the newest commands that the board has understood, oldest first."""
         with self._lock:

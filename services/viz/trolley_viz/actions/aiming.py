@@ -21,6 +21,8 @@ from trolley_viz.robots.view import View
 from trolley_viz.sentences import duration, refusal
 
 GO_TO, SET_POSE = "go_to", "set_pose"
+POINT_GOAL, POINT_POSE, LEAVE = "Go to …", "Set pose …", "Press again to cancel"
+"""What stands on the buttons of these tools, and on one whose tool is armed."""
 GOAL_HINT = "Press where it should go, drag the way it should face, and release."
 POSE_HINT = "Press where the robot is, drag the way it faces, and release."
 PREVIEW_PERIOD_NS = 300_000_000

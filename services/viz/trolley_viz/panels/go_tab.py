@@ -2,7 +2,7 @@
 
 from trolley import topics
 from trolley.messages import GoalStatus, SavedPose, TourStatus
-from trolley_viz.actions.aiming import GO_TO, SET_POSE
+from trolley_viz.actions.aiming import GO_TO, LEAVE, POINT_GOAL, POINT_POSE, SET_POSE
 from trolley_viz.actions.robot_actions import what_is_under_way
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.controls import show_undo
@@ -14,7 +14,6 @@ from trolley_viz.scene.places import current_places
 from trolley_viz.sentences import UNDER_WAY, goal_name
 from trolley_viz.session.session import Session
 
-POINT_GOAL, POINT_POSE, LEAVE = "Go to …", "Set pose …", "Press again to cancel"
 NO_PLACES = "No places saved yet. Drive to one and save it under “Map”."
 
 

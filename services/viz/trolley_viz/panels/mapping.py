@@ -12,6 +12,7 @@ from trolley.messages.request_params import (
     SaveMap,
     UndoMap,
 )
+from trolley_viz.actions.aiming import LEAVE, POINT_POSE, SET_POSE
 from trolley_viz.controls.controls import Controls
 from trolley_viz.panels.markup import note, row
 from trolley_viz.robots.view import View
@@ -32,6 +33,7 @@ class MappingPanel:
 
     def __init__(self, gui: Controls, session: Session) -> None:
         self._ask = session.actions.ask
+        self._aiming = session.aiming
         self._tell = session.tell
         self._status: MappingStatus | None = None
         self._map_name = ""
@@ -48,7 +50,8 @@ class MappingPanel:
                 self._explore = gui.add_button("Explore", icon="compass")
                 self._pause = gui.add_button("Pause", icon="player-pause", colour="teal")
                 self._undo = gui.add_button("Undo last minute", icon="arrow-back-up")
-                self._drop = gui.add_button("Remove loose part", icon="eraser", visible=False)
+                self._join = gui.add_button(POINT_POSE, icon="current-location", colour="teal")
+                self._drop = gui.add_button("Remove loose part", icon="eraser")
                 self._cancel = gui.add_button("Discard", icon="trash")
         self._new.on_press(self._begin)
         self._extend.on_press(self._extend_map)
@@ -56,6 +59,7 @@ class MappingPanel:
         self._explore.on_press(self._explore_or_stand)
         self._pause.on_press(self._pause_or_go_on)
         self._undo.on_press(self._take_back)
+        self._join.on_press(lambda: self._aiming.toggle(SET_POSE))
         self._drop.on_press(self._drop_loose)
         self._cancel.on_press(self._give_up)
 
@@ -82,7 +86,10 @@ class MappingPanel:
         self._explore.colour = "amber" if self._is_exploring else "green"
         self._explore.disabled = view.is_halted and not self._is_exploring
         self._pause.label = "Continue" if state == "paused" else "Pause"
-        self._drop.visible = is_making and status is not None and status.loose > 0
+        self._join.visible = self._drop.visible = (
+            is_making and status is not None and status.loose > 0
+        )
+        self._join.label = LEAVE if self._aiming.armed == SET_POSE else POINT_POSE
         is_asking = self._now_ns < self._sure_until_ns
         self._cancel.visible = is_making or state == "starting"
         self._cancel.label = "Really discard it?" if is_asking else "Discard"
