@@ -24,7 +24,7 @@ from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
 from trolley_planner.service import PlannerService
 from trolley_tour.service import TourService
-from trolley_viz.browser_choices import FILE, Choices, ViewerSettings
+from trolley_viz.session.browser_choices import FILE, Choices, ViewerSettings
 
 SQUARE = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
 

@@ -37,9 +37,9 @@ from trolley_mapper.edit.map_versions import Change, MapVersions, Version
 from trolley_tour.stored.checks import PosesFile, ToursFile
 from trolley_tour.trips import history_file
 from trolley_tour.trips.record import TripRecord
-from trolley_viz.browser_choices import ViewerSettings
-from trolley_viz.past.trip_file import TripFile
+from trolley_viz.features.past.trip_file import TripFile
 from trolley_viz.server.access import AccessTokens
+from trolley_viz.session.browser_choices import ViewerSettings
 
 FOLDER = Path(__file__).with_name("state")
 KINDS: dict[str, type[msgspec.Struct]] = {

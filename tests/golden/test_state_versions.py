@@ -25,7 +25,7 @@ from trolley_localizer.zone_rules import read_seeds
 from trolley_mapper import checkpoint
 from trolley_mapper.edit.map_switch import PLAN_FILE, SwitchPlan, pending_plan
 from trolley_mapper.edit.map_versions import MapVersions
-from trolley_viz.past import trip_file
+from trolley_viz.features.past import trip_file
 
 from .test_state_files import FOLDER, FORMS, KINDS
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from support.cases import cases
 
 from trolley.geometry import Pose2D
-from trolley_viz.past.record import LATELY, MAX_BEAMS, TRIP, Capacity, Failure, Record
-from trolley_viz.past.rows import AT, Rows
-from trolley_viz.past.trip_file import decode, encode
-from trolley_viz.sentences import StatusLine
+from trolley_viz.features.past.record import LATELY, MAX_BEAMS, TRIP, Capacity, Failure, Record
+from trolley_viz.features.past.rows import AT, Rows
+from trolley_viz.features.past.trip_file import decode, encode
+from trolley_viz.words.sentences import StatusLine
 
 KIND = np.dtype([(AT, "<i8"), ("value", "<i4")])
 STEPS = st.lists(st.integers(-3, 20), max_size=60)

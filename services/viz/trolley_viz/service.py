@@ -16,14 +16,13 @@ from trolley.config import RobotConfig
 from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
 from trolley.runtime.service import Service
-from trolley_viz.browser_choices import FILE, Choices, ViewerSettings
+from trolley_viz.features.past.keeper import Keeper
+from trolley_viz.features.people.names import Names
+from trolley_viz.features.people.people import People
 from trolley_viz.foxglove import open_bridge
 from trolley_viz.joystick.teleop import Teleop
 from trolley_viz.overlays.pages import OverlayPages
 from trolley_viz.pages.page import Page, Shared
-from trolley_viz.past.keeper import Keeper
-from trolley_viz.people.names import Names
-from trolley_viz.people.people import People
 from trolley_viz.robots.fleet import Fleet, Robots
 from trolley_viz.robots.stop_presses import Answered, StopPresses
 from trolley_viz.server.access import FILE as ACCESS_FILE
@@ -34,6 +33,7 @@ from trolley_viz.server.messages import Said
 from trolley_viz.server.photos import Photos
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.server.web_server import PortTaken, WebServer, close_scene, open_scene
+from trolley_viz.session.browser_choices import FILE, Choices, ViewerSettings
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.robot_scene import RobotScenes
 

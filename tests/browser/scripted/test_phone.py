@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import FloatRect, Locator, Page, ViewportSize, expect
 
 from trolley_viz.controls.controls import Controls
-from trolley_viz.panels.links import TO_DRIVE, TO_LOOK, LinkCard
+from trolley_viz.features.people.links import TO_DRIVE, TO_LOOK, LinkCard
 from trolley_viz.server.links import Links
 
 from .viewer import Viewer

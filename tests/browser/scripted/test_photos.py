@@ -10,7 +10,7 @@ from support.waiting import wait_until
 
 from trolley.messages import PastTrip, StopResult
 from trolley_viz.controls.controls import Controls
-from trolley_viz.panels.past_trips import trips_html
+from trolley_viz.features.tours.past_trips import trips_html
 from trolley_viz.robots.past_trips import PastTrips
 
 from .viewer import Viewer

@@ -14,11 +14,11 @@ from support.waiting import wait_until
 from browser.conftest import open_page
 from trolley.config import VizConfig
 from trolley_viz.controls.controls import Controls
-from trolley_viz.sentences import StatusLine
 from trolley_viz.server.access import AccessControl, AccessTokens
 from trolley_viz.server.lines import Line, Lines
 from trolley_viz.server.messages import PROTOCOL, Hello, PageState, Said, Told
 from trolley_viz.server.web_server import BUILD, WebServer, close_scene, open_scene
+from trolley_viz.words.sentences import StatusLine
 
 NOW_MS = 1e6
 """The viewer's time, which stands still."""

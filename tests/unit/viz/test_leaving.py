@@ -16,12 +16,12 @@ from support.waiting import wait_until
 from viser._messages import Message, SceneNodeDragMessage, ViewerCameraMessage
 from websockets.sync.client import ClientConnection, connect
 
-from trolley_viz.actions.aiming import GOAL_HINT
+from trolley_viz.features.driving.aiming import GOAL_HINT
 
 if TYPE_CHECKING:
     from .conftest import Stage
 
-from .test_zones import MIRROR, ZoneKeeper
+from .features.zones.test_zones import MIRROR, ZoneKeeper
 
 pytestmark = pytest.mark.drives
 

@@ -12,9 +12,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import MappingStatus
 from trolley.messages.request_params import JoinPart, MapNamed, Nothing, PauseMap
 from trolley.runtime.service import Service, answers
-from trolley_viz.graphics.camera import FIELD_OF_VIEW, stand
-from trolley_viz.graphics.icons import icon_names
-from trolley_viz.panels.markup import (
+from trolley_viz.controls.markup import (
     card,
     details,
     note,
@@ -25,11 +23,13 @@ from trolley_viz.panels.markup import (
     table,
     title,
 )
+from trolley_viz.graphics.camera import FIELD_OF_VIEW, stand
+from trolley_viz.graphics.icons import icon_names
 from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopLine, StopPresses
 from trolley_viz.scene.scan_and_particles import stroke_colours
-from trolley_viz.sentences import StatusLine
+from trolley_viz.words.sentences import StatusLine
 
 if TYPE_CHECKING:
     from .conftest import Stage

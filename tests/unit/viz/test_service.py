@@ -16,7 +16,6 @@ from trolley import topics
 from trolley.config import VizConfig
 from trolley.messages import GoalStatus
 from trolley.runtime.lockstep import Lockstep
-from trolley_viz.browser_choices import MAX_BROWSERS, Choices, ViewerSettings
 from trolley_viz.graphics.camera import INITIAL_ASPECT, UNKNOWN_MAP, Bounds, stand
 from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.robots.view import View
@@ -24,6 +23,7 @@ from trolley_viz.scene.map_layers import OLD_NS, map_bounds
 from trolley_viz.server.messages import Said, Stop
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.service import VizService
+from trolley_viz.session.browser_choices import MAX_BROWSERS, Choices, ViewerSettings
 
 if TYPE_CHECKING:
     from .conftest import Stage

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar, cast
 from msgspec import structs
 
 from trolley_viz.controls.messages import Colour, Command, ControlChanges, Kind, Look, Value
-from trolley_viz.sentences import Tone
+from trolley_viz.words.sentences import Tone
 
 MAX_TEXT = 10_000
 """No person types more characters than that into a field."""

@@ -4,7 +4,7 @@ from typing import Literal
 
 from msgspec import Struct
 
-from trolley_viz.sentences import Tone
+from trolley_viz.words.sentences import Tone
 
 Kind = Literal[
     "actions",

@@ -11,7 +11,7 @@ from trolley.runtime.service import Service
 from trolley_viz.joystick.joystick import Grip, Joystick
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.view import View
-from trolley_viz.sentences import StatusLine, Tone, aged, away_line, base_line, goal_line
+from trolley_viz.words.sentences import StatusLine, Tone, aged, away_line, base_line, goal_line
 
 SOMEBODY_ELSE = StatusLine(
     "Somebody else is driving", "warn", "Let go, and press again when they are done."

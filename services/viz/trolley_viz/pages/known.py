@@ -7,11 +7,12 @@ from msgspec.structs import replace
 from trolley import topics
 from trolley.topics import Topic
 from trolley.zones import room_of
-from trolley_viz.actions.robot_actions import what_is_under_way
+from trolley_viz.features.driving.robot_actions import what_is_under_way
+from trolley_viz.features.tours.layer import tour_of
 from trolley_viz.robots.ages import WATCHED, Ages
+from trolley_viz.robots.situation import RobotState, has_left
 from trolley_viz.robots.view import View
-from trolley_viz.scene.tours import tour_of
-from trolley_viz.sentences import (
+from trolley_viz.words.sentences import (
     STALE_S,
     StatusLine,
     aged,
@@ -21,7 +22,6 @@ from trolley_viz.sentences import (
     position_line,
     trip_line,
 )
-from trolley_viz.situation import RobotState, has_left
 
 NO_PLANNER = StatusLine("No planner", "bad", "The planner is not running.")
 

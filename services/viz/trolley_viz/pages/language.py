@@ -10,8 +10,8 @@ from trolley_viz.languages.translator import Translator
 from trolley_viz.overlays.cards import Card
 from trolley_viz.overlays.pages import OverlayUpdate
 from trolley_viz.robots.stop_presses import StopLine
-from trolley_viz.sentences import StatusLine
 from trolley_viz.server.messages import PageState, Told
+from trolley_viz.words.sentences import StatusLine
 
 
 def in_language(told: Told, words: Translator | None) -> Told:

@@ -8,7 +8,6 @@ from trolley import requests
 from trolley.codes import Refused
 from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
-from trolley_viz.browser_choices import Choices
 from trolley_viz.controls.controls import BadValue, Controls, NotThere
 from trolley_viz.joystick.joystick import Grip
 from trolley_viz.joystick.teleop import PadState, Teleop
@@ -17,11 +16,10 @@ from trolley_viz.overlays.cards import CardContext
 from trolley_viz.overlays.pages import OverlayPages, ShownOverlays
 from trolley_viz.pages.known import now_line, robot_state, state_lines, under_way
 from trolley_viz.pages.language import in_language
-from trolley_viz.panels.console import Console
+from trolley_viz.robots.situation import situation
 from trolley_viz.robots.stop_presses import DISOBEYED, UNCONFIRMED
 from trolley_viz.robots.view import View
 from trolley_viz.scene.overlays import OverlayLayer
-from trolley_viz.sentences import refusal
 from trolley_viz.server.lines import Line
 from trolley_viz.server.messages import (
     PROTOCOL,
@@ -38,9 +36,11 @@ from trolley_viz.server.messages import (
 )
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.server.web_server import BUILD
+from trolley_viz.session.browser_choices import Choices
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.session import PagePort, Session
-from trolley_viz.situation import situation
+from trolley_viz.tabs.console import Console
+from trolley_viz.words.sentences import refusal
 
 SILENCE_S = 1.4
 """A page that was not heard for this long is gone. It speaks at least every half second, and is

@@ -7,7 +7,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, StopResult, TourStatus
-from trolley_viz.sentences import UNDER_WAY, refusal
+from trolley_viz.words.sentences import UNDER_WAY, refusal
 
 MAX_TRIPS = 200
 AGAIN_NS = 10_000_000_000

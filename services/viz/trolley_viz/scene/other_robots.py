@@ -9,7 +9,7 @@ from trolley_viz.graphics.shapes import arrow_outline, flat, place, prism
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Z_LABEL, Layer
 from trolley_viz.scene.robot_body import AWAY_COLOUR, BODY_COLOURS
-from trolley_viz.sentences import STALE_S, age_text
+from trolley_viz.words.sentences import STALE_S, age_text
 
 HEIGHT_M = 0.12
 KNOWN = ("localized", "unsure", "mapping")

@@ -10,7 +10,7 @@ from trolley_viz.graphics.shapes import arrow_outline, closed_segments, flat, op
 from trolley_viz.robots.placement import Placement
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Z_FOOTPRINT, Z_LABEL, Z_PATH, Z_TRAJECTORY, Layer
-from trolley_viz.sentences import DRIVING
+from trolley_viz.words.sentences import DRIVING
 
 Colour = tuple[int, int, int]
 

@@ -9,7 +9,7 @@ from trolley.messages import BeamClasses, Scan, floats_from_bytes
 from trolley_viz.graphics.shapes import arrow_outline, flat, particle_segments, place
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Z_LABEL, Z_PARTICLES, Z_SCAN, Layer
-from trolley_viz.sentences import percent
+from trolley_viz.words.sentences import percent
 
 BEAM_COLOURS = np.array(
     [(255, 62, 32), (190, 20, 220), (0, 150, 190), (255, 170, 0), (150, 150, 150)], np.uint8

@@ -15,7 +15,7 @@ from trolley_viz.joystick.teleop import PadState
 from trolley_viz.languages.catalogue import ENGLISH
 from trolley_viz.overlays.pages import Click, File, OverlayUpdate
 from trolley_viz.robots.stop_presses import StopLine
-from trolley_viz.sentences import StatusLine, Tone
+from trolley_viz.words.sentences import StatusLine, Tone
 
 PROTOCOL = 1
 

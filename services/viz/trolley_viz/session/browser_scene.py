@@ -8,21 +8,21 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
 from trolley.messages import Path
-from trolley_viz.editing.goal_queue import QueuedGoal
+from trolley_viz.features.driving.goal_pins import GoalPins
+from trolley_viz.features.driving.goal_queue import QueuedGoal
+from trolley_viz.features.past.drawing import PastDrawing
+from trolley_viz.features.touch.mark import TouchMark
+from trolley_viz.features.touch.touched import Touched
 from trolley_viz.graphics.shapes import place
 from trolley_viz.robots.view import View
 from trolley_viz.scene.frame_axes import FrameAxes
-from trolley_viz.scene.goal_pins import GoalPins
 from trolley_viz.scene.layer import is_same
 from trolley_viz.scene.markers.icons import Icon, Icons
-from trolley_viz.scene.past import PastDrawing
 from trolley_viz.scene.place_labels import Eye, PlaceLabels, PlaceName
 from trolley_viz.scene.places import PlaceLayer, current_places, place_names
 from trolley_viz.scene.routes import PreviewLine
-from trolley_viz.scene.scene import ROOT
-from trolley_viz.scene.touch import Touched
-from trolley_viz.scene.touch_mark import TouchMark
-from trolley_viz.sentences import goal_name
+from trolley_viz.session.scene import ROOT
+from trolley_viz.words.sentences import goal_name
 
 
 class BrowserScene:

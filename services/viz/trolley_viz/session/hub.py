@@ -7,13 +7,13 @@ import viser
 
 from trolley import topics
 from trolley.runtime.service import Service
-from trolley_viz.browser_choices import Choices
-from trolley_viz.past.keeper import Keeper
-from trolley_viz.people.people import People
+from trolley_viz.features.past.keeper import Keeper
+from trolley_viz.features.people.people import People
 from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopPresses
 from trolley_viz.server.links import Links
 from trolley_viz.server.visitors import Visitor
+from trolley_viz.session.browser_choices import Choices
 from trolley_viz.session.robot_scene import RobotScenes
 
 

@@ -5,10 +5,11 @@ from collections.abc import Callable, Mapping
 from msgspec import structs
 
 from trolley.messages import SuspectLine
-from trolley_viz.browser_choices import MAX_DISMISSED, Choices, Dismissed
+from trolley_viz.features.zones.dismissed import Dismissed
 from trolley_viz.languages.catalogue import ENGLISH, known_language
 from trolley_viz.languages.translator import translator_of
-from trolley_viz.scene.scene import shown_layers
+from trolley_viz.session.browser_choices import MAX_DISMISSED, Choices
+from trolley_viz.session.scene import shown_layers
 
 FRAME = "frame:"
 """Begins the keys under which the choices hold the frames whose axes are shown."""

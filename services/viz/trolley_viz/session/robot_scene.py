@@ -25,7 +25,7 @@ from trolley_viz.scene.map_layers import map_bounds
 from trolley_viz.scene.markers.layer import MarkerLayer
 from trolley_viz.scene.overlays import OverlayLayer
 from trolley_viz.scene.robot_body import RobotLayer
-from trolley_viz.scene.scene import Scene
+from trolley_viz.session.scene import Scene
 
 SILENT_PERIOD_NS = 200_000_000
 """How often it is looked whether a service has fallen silent."""

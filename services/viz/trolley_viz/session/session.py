@@ -7,33 +7,33 @@ import viser
 
 from trolley.geometry import Pose2D
 from trolley.messages import MapChange, SuspectLine
-from trolley_viz.actions.aiming import Aiming
-from trolley_viz.actions.place_actions import PlaceActions
-from trolley_viz.actions.robot_actions import RobotActions
-from trolley_viz.actions.touching import Touching
-from trolley_viz.browser_choices import Choices
 from trolley_viz.controls.controls import Controls, Folder
-from trolley_viz.drawing.canvas import Canvas
-from trolley_viz.drawing.map_changes import ChangeMarks, ChangeRequests
-from trolley_viz.drawing.suspected_mirrors import SuspectLines
-from trolley_viz.drawing.zone_editor import ZoneEditor, stored_zones
-from trolley_viz.drawing.zone_requests import ZoneRequests
-from trolley_viz.map_editing.map_editor import MapEditor
-from trolley_viz.map_editing.map_preview import MapPreview
+from trolley_viz.features.driving.aiming import Aiming
+from trolley_viz.features.driving.robot_actions import RobotActions
+from trolley_viz.features.map_changes.changes import ChangeMarks, ChangeRequests
+from trolley_viz.features.map_editing.editor import MapEditor
+from trolley_viz.features.map_editing.preview import MapPreview
+from trolley_viz.features.past.drawing import HIDDEN
+from trolley_viz.features.past.looking import Looking
+from trolley_viz.features.places.place_actions import PlaceActions
+from trolley_viz.features.touch.touched import Touched, touched
+from trolley_viz.features.touch.touching import Touching
+from trolley_viz.features.zones.editor import ZoneEditor, stored_zones
+from trolley_viz.features.zones.requests import ZoneRequests
+from trolley_viz.features.zones.suspected_mirrors import SuspectLines
 from trolley_viz.overlays.pages import File
-from trolley_viz.past.looking import Looking
+from trolley_viz.pointing.canvas import Canvas
 from trolley_viz.pointing.drags import Drags
 from trolley_viz.pointing.pointer import Pointer
 from trolley_viz.robots.view import View
 from trolley_viz.scene.map_layers import MapLayer
-from trolley_viz.scene.past import HIDDEN
-from trolley_viz.scene.touch import Touched, touched
-from trolley_viz.sentences import Tone
 from trolley_viz.server.messages import Notice, Told
 from trolley_viz.server.visitors import Visitor
+from trolley_viz.session.browser_choices import Choices
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.preferences import Preferences
 from trolley_viz.session.window import Window
+from trolley_viz.words.sentences import Tone
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,0 @@
-"""What buttons and gestures ask of a robot."""

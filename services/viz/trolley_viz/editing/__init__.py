@@ -1,1 +1,0 @@
-"""What a person is editing before it is sent: a tour, a queue of goals, the steps to undo."""

@@ -1,0 +1,1 @@
+"""For engineers: frames, numbers, services, streams."""

@@ -1,0 +1,1 @@
+"""Sending the robot somewhere, and telling it where it is."""

@@ -1,0 +1,1 @@
+"""Who has the viewer open, and who is let in."""

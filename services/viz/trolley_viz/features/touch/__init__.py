@@ -1,0 +1,1 @@
+"""What is touched on the map, and its card."""

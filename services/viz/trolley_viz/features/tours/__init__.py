@@ -1,0 +1,1 @@
+"""Tours: made, started and followed."""

@@ -1,0 +1,1 @@
+"""Zones: drawn, changed and suspected."""

@@ -1,1 +1,0 @@
-"""The controls: one module per part of the panel."""

@@ -1,0 +1,166 @@
+"""What people do to saved places, and how it is taken back."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+from trolley import requests, topics
+from trolley.geometry import Pose2D
+from trolley.messages import SavedPose, Stop, Tour
+from trolley_viz.controls.undo import History
+from trolley_viz.features.places.place_actions import PlaceActions
+from trolley_viz.pointing.pointer import Pointed
+
+HERE = Pose2D(5.0, 5.0, 1.0)
+KITCHEN = SavedPose(
+    name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.5), icon="home", note="by the oven"
+)
+
+
+class House:
+    """A pretended tour service, the browser that asks it, and the map that is pointed at."""
+
+    def __init__(self) -> None:
+        self.poses = {"kitchen": KITCHEN}
+        self.tours = {
+            "round": Tour(name="round", stops=[Stop(name="kitchen"), Stop(pose=HERE)]),
+            "other": Tour(name="other", stops=[Stop(pose=HERE)]),
+        }
+        self.told: list[str] = []
+        self.history = History()
+        self.pointed: Pointed | None = Pointed(1.0, 2.0, 0.25)
+        self.armed = True
+        streams = SimpleNamespace(latest=self._latest)
+        view: Any = SimpleNamespace(streams=streams, placement=SimpleNamespace(world="map"))
+        self.view = view
+        actions: Any = self
+        self.places = PlaceActions(actions, actions, lambda: view)
+
+    def _latest(self, topic: Any) -> Any:
+        if topic is topics.POSES:
+            return SimpleNamespace(poses=list(self.poses.values()))
+        return SimpleNamespace(tours=list(self.tours.values()))
+
+    # What the actions are asked for.
+    def ask(
+        self, request: Any, params: Any, failed: str, done: Callable[[Any], None] | None = None
+    ) -> None:
+        if request is requests.POSE_CAPTURE:
+            self.poses[params.name] = SavedPose(
+                name=params.name, map="room", pose=HERE, icon=params.icon
+            )
+        elif request is requests.POSES_PUT:
+            self.poses[params.name] = params
+        elif request is requests.POSES_DELETE:
+            del self.poses[params.name]
+        elif request is requests.TOURS_PUT:
+            self.tours[params.name] = params
+        else:
+            raise AssertionError(request.name)
+        if done is not None:
+            done(params)
+
+    def tell(self, title: str, text: str, tone: str) -> None:
+        self.told.append(text)
+
+    # What the arrow is asked for.
+    def arm(self, tool: Any, hint: str) -> None:
+        assert self.pointed is not None
+        tool.done(self.pointed)
+
+    def put_away(self) -> None:
+        self.armed = False
+
+    def pose_at(self, pointed: Pointed, kept: float | None = None) -> Pose2D:
+        return Pose2D(pointed.x, pointed.y, pointed.yaw if pointed.yaw is not None else kept or 0.0)
+
+
+@pytest.fixture
+def house() -> House:
+    return House()
+
+
+def test_a_place_is_saved_where_the_robot_stands(house: House) -> None:
+    saved: list[str] = []
+    house.places.save_here("  sofa ", "sofa", saved.append)
+    assert house.poses["sofa"].pose == HERE
+    assert saved == ["sofa"]
+    house.history.undo()
+    assert set(house.poses) == {"kitchen"}
+
+
+@pytest.mark.parametrize(("name", "why"), [(" ", "Give the place a name"), ("kitchen", "already")])
+def test_a_name_is_needed_and_not_taken(house: House, name: str, why: str) -> None:
+    house.places.save_here(name, "", house.told.append)
+    house.places.point_new(name, "", house.told.append)
+    assert len(house.told) == 2
+    assert all(why in text for text in house.told)
+    assert house.poses == {"kitchen": KITCHEN}
+
+
+def test_a_place_is_pointed_out(house: House) -> None:
+    house.places.point_new("door", "door", lambda _: None)
+    assert house.poses["door"].pose == Pose2D(1.0, 2.0, 0.25)
+    house.history.undo()
+    assert "door" not in house.poses
+
+
+def test_without_a_map_there_is_nothing_to_point_at(house: House) -> None:
+    house.view.placement.world = "odom"
+    house.places.point_move(KITCHEN)
+    assert house.told == ["There is no map to point at."]
+
+
+def test_icon_and_note_change_and_come_back(house: House) -> None:
+    house.places.change(KITCHEN, "kitchen", "coffee", "")
+    assert (house.poses["kitchen"].icon, house.poses["kitchen"].note) == ("coffee", "")
+    house.history.undo()
+    assert house.poses == {"kitchen": KITCHEN}
+
+
+def test_tours_find_a_place_that_was_renamed(house: House) -> None:
+    before = dict(house.tours)
+    house.places.change(KITCHEN, "Küche", "home", "by the oven")
+    assert house.poses == {"Küche": msgspec.structs.replace(KITCHEN, name="Küche")}
+    assert [stop.name for stop in house.tours["round"].stops] == ["Küche", None]
+    assert house.tours["other"] is before["other"]
+    house.history.undo()
+    assert house.poses == {"kitchen": KITCHEN}
+    assert house.tours == before
+    assert house.history.last() is None
+
+
+def test_a_place_is_not_renamed_over_another(house: House) -> None:
+    house.poses["door"] = msgspec.structs.replace(KITCHEN, name="door")
+    house.places.change(KITCHEN, "door", "home", "")
+    assert house.poses["kitchen"] is KITCHEN
+    assert "already" in house.told[0]
+
+
+def test_a_place_is_moved_and_keeps_its_note(house: House) -> None:
+    house.places.move_here(KITCHEN)
+    moved = house.poses["kitchen"]
+    assert (moved.pose, moved.icon, moved.note) == (HERE, "home", "by the oven")
+    house.history.undo()
+    assert house.poses == {"kitchen": KITCHEN}
+
+
+def test_a_place_moved_by_a_click_keeps_its_heading(house: House) -> None:
+    house.pointed = Pointed(1.0, 2.0)
+    house.places.point_move(KITCHEN)
+    assert house.poses["kitchen"].pose == Pose2D(1.0, 2.0, 0.5)
+    assert house.poses["kitchen"].note == "by the oven"
+    house.history.undo()
+    assert house.poses == {"kitchen": KITCHEN}
+
+
+def test_a_place_that_is_deleted_can_be_brought_back(house: House) -> None:
+    house.places.delete(KITCHEN)
+    assert house.poses == {}
+    assert "“round”" in house.told[0]
+    assert "“other”" not in house.told[0]
+    house.history.undo()
+    assert house.poses == {"kitchen": KITCHEN}
