@@ -4,11 +4,7 @@ viser serves the browsers on threads of its own; whatever happens there is hande
 `call_soon`. A robot's streams are subscribed to only while a browser follows it.
 """
 
-import itertools
-import secrets
-
 import viser
-from msgspec import structs
 
 from trolley import requests, teleop, topics
 from trolley.codes import Refused
@@ -22,7 +18,8 @@ from trolley_viz.features.people.people import People
 from trolley_viz.foxglove import open_bridge
 from trolley_viz.joystick.teleop import Teleop
 from trolley_viz.overlays.pages import OverlayPages
-from trolley_viz.pages.page import Page, Shared
+from trolley_viz.pages.open_pages import OpenPages
+from trolley_viz.pages.page import Shared
 from trolley_viz.robots.fleet import Fleet, Robots
 from trolley_viz.robots.stop_presses import Answered, StopPresses
 from trolley_viz.server.access import FILE as ACCESS_FILE
@@ -31,10 +28,9 @@ from trolley_viz.server.lines import Line, Lines
 from trolley_viz.server.links import links_of
 from trolley_viz.server.messages import Said
 from trolley_viz.server.photos import Photos
-from trolley_viz.server.visitors import Visitor
 from trolley_viz.server.web_server import PortTaken, WebServer, close_scene, open_scene
-from trolley_viz.session.browser_choices import FILE, Choices, ViewerSettings
 from trolley_viz.session.hub import Hub
+from trolley_viz.session.memory import Memory
 from trolley_viz.session.robot_scene import RobotScenes
 
 TICK_S = teleop.PERIOD_S
@@ -48,10 +44,6 @@ WAITING_S = 1.0
 """How often all of it is done where pages may come back, but nobody has one open now."""
 
 
-PageName = tuple[str, Visitor]
-"""A page's key and who has it open: with the key alone nobody gets at another's page."""
-
-
 class VizService(Service):
     """The web viewer: one page for all robots of the network."""
 
@@ -61,6 +53,7 @@ class VizService(Service):
 
     hub: Hub | None = None
     """What all browsers share; there is none before `start`."""
+    pages: OpenPages
 
     def __init__(self, config: RobotConfig) -> None:
         self._config = config.viz
@@ -73,11 +66,6 @@ class VizService(Service):
         )
         self.past = Keeper(self, config.robot.name)
         self.parts = (self.past,)
-        self.pages: dict[PageName, Page] = {}
-        """The pages that are open."""
-        self._numbers = itertools.count()
-        self._unclaimed: dict[str, viser.ClientHandle] = {}
-        """viser's connections that no page has claimed yet, by the secret each was given."""
         self._panels_due_ns = self._beat_due_ns = 0
         self._drawn_by_ns = 0
         """When what is to be drawn is asked for again: in a flood it may have been dropped."""
@@ -85,12 +73,12 @@ class VizService(Service):
     # Life.
     def start(self) -> None:
         """Open the web page."""
-        self._settings = self.state.read(FILE, ViewerSettings) or ViewerSettings()
-        people = People(Names(self._settings.names, self._save_names, self._robot_titles))
+        memory = Memory(self)
+        people = People(Names(memory.names, memory.save_names, self._robot_titles))
         self.joystick = Teleop(self, self._robots, people.driver_name)
         tokens = self._tokens()
         self._scene = open_scene()
-        lines = Lines(self.call_soon, self.open_line, self.hear, self.close_line)
+        lines = Lines(self.call_soon, self.open_line, self._hear, self._close_line)
         try:
             access = self._access_control(tokens)
             self._web = WebServer(self._config, access, lines, self._scene, Photos(self).fetch)
@@ -108,21 +96,21 @@ class VizService(Service):
             robots=self._robots,
             stops=StopPresses(self._ask_stop),
             scenes=RobotScenes(self, self._scene, self._robots),
-            remember=self._remember,
+            memory=memory,
             let_go=self.joystick.let_go,
             people=people,
             links=links_of(self._config, tokens),
             past=self.past,
         )
-        self._shared = Shared(self.joystick, OverlayPages(self))
+        self.pages = OpenPages(self.hub, Shared(self.joystick, OverlayPages(self)))
         self._bridge = open_bridge(self, self._config)
 
         # async, and only handing over: these run on the thread of viser's server.
         async def connected(client: viser.ClientHandle) -> None:
-            self.call_soon(lambda: self.open_scene(client))
+            self.call_soon(lambda: self.pages.open_scene(client))
 
         async def disconnected(client: viser.ClientHandle) -> None:
-            self.call_soon(lambda: self.close_scene(client.client_id))
+            self.call_soon(lambda: self.pages.close_scene(client.client_id))
 
         self._scene.on_client_connect(connected)
         self._scene.on_client_disconnect(disconnected)
@@ -141,52 +129,13 @@ class VizService(Service):
             if self._bridge is not None:
                 self._bridge.close()
 
-    # Pages and their scenes.
-    def open_scene(self, client: viser.ClientHandle) -> None:
-        """Give a connection of viser's a secret, by which its page claims it."""
-        secret = secrets.token_hex(16)
-        self._unclaimed[secret] = client
-        client.gui.add_html(f'<span id="trolley-scene" data-secret="{secret}"></span>')
-
-    def close_scene(self, client_id: int) -> None:
-        """Forget a connection of viser's that is gone."""
-        for page in self.pages.values():
-            if page.session.window.picture.is_of(client_id):
-                page.session.detach()
-        for secret, client in tuple(self._unclaimed.items()):
-            if client.client_id == client_id:
-                del self._unclaimed[secret]
-
+    # Pages.
     def open_line(self, line: Line) -> None:
-        """Connect a page, or one that was gone for a moment."""
-        if self.hub is None:
-            return
-        page = self.pages.get(_page_of(line))
-        if page is None:
-            visitor = line.visitor
-            choices = self._settings.browsers.get(visitor.browser, Choices())
-            page = Page(next(self._numbers), line.key, visitor, choices, self.hub, self._shared)
-            self.pages[_page_of(line)] = page
-        page.connect(line, self.monotonic_ns)
-        self._panels_due_ns = 0
-        self._next_tick.set(0.0)
-
-    def close_line(self, line: Line) -> None:
-        """Note that the line to a page is gone."""
-        page = self.pages.get(_page_of(line))
-        if page is not None:
-            page.disconnect(line)
-
-    def hear(self, line: Line, said: Said) -> None:
-        """Do what a page says."""
-        page = self.pages.get(_page_of(line))
-        if page is None or not page.is_on(line):
-            return
-        if said.scene is not None:
-            client = self._unclaimed.pop(said.scene, None)
-            if client is not None:
-                page.session.attach(client)
-        page.hear(said, self.monotonic_ns)
+        """Connect a page, or one that was gone for a moment, and tell it everything at once."""
+        if self.hub is not None:  # else it is starting
+            self.pages.open_line(line)
+            self._panels_due_ns = 0
+            self._next_tick.set(0.0)
 
     # What it does repeatedly.
     def tick(self) -> None:
@@ -201,52 +150,44 @@ class VizService(Service):
         now_ns = self.monotonic_ns
         hub.stops.tick(now_ns)
         is_driving = self.joystick.drive()
-        for page in self.pages.values():
-            page.give_up_if_silent(now_ns)
-        self._forget_pages(now_ns)
-        is_seen = any(page.is_connected for page in self.pages.values())
-        if is_seen or is_driving or hub.stops.are_waiting:
+        if self.pages.give_up_the_silent(now_ns):
+            self._forget_robots(hub, now_ns)
+        if self.pages.is_any_seen or is_driving or hub.stops.are_waiting:
             self._next_tick.repeat(TICK_S)
-        elif self.pages:
+        elif self.pages.all:
             self._next_tick.set(WAITING_S)
-        if self.pages and now_ns >= self._drawn_by_ns:
+        if self.pages.all and now_ns >= self._drawn_by_ns:
             self._drawn_by_ns = now_ns + DRAWN_BY_NS
             self.call_soon(self._draw)  # after what has arrived by now
 
-    def _forget_pages(self, now_ns: int) -> None:
-        """Forget the pages that nobody comes back to."""
-        over = [name for name, page in self.pages.items() if page.is_over(now_ns)]
-        for name in over:
-            self.pages.pop(name).close()
-        if over and not self.pages and self.hub is not None:
-            self._fleet.update(self.monotonic_ns, is_watched=False)
-            self.hub.scenes.update({}, ())
-            self.hub.people.stoppers.keep(set())
-            self.past.follow(set())
+    def _forget_robots(self, hub: Hub, now_ns: int) -> None:
+        """Follow no robot: nobody looks."""
+        self._fleet.update(now_ns, is_watched=False)
+        hub.scenes.update({}, ())
+        hub.people.stoppers.keep(set())
+        self.past.follow(set())
 
     def _draw(self) -> None:
         """Draw and say what changed."""
         self._drawn_by_ns = 0
         hub, now_ns = self.hub, self.monotonic_ns
-        if hub is None or not self.pages:
+        if hub is None or not self.pages.all:
             return
         self._robots.update(self._robot_watch.by_parts)
         self._fleet.update(now_ns, is_watched=True)
         scenes = hub.scenes.by_robot
         with hub.server.atomic():  # viser sends all of it at once
-            hub.scenes.update(self._layers_by_robot(), self._fleet.members)
+            hub.scenes.update(self.pages.layers_by_robot(), self._fleet.members)
         hub.people.stoppers.keep(scenes.keys())
         self.past.follow(scenes.keys())
-        for page in self.pages.values():
+        for page in self.pages.all:
             page.session.update_scene(scenes.keys())
         if now_ns >= self._panels_due_ns:
             self._panels_due_ns = now_ns + PANEL_PERIOD_NS
-            for page in self.pages.values():
-                page.update(hub.scenes.of(page.robot).view)
+            self.pages.update()
         if now_ns >= self._beat_due_ns:
             self._beat_due_ns = now_ns + BEAT_PERIOD_NS
-            for page in self.pages.values():
-                page.beat(now_ns)
+            self.pages.beat(now_ns)
 
     # Inside.
     def _tokens(self) -> AccessTokens:
@@ -264,12 +205,11 @@ class VizService(Service):
             config.port, config.origins, always_ask=config.always_ask, tokens=tokens
         )
 
-    def _layers_by_robot(self) -> dict[str, set[str]]:
-        """The layers that somebody wants to see of each robot that is followed."""
-        shown: dict[str, set[str]] = {}
-        for page in self.pages.values():
-            shown.setdefault(page.robot, set()).update(page.shown_layers())
-        return shown
+    def _hear(self, line: Line, said: Said) -> None:
+        self.pages.hear(line, said)
+
+    def _close_line(self, line: Line) -> None:
+        self.pages.close_line(line)
 
     def _ask_stop(self, robot: str, answered: Answered) -> None:
         def finish(reply: BaseState | Refused) -> None:
@@ -279,22 +219,8 @@ class VizService(Service):
 
         self.request(requests.BASE_STOP, Nothing(), finish, timeout_s=1.0, robot=robot)
 
-    def _remember(self, browser: str, choices: Choices) -> None:
-        """Save a browser's choices; one without a name is not remembered."""
-        if browser:
-            self._settings = self._settings.with_choices(browser, choices)
-            self.save(FILE, self._settings)
-
-    def _save_names(self, names: dict[str, str]) -> None:
-        self._settings = structs.replace(self._settings, names=names)
-        self.save(FILE, self._settings)
-
     def _robot_titles(self) -> list[str]:
         """What the robots are called, each by both of its names."""
         names = self._robots.names()
         known = [robot for name in names if (robot := self._robots.get(name)) is not None]
         return [*names, *(robot.title for robot in known)]
-
-
-def _page_of(line: Line) -> PageName:
-    return line.key, line.visitor

@@ -394,8 +394,8 @@ class Stage:
         line = PretendLine(
             f"page-{client_id}",
             visitor,
-            lambda said: viz.call_soon(lambda: viz.hear(cast(Line, line), said)),
-            lambda: viz.call_soon(lambda: viz.close_line(cast(Line, line))),
+            lambda said: viz.call_soon(lambda: viz.pages.hear(cast(Line, line), said)),
+            lambda: viz.call_soon(lambda: viz.pages.close_line(cast(Line, line))),
         )
         viz.open_line(cast(Line, line))
         return line
@@ -404,18 +404,18 @@ class Stage:
         """Connect viser's part of a browser, and let its page say that it is the same."""
         self.browsers[browser.client_id] = browser
         self.hub.server.get_clients = lambda: self.browsers  # type: ignore[method-assign, assignment, return-value]
-        self.viz.open_scene(browser)
+        self.viz.pages.open_scene(browser)
         self.say(browser, Said(scene=browser.secret))
 
     def say(self, browser: Any, said: Said) -> None:
         """Say something as the page of a browser."""
-        self.viz.hear(cast(Line, browser.line), said)
+        self.viz.pages.hear(cast(Line, browser.line), said)
 
     def leave(self, browser: Any) -> None:
         """Close a browser."""
         del self.browsers[browser.client_id]
-        self.viz.close_line(cast(Line, browser.line))
-        self.viz.close_scene(browser.client_id)
+        self.viz.pages.close_line(cast(Line, browser.line))
+        self.viz.pages.close_scene(browser.client_id)
 
     @property
     def now_ms(self) -> float:
@@ -424,13 +424,13 @@ class Stage:
 
     def page(self, client_id: int = 0) -> Page:
         """Of a browser."""
-        (page,) = [one for one in self.viz.pages.values() if one.key == f"page-{client_id}"]
+        (page,) = [one for one in self.viz.pages.all if one.key == f"page-{client_id}"]
         return page
 
     @property
     def session(self) -> Session:
         """Of the browser that came first."""
-        return next(iter(self.viz.pages.values())).session
+        return next(iter(self.viz.pages.all)).session
 
     def drawn(self, client_id: int = 0) -> BrowserScene:
         """What a browser alone has in its scene."""

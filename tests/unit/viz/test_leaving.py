@@ -79,8 +79,8 @@ class Page:
                 up_direction=(0.0, 0.0, 1.0),
             ),
         )
-        self.wait(lambda: bool(stage.viz.pages))
-        (self.page,) = stage.viz.pages.values()
+        self.wait(lambda: bool(stage.viz.pages.all))
+        (self.page,) = stage.viz.pages.all
         self.line.send(f'{{"scene": "{self._secret()}"}}')
         self.wait(lambda: self.page.session.window.picture.client is not None)
         self.run(0.5)

@@ -2,14 +2,11 @@
 
 from collections.abc import Sequence
 
-from trolley_viz.controls.controls import Container, Controls
-from trolley_viz.controls.markup import note, row
+from trolley_viz.controls.controls import Controls
+from trolley_viz.controls.markup import note
 from trolley_viz.features.past.bar import PastBar
-from trolley_viz.features.people.links import LinkCard, add_links
-from trolley_viz.features.people.panel import PeoplePanel
+from trolley_viz.features.people.links import LinkCard
 from trolley_viz.features.robot_list.panel import RobotsPanel
-from trolley_viz.features.settings.panel import SettingsPanel
-from trolley_viz.features.settings.requests import RobotSettings
 from trolley_viz.features.setup.panel import SetupPanel
 from trolley_viz.features.touch.card import Leads, TouchCard
 from trolley_viz.features.touch.touched import Touched
@@ -18,7 +15,6 @@ from trolley_viz.session.session import Session
 from trolley_viz.tabs.go_tab import GoTab
 from trolley_viz.tabs.map_tab import MapTab
 from trolley_viz.tabs.more_tab import MoreTab
-from trolley_viz.tabs.shortcuts import add_shortcuts
 from trolley_viz.tabs.tours_tab import TourTab
 from trolley_viz.tabs.view_bar import ViewBar
 from trolley_viz.words.sentences import StatusLine
@@ -39,7 +35,6 @@ class Console:
         self._map: MapTab | None = None
         self._card: TouchCard | None = None
         self._view_bar = ViewBar(gui, session)
-        self._settings: SettingsPanel | None = None
         self._link_card: LinkCard | None = None
         self._past_bar = PastBar(gui, session.past)
         self._setup = SetupPanel(
@@ -52,42 +47,17 @@ class Console:
         tabs = self._tabs = gui.add_tabs()
         self._unseen_due_ns = 0
         if session.may_drive:
-            self._go_tab = tabs.add_tab("Go", "steering-wheel")
-            with self._go_tab:
-                self._go = GoTab(gui, session)
-        self._tours_tab = tabs.add_tab("Tours", "route")
-        with self._tours_tab:
-            self._tours = TourTab(gui, session)
+            with tabs.add_tab("Go", "steering-wheel") as tab:
+                self._go = GoTab(gui, tab, session)
+        with tabs.add_tab("Tours", "route") as tab:
+            self._tours = TourTab(gui, tab, session)
         if session.may_drive:
-            self._map_tab = tabs.add_tab("Map", "map-2")
-            with self._map_tab:
-                self._map = MapTab(gui, session)
-            self._card = self._add_card(gui, self._map, self._map_tab)
+            with tabs.add_tab("Map", "map-2") as tab:
+                self._map = MapTab(gui, tab, session)
+            self._card = self._add_card(gui, self._map)
             self._link_card = LinkCard(gui, session.hub.links)
-        self._more_tab = tabs.add_tab("More", "dots")
-        with self._more_tab:
-            self._more = MoreTab(gui, session)
-            self._people = PeoplePanel(
-                gui,
-                session.folder,
-                session.hub.people,
-                session.hub.robots,
-                session.number,
-                session.visitor,
-                session.tell,
-            )
-            if session.may_drive:
-                self._settings = SettingsPanel(
-                    gui,
-                    session.folder,
-                    RobotSettings(session.hub.service, session.actions, lambda: session.robot),
-                )
-            if self._link_card is not None:
-                add_links(gui, session.folder, session.hub.links, self._show_link)
-            with session.folder("State"):
-                self._state = gui.add_html("")
-            with session.folder("Keys"):
-                gui.add_html(add_shortcuts(gui, session))
+        with tabs.add_tab("More", "dots") as tab:
+            self._more = MoreTab(gui, tab, session, self._show_link)
 
     def update(self, view: View, lines: Sequence[StatusLine]) -> None:
         """Say what is; `lines` are those of the robot's state."""
@@ -98,23 +68,16 @@ class Console:
         self._setup.update(view.setup)
         tabs.visible = view.setup is None
         self._robots.update(view.fleet, session.robot_labels(), session.robot)
-        if self._go is not None and (are_due or tabs.is_open(self._go_tab)):
-            self._go.update(view)
-        if are_due or tabs.is_open(self._tours_tab):
-            self._tours.update(view)
-        if self._map is not None and (are_due or tabs.is_open(self._map_tab)):
-            self._map.update(view)
+        for one in (self._go, self._tours, self._map):
+            if one is not None and (are_due or tabs.is_open(one.tab)):
+                one.update(view)
         if self._card is not None:
             self._card.update(view)
         self._view_bar.update()
         self._past_bar.update()
         self._more.follow(view)
-        if are_due or tabs.is_open(self._more_tab):
-            self._state.content = "".join(map(row, lines))
-            self._more.update(view)
-            self._people.update(view.now_ns)
-            if self._settings is not None:
-                self._settings.update(view)
+        if are_due or tabs.is_open(self._more.tab):
+            self._more.update(view, lines)
         if self._link_card is not None:
             if session.touching.touched is not None:
                 self._link_card.hide()
@@ -125,19 +88,19 @@ class Console:
         self._more.close_plot()
 
     # Inside.
-    def _add_card(self, gui: Controls, of_map: MapTab, map_tab: Container) -> TouchCard:
+    def _add_card(self, gui: Controls, of_map: MapTab) -> TouchCard:
         """Add the card of what is touched, with ways to the tabs where there is more to do."""
 
         def edit_place(name: str) -> None:
-            self._tabs.open(map_tab)
+            self._tabs.open(of_map.tab)
             of_map.edit_place(name)
 
         def edit_zone(name: str) -> None:
-            self._tabs.open(map_tab)
+            self._tabs.open(of_map.tab)
             of_map.edit_zone(name)
 
         def add_to_tour(one: Touched) -> None:
-            self._tabs.open(self._tours_tab)
+            self._tabs.open(self._tours.tab)
             self._tours.add_touched(one)
 
         session = self._session
@@ -156,7 +119,7 @@ class Console:
 
     def _take_tap(self, one: Touched) -> bool:
         """While a tour is edited, places and points that are touched are added to it."""
-        is_wanted = self._tabs.is_open(self._tours_tab) and self._tours.is_editing
+        is_wanted = self._tabs.is_open(self._tours.tab) and self._tours.is_editing
         if is_wanted and one.what in ("place", "floor"):
             self._tours.add_touched(one)
             return True

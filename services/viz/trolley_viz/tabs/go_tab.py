@@ -2,7 +2,7 @@
 
 from trolley import topics
 from trolley.messages import GoalStatus, SavedPose, TourStatus
-from trolley_viz.controls.controls import Controls
+from trolley_viz.controls.controls import Container, Controls
 from trolley_viz.controls.markup import heading, note
 from trolley_viz.controls.shared import show_undo
 from trolley_viz.controls.tiles import Tiles
@@ -20,7 +20,8 @@ NO_PLACES = "No places saved yet. Drive to one and save it under “Map”."
 class GoTab:
     """Big buttons: pause and cancel while it goes, one for each place and for each tour."""
 
-    def __init__(self, gui: Controls, session: Session) -> None:
+    def __init__(self, gui: Controls, tab: Container, session: Session) -> None:
+        self.tab = tab
         actions, aiming = session.actions, session.aiming
         self._actions, self._aiming = actions, aiming
         with gui.add_tiles():

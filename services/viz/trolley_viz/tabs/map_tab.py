@@ -1,7 +1,7 @@
 """The tab of the map: what has changed on it, its places and zones, and how one is made."""
 
 from trolley import topics
-from trolley_viz.controls.controls import Controls
+from trolley_viz.controls.controls import Container, Controls
 from trolley_viz.features.map_changes.panel import ChangePanel
 from trolley_viz.features.map_editing.panel import MapEditPanel
 from trolley_viz.features.mapping.panel import MappingPanel
@@ -14,7 +14,8 @@ from trolley_viz.session.session import Session
 class MapTab:
     """All about the map in one browser."""
 
-    def __init__(self, gui: Controls, session: Session) -> None:
+    def __init__(self, gui: Controls, tab: Container, session: Session) -> None:
+        self.tab = tab
         folder, editor, history = session.folder, session.zone_editor, session.actions.history
         self._changes = ChangePanel(
             gui,

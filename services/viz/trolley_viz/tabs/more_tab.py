@@ -1,15 +1,21 @@
 """The tab for engineers: what else there is to see, folded away until it is wanted."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from trolley import topics
 from trolley.messages import PoseEstimate
-from trolley_viz.controls.controls import Check, Controls
-from trolley_viz.controls.markup import note, swatches, table
+from trolley_viz.controls.controls import Check, Container, Controls
+from trolley_viz.controls.markup import note, row, swatches, table
 from trolley_viz.features.diagnosis.frames import FrameTreePanel
 from trolley_viz.features.diagnosis.measuring import FramesPanel, PlotPanel
 from trolley_viz.features.diagnosis.proposals import ProposalPanel
 from trolley_viz.features.diagnosis.streams import StreamPanel
+from trolley_viz.features.people.links import add_links
+from trolley_viz.features.people.panel import PeoplePanel
+from trolley_viz.features.settings.panel import SettingsPanel
+from trolley_viz.features.settings.requests import RobotSettings
 from trolley_viz.languages.catalogue import ENGLISH, catalogues
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Group, Layer
@@ -24,7 +30,8 @@ from trolley_viz.scene.scan_and_particles import BEAM_COLOURS
 from trolley_viz.session.robot_scene import follow_values
 from trolley_viz.session.scene import LAYERS
 from trolley_viz.session.session import Session
-from trolley_viz.words.sentences import age_text, percent, pose_text
+from trolley_viz.tabs.shortcuts import add_shortcuts
+from trolley_viz.words.sentences import StatusLine, age_text, percent, pose_text
 
 GROUPS: tuple[Group, ...] = ("Robot", "Sensing", "Driving", "Map")
 BEAMS = [
@@ -43,9 +50,16 @@ DOUBTS = [("mirror?", SUSPECT_COLOUR), ("new?", APPEARED_COLOUR), ("gone?", GONE
 
 
 class MoreTab:
-    """Layers, position, frames, services and streams."""
+    """Layers, position, frames, services, streams, people, settings, keys.
 
-    def __init__(self, gui: Controls, session: Session) -> None:
+    Args:
+        show_link: shows a link for somebody who is let in.
+    """
+
+    def __init__(
+        self, gui: Controls, tab: Container, session: Session, show_link: Callable[[str], None]
+    ) -> None:
+        self.tab = tab
         self._due_ns = 0
         self._proposals = ProposalPanel(gui, session.actions, may_dismiss=session.may_drive)
         fit = gui.add_button("Show the whole map", icon="maximize")
@@ -73,13 +87,35 @@ class MoreTab:
         )
         self._notes = gui.add_html("")
         self._robot_scene = lambda: session.hub.scenes.of(session.robot)
+        self._people = PeoplePanel(
+            gui,
+            session.folder,
+            session.hub.people,
+            session.hub.robots,
+            session.number,
+            session.visitor,
+            session.tell,
+        )
+        self._settings: SettingsPanel | None = None
+        if session.may_drive:
+            asked = RobotSettings(session.hub.service, session.actions, lambda: session.robot)
+            self._settings = SettingsPanel(gui, session.folder, asked)
+            add_links(gui, session.folder, session.hub.links, show_link)
+        with session.folder("State"):
+            self._state = gui.add_html("")
+        with session.folder("Keys"):
+            gui.add_html(add_shortcuts(gui, session))
 
     def follow(self, view: View) -> None:
         """Plot, also while nobody looks: what is plotted has no gaps."""
         self._plot.update(view)
 
-    def update(self, view: View) -> None:
-        """Say what is: what is for reading once a second."""
+    def update(self, view: View, lines: Sequence[StatusLine]) -> None:
+        """Say what is: what is for reading once a second; `lines` are of the robot's state."""
+        self._state.content = "".join(map(row, lines))
+        self._people.update(view.now_ns)
+        if self._settings is not None:
+            self._settings.update(view)
         self._relation.update(view)
         if view.now_ns < self._due_ns:
             return

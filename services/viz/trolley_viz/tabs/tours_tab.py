@@ -3,7 +3,7 @@
 from trolley import topics
 from trolley.geometry.frames import MAP
 from trolley.messages import PastTrip, Tour
-from trolley_viz.controls.controls import Controls
+from trolley_viz.controls.controls import Container, Controls
 from trolley_viz.features.touch.touched import Touched
 from trolley_viz.features.tours.draft import Draft, Editing
 from trolley_viz.features.tours.editor import TourEditor
@@ -26,7 +26,8 @@ from trolley_viz.session.session import Session
 class TourTab:
     """All about tours in one browser; who only looks sees the trip and past trips."""
 
-    def __init__(self, gui: Controls, session: Session) -> None:
+    def __init__(self, gui: Controls, tab: Container, session: Session) -> None:
+        self.tab = tab
         self._session = session
         actions = session.actions
         self._stored = TourActions(actions, lambda: session.robot)

@@ -463,11 +463,11 @@ def test_a_scene_that_went_before_it_was_claimed_cannot_be(stage: "Stage") -> No
     browser = stage.browse()
     other = stage.browse(1)
     stage.leave(other)
-    stage.viz.open_scene(other)
-    stage.viz.close_scene(1)
+    stage.viz.pages.open_scene(other)
+    stage.viz.pages.close_scene(1)
     stage.say(browser, Said(scene=other.secret))
     assert stage.session.window.picture.client is browser
-    assert stage.viz._unclaimed == {}
+    assert stage.viz.pages._unclaimed == {}
 
 
 def test_a_page_whose_scene_is_lost_goes_on_without_and_finds_another(stage: "Stage") -> None:
@@ -476,7 +476,7 @@ def test_a_page_whose_scene_is_lost_goes_on_without_and_finds_another(stage: "St
     assert press(stage, browser, "Go to …").is_done
     stage.runtime.run(0.5)
     controls = set(stage.page().controls.all)
-    stage.viz.close_scene(0)
+    stage.viz.pages.close_scene(0)
     stage.runtime.run(0.5)
     assert not browser.line.is_closed
     assert not browser.state.has_scene
@@ -523,7 +523,7 @@ def test_what_is_drawn_is_drawn_again_in_another_scene(stage: "Stage", begun: st
         stage.runtime.run(0.5)
         assert session.map_editor.hides_map
     floor = canvas._floor
-    stage.viz.close_scene(0)
+    stage.viz.pages.close_scene(0)
     assert canvas._floor is None
     assert canvas._dots is None
     assert not session.map_editor.hides_map
@@ -549,7 +549,7 @@ def test_a_page_is_kept_for_half_a_minute_and_then_forgotten(stage: "Stage") -> 
     assert "scan" in streams.names()
     browser.line.close()
     stage.runtime.run(31.0)
-    assert stage.viz.pages == {}
+    assert stage.viz.pages.all == []
     assert stage.scenes == {}
     assert streams.names() == []
     browser.line = stage.connect()
@@ -572,7 +572,7 @@ def test_one_that_is_forgotten_takes_nothing_from_the_others(stage: "Stage") -> 
     one, other = stage.browse(0), stage.browse(1)
     stage.leave(one)
     stage.runtime.run(31.0)
-    assert len(stage.viz.pages) == 1
+    assert len(stage.viz.pages.all) == 1
     assert "scan" in stage.streams()
     assert other.state.has_scene
 

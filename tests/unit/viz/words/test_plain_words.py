@@ -99,4 +99,4 @@ def test_all_that_services_say_is_said_by_one_module() -> None:
         for path in folder.rglob("*.py")
         if "SENTENCES.get(" in path.read_text() or ".message or " in path.read_text()
     }
-    assert users == {"plain_words.py"}
+    assert users == {"words/plain_words.py"}

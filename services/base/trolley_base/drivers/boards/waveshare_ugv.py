@@ -94,6 +94,71 @@ class WaveshareUgvSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fie
     of its motors differ. The tracked UGV Beast was sold as UGV01 as well."""
 
 
+class SetUp:
+    """What the board is told again and again, and whether it has confirmed what matters.
+
+    Args:
+        robot: which robot the board sits in.
+    """
+
+    def __init__(self, robot: UgvType) -> None:
+        self._type_line = line_of(T=900, main=MAIN_TYPES[robot], module=0)
+        self.begin()
+
+    def begin(self) -> None:
+        """Tell the board everything: the port has been opened."""
+        self._told_ns: int | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """What the board was told is not known to hold any more."""
+        self.expect()
+        self._asked_since_ns: int | None = None
+
+    def expect(self) -> None:
+        """Wait until the board confirms it all once more."""
+        self._unconfirmed = {WATCHDOG, self._type_line}
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether it has repeated which robot it is in, and when it stops by itself."""
+        return not self._unconfirmed
+
+    def take(self, line: bytes) -> bool:
+        """Take a line that the board repeats; returns whether it confirms something."""
+        if self._told_ns is None or line not in self._unconfirmed:
+            return False
+        self._unconfirmed.remove(line)
+        return True
+
+    def is_overdue(self, now_ns: int) -> bool:
+        """Whether the board should have confirmed it by now."""
+        since_ns = now_ns if self._asked_since_ns is None else self._asked_since_ns
+        return now_ns - since_ns > CONFIRMS_WITHIN_NS
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Return what the board is to be told now."""
+        if self._told_ns is not None and now_ns - self._told_ns < SET_UP_EVERY_NS:
+            return b""
+        self._told_ns = now_ns
+        if self._asked_since_ns is None:
+            self._asked_since_ns = now_ns
+        if self.is_confirmed:
+            # Not to be repeated: the line is for reports. It ends what a noisy line has begun.
+            return b"\n" + line_of(T=143, cmd=0) + WATCHDOG
+        return b"".join(
+            (
+                b"\n",
+                line_of(T=605, cmd=1),
+                line_of(T=143, cmd=1),
+                WATCHDOG,
+                self._type_line,
+                line_of(T=142, cmd=REPORT_MS),
+                line_of(T=131, cmd=1),
+            )
+        )
+
+
 class WaveshareUgvDialogue:
     """Talks to the firmware.
 
@@ -107,7 +172,7 @@ class WaveshareUgvDialogue:
         self._report = Report()
         track_m = UGV_TRACKS_M[robot.type]
         self._half_track_m = 0.5 * track_m
-        self._type_line = line_of(T=900, main=MAIN_TYPES[robot.type], module=0)
+        self._setup = SetUp(robot.type)
         # A wheel of one metre around.
         metre = WheelsConfig(
             ticks_per_revolution=COUNTS_PER_M, diameter_m=1.0 / math.pi, track_m=track_m
@@ -129,7 +194,7 @@ class WaveshareUgvDialogue:
         self._wanted = Twist2D.zero()
         self._gauge.reset()
         self._heard = LastHeard(now_ns)
-        self._set_up_ns: int | None = None
+        self._setup.begin()
         self._pace.reset()
         self._is_ugv = self._lacks_encoders = False
         self._ways.reset()
@@ -137,8 +202,7 @@ class WaveshareUgvDialogue:
 
     def _lose(self) -> None:
         """What the board was told is not known to hold any more."""
-        self._unconfirmed = {WATCHDOG, self._type_line}
-        self._asked_since_ns: int | None = None
+        self._setup.forget()
         self._ways.miss()
         self._speeds.reset()
 
@@ -172,8 +236,7 @@ class WaveshareUgvDialogue:
         elif message.get("T") == REPORT:
             if not self._take_report(message, left_ns, arrived_ns):
                 self._report.count("bad_messages")
-        elif self._set_up_ns is not None and line + b"\n" in self._unconfirmed:
-            self._unconfirmed.remove(line + b"\n")
+        elif self._setup.take(line + b"\n"):
             self._is_ugv = True
 
     def _take_report(self, message: dict[str, Any], left_ns: int, arrived_ns: int) -> bool:
@@ -189,7 +252,7 @@ class WaveshareUgvDialogue:
         voltage = message.get("v")
         if isinstance(voltage, float | int) and voltage >= 0.0:
             self._gauge.take_voltage(float(voltage), arrived_ns)
-        if self._unconfirmed:
+        if not self._setup.is_confirmed:
             # Reports that were held up come before the confirmation, and together: they would look
             # like haste. The first one after it has the way since the last.
             return True
@@ -203,7 +266,7 @@ class WaveshareUgvDialogue:
                 self._report.add_jump()
             if self._ways.wheels.has_restarted:
                 self._report.count("restarts")
-                self._unconfirmed = {WATCHDOG, self._type_line}
+                self._setup.expect()
         if motion is not None:
             self._report.add_motion(motion)
         return True
@@ -217,7 +280,7 @@ class WaveshareUgvDialogue:
         """Return a command if one is due, and what the board is to be told."""
         if self._heard.has_reported and not self._heard.is_reporting(now_ns):
             self._lose()
-        return self._command(now_ns) + self._set_up(now_ns)
+        return self._command(now_ns) + self._setup.outgoing(now_ns)
 
     def _command(self, now_ns: int) -> bytes:
         """Return a command: stops and starts at once, zeros too, so that its watchdog rests."""
@@ -234,34 +297,13 @@ class WaveshareUgvDialogue:
         scale = min(1.0, FASTEST_SIDE / max(abs(left), abs(right)))
         return line_of(T=1, L=round(scale * left, 4), R=round(scale * right, 4))
 
-    def _set_up(self, now_ns: int) -> bytes:
-        if self._set_up_ns is not None and now_ns - self._set_up_ns < SET_UP_EVERY_NS:
-            return b""
-        self._set_up_ns = now_ns
-        if self._asked_since_ns is None:
-            self._asked_since_ns = now_ns
-        if not self._unconfirmed:
-            # Not to be repeated: the line is for reports. It ends what a noisy line has begun.
-            return b"\n" + line_of(T=143, cmd=0) + WATCHDOG
-        return b"".join(
-            (
-                b"\n",
-                line_of(T=605, cmd=1),
-                line_of(T=143, cmd=1),
-                WATCHDOG,
-                self._type_line,
-                line_of(T=142, cmd=REPORT_MS),
-                line_of(T=131, cmd=1),
-            )
-        )
-
     def goodbye(self) -> tuple[bytes, ...]:
         """Stop the wheels, then the reports."""
         return (STOP, line_of(T=131, cmd=0)) if self._is_ugv else ()
 
     # How it goes.
     def _is_usable(self, now_ns: int) -> bool:
-        if self._unconfirmed or self._lacks_encoders:
+        if not self._setup.is_confirmed or self._lacks_encoders:
             return False
         return self._heard.is_reporting(now_ns)
 
@@ -277,8 +319,7 @@ class WaveshareUgvDialogue:
             return Status("down", NO_ENCODERS)
         if self._is_usable(now_ns):
             return Status("up")
-        since_ns = now_ns if self._asked_since_ns is None else self._asked_since_ns
-        if self._heard.is_reporting(now_ns) and now_ns - since_ns > CONFIRMS_WITHIN_NS:
+        if self._heard.is_reporting(now_ns) and self._setup.is_overdue(now_ns):
             return Status("down", UNCONFIRMED)
         if self._is_ugv and not self._heard.is_reporting(now_ns):
             return Status("down", "The motor board has stopped reporting; it is set up again.")
