@@ -25,7 +25,7 @@ class OpenPages:
     """
 
     def __init__(self, hub: Hub, shared: Shared) -> None:
-        self._hub, self._shared = hub, shared
+        self.hub, self._shared = hub, shared
         self.by_name: dict[PageName, Page] = {}
         self._numbers = itertools.count()
         self._unclaimed: dict[str, viser.ClientHandle] = {}
@@ -63,10 +63,10 @@ class OpenPages:
         page = self.by_name.get(_page_of(line))
         if page is None:
             visitor = line.visitor
-            choices = self._hub.memory.choices_of(visitor.browser)
-            page = Page(next(self._numbers), line.key, visitor, choices, self._hub, self._shared)
+            choices = self.hub.memory.choices_of(visitor.browser)
+            page = Page(next(self._numbers), line.key, visitor, choices, self.hub, self._shared)
             self.by_name[_page_of(line)] = page
-        page.connect(line, self._hub.service.monotonic_ns)
+        page.connect(line, self.hub.service.monotonic_ns)
 
     def close_line(self, line: Line) -> None:
         """Note that the line to a page is gone."""
@@ -83,7 +83,7 @@ class OpenPages:
             client = self._unclaimed.pop(said.scene, None)
             if client is not None:
                 page.session.attach(client)
-        page.hear(said, self._hub.service.monotonic_ns)
+        page.hear(said, self.hub.service.monotonic_ns)
 
     # What is done repeatedly.
     def give_up_the_silent(self, now_ns: int) -> bool:
@@ -117,7 +117,7 @@ class OpenPages:
             page.beat(now_ns)
 
     def _view_of(self, page: Page) -> View:
-        return self._hub.scenes.of(page.robot).view
+        return self.hub.scenes.of(page.robot).view
 
 
 def _page_of(line: Line) -> PageName:

@@ -85,7 +85,7 @@ def test_links_lead_to_where_others_reach_the_viewer(
 def letting_in(stage: "Stage", host: str = "192.168.1.7", client_id: int = 0) -> PageOf:
     """The folder, on a page of a viewer that listens somewhere else than it does in a test."""
     links = links_of(VizConfig(host=host), TOKENS)
-    stage.viz.hub = replace(stage.hub, links=links)
+    stage.viz.pages.hub = replace(stage.hub, links=links)
     stage.browse(client_id, OWNER)
     return page_of(stage, client_id).within("Let somebody in")
 
