@@ -15,6 +15,7 @@ Source:
 
 import json
 import math
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, cast
 
 from trolley.geometry import Twist2D
@@ -61,6 +62,49 @@ OF_ROBOTS: dict[Robot, Wheels] = {
 FACTORY_MAIN = 2
 
 
+@dataclass
+class Told:
+    """What the host has told the board since it booted."""
+
+    repeats: bool
+    """Whether it repeats commands, if it prints at all."""
+    prints: bool = True
+    flows: bool = False
+    """Whether it reports unasked."""
+    pause_ns: int = 0
+    """Least time between two reports."""
+    heart_beat_ns: int = HEART_BEAT_NS
+    """How long after a command its motors stop."""
+
+
+class Encoders:
+    """What the board counts of each side, left first."""
+
+    def __init__(self, wheels: Wheels) -> None:
+        self._metre_per_pulse = math.pi * wheels.diameter_m / wheels.pulses
+        self._way_m = [0.0, 0.0]
+        self._pulses = [0, 0]
+
+    def count(self, left: float, right: float) -> tuple[float, float]:
+        """Count a step of the simulation at these speeds [m/s]; return those that were counted."""
+        before = list(self._pulses)
+        for side, speed in enumerate((left, right)):
+            self._way_m[side] += speed * STEP_NS * 1e-9
+            self._pulses[side] = math.floor(self._way_m[side] / self._metre_per_pulse)
+        moved = [self._metre_per_pulse * (self._pulses[side] - before[side]) for side in (0, 1)]
+        return moved[0] / (STEP_NS * 1e-9), moved[1] / (STEP_NS * 1e-9)
+
+    def leap(self) -> None:
+        """Let one side have gone far at once."""
+        self._way_m[0] += LEAP_M
+
+    @property
+    def ways_m(self) -> tuple[float, float]:
+        """How far each side has gone, as it is counted."""
+        left, right = (count * self._metre_per_pulse for count in self._pulses)
+        return left, right
+
+
 class WaveshareUgv(Board):
     """The board; see the module.
 
@@ -95,11 +139,8 @@ class WaveshareUgv(Board):
         self._power: tuple[float, float] | None = None
         self._commanded_ns = self._reported_ns = self._leapt_ns = now_ns
         self._has_stopped = False
-        self._heart_beat_ns = HEART_BEAT_NS
-        self._flows, self._pause_ns = False, 0
-        self._repeats, self._prints = self._is_general, True
-        self._way_m = [0.0, 0.0]
-        self._pulses = [0, 0]
+        self._told = Told(repeats=self._is_general)
+        self._encoders = Encoders(self._true)
         self._speeds = (0.0, 0.0)
         self._frozen: bytes | None = None
 
@@ -142,7 +183,7 @@ class WaveshareUgv(Board):
             command: Any = json.loads(line)
         except ValueError:
             return
-        if self._prints and self._repeats:
+        if self._told.prints and self._told.repeats:
             self._send(now_ns, line)
         if isinstance(command, dict):
             self._obey(cast("dict[str, Any]", command), now_ns)
@@ -155,15 +196,15 @@ class WaveshareUgv(Board):
             case 130:
                 self._report(now_ns)
             case 131:
-                self._flows = bool(value)
+                self._told.flows = bool(value)
             case 136:
-                self._heart_beat_ns = int(value) * NS_PER_MS
+                self._told.heart_beat_ns = int(value) * NS_PER_MS
             case 142:
-                self._pause_ns = abs(int(value)) * NS_PER_MS
+                self._told.pause_ns = abs(int(value)) * NS_PER_MS
             case 143:
-                self._repeats = bool(value)
+                self._told.repeats = bool(value)
             case 605:
-                self._prints = value == 1
+                self._told.prints = value == 1
             case 900:
                 self._main = int(_number(command.get("main")))
                 if not self._is_general:
@@ -204,26 +245,21 @@ class WaveshareUgv(Board):
         twist = self.motors.counted(simulation.take_motion().twist)
         half = 0.5 * self._true.track_m * twist.wz
         sign = -1.0 if self._is_backwards else 1.0
-        metre_per_pulse = math.pi * self._true.diameter_m / self._true.pulses
-        counted = list(self._pulses)
-        for side, speed in enumerate((twist.vx - half, twist.vx + half)):
-            self._way_m[side] += sign * speed * STEP_NS * 1e-9
-            self._pulses[side] = math.floor(self._way_m[side] / metre_per_pulse)
+        speeds = self._encoders.count(sign * (twist.vx - half), sign * (twist.vx + half))
         if to_ns <= self._booted_ns:
             return
         if self.leaps and to_ns - self._leapt_ns >= LEAP_PERIOD_NS:
             self._leapt_ns = to_ns
-            self._way_m[0] += LEAP_M
-        moved = [metre_per_pulse * (self._pulses[side] - counted[side]) for side in (0, 1)]
-        self._speeds = (moved[0] / (STEP_NS * 1e-9), moved[1] / (STEP_NS * 1e-9))
-        if self._flows and to_ns - self._reported_ns >= self._pause_ns:
+            self._encoders.leap()
+        self._speeds = speeds
+        if self._told.flows and to_ns - self._reported_ns >= self._told.pause_ns:
             self._report(to_ns)
-        if to_ns - self._commanded_ns > self._heart_beat_ns and not self._has_stopped:
+        if to_ns - self._commanded_ns > self._told.heart_beat_ns and not self._has_stopped:
             self._has_stopped = True
             self._set_goal(0.0, 0.0)
 
     def _report(self, now_ns: int) -> None:
-        if now_ns - self._reported_ns < self._pause_ns:
+        if now_ns - self._reported_ns < self._told.pause_ns:
             return
         self._reported_ns = now_ns
         speeds = self._speeds if self._has_control else self._power or (0.0, 0.0)
@@ -234,8 +270,7 @@ class WaveshareUgv(Board):
         else:
             told |= {"y": 1.57, "q0": 0.999, "q1": 0.003, "q2": -0.007, "q3": 0.001}
             told |= {"ax": 12.5, "ay": -3.25, "az": 1003.5, "gx": 0.02, "gy": -0.01, "gz": 0.0}
-            metre_per_pulse = math.pi * self._true.diameter_m / self._true.pulses
-            left, right = (round(count * metre_per_pulse, 9) for count in self._pulses)
+            left, right = (round(way, 9) for way in self._encoders.ways_m)
             told |= {"odl": left, "odr": right}
         told["v"] = BATTERY_V
         line = json.dumps(told, separators=(",", ":")).encode() + b"\r\n"
