@@ -16,7 +16,7 @@ from trolley_localizer.zone_rules import state_file
 from trolley_tour.stored import checks, places, tours
 from trolley_tour.trips import history_file, runner
 from trolley_tour.trips.record import TripRecord
-from trolley_viz import browser_choices
+from trolley_viz.session import browser_choices
 
 ROBOT, MAP, NEW_MAP = "trolley", "apartment", "room"
 HISTORY = f"{ROBOT}/{history_file.FILE}"
