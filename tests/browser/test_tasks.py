@@ -181,6 +181,7 @@ def test_a_place_is_saved_by_two_presses_and_its_name(hand: Presser, shown: "Sho
 @pytest.mark.slow
 def test_a_spot_is_saved_by_two_presses_and_its_name(hand: Presser, shown: "Shown") -> None:
     page = hand.page
+    shown.settle()  # it may have been called back just where it stood on the spot
     hand.press_floor(SPOT)
     card = page.locator("#over")
     expect(card.get_by_label("Name", exact=True)).to_be_in_viewport()
