@@ -1,13 +1,14 @@
 """Searching the whole map with one scan."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
-from trolley.gridmap import GridMap
+from trolley.gridmap import OCCUPIED, UNKNOWN, GridMap
 from trolley_localizer.matching.global_search import build_pyramid, find_places
 from trolley_localizer.matching.likelihood_field import build_field, make_lines
 from trolley_localizer.matching.map_matcher import MapMatcher, read_beams
@@ -34,6 +35,20 @@ def test_the_place_is_the_first_of_those_found(
     values = [place.support.value for place in places]
     assert values == sorted(values, reverse=True)
     assert len(values) == 1 or values[0] > values[1] + CONFIG.search_margin
+
+
+def test_a_robot_where_furniture_stood_on_the_map_is_found(flat: GridMap) -> None:
+    """The map knows the outline of a bed and not what is beneath it; the bed has been moved."""
+    pose = at(flat, 1.2, 4.6, 0.7)
+    row, col = flat.world_to_cell(np.array([[pose.x, pose.y]]))[0]
+    cells = flat.cells.copy()
+    cells[row - 18 : row + 19, col - 18 : col + 19] = OCCUPIED
+    cells[row - 17 : row + 18, col - 17 : col + 18] = UNKNOWN
+    field = build_field(replace(flat, cells=cells), CONFIG)
+    matcher = MapMatcher(field, make_lines(field, []), CONFIG)
+    beams = read_beams(make_scan(flat, pose, Pose2D.identity()), 0.05, 60.0)
+    places = find_places(field, build_pyramid(field), beams, matcher)
+    assert field.to_map(places[0].pose).distance_to(pose) < 0.06
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 200), (40, 40)])

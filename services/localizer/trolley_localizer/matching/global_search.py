@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap, distance_transform
 from trolley.scanning import Points
 from trolley_localizer.kernels import search as kernels
 from trolley_localizer.matching.likelihood_field import LikelihoodField, floor_of
@@ -52,6 +53,9 @@ class SearchParams:
     """Edge of the largest blocks of cells of branch and bound [m]."""
     leaf_block_m: float = 0.1
     """Edge of the smallest blocks of cells of branch and bound [m]."""
+    beside_floor_m: float = 1.0
+    """Distance from free floor up to which the robot may stand on what the map does not know: where
+    furniture stood that has been moved [m]."""
 
 
 PARAMS = SearchParams()
@@ -88,11 +92,18 @@ def build_pyramid(field: LikelihoodField) -> kernels.Pyramid:
     inner = field.distance[1:-1, 1:-1]
     cells = np.rint(255.0 * np.exp(np.float32(-0.5 / sigma**2) * inner * inner)).astype(np.uint8)
     pyramid.score[: sizes[0]] = cells.ravel()
-    pyramid.free[: sizes[0]] = floor_of(field.grid).ravel()
+    pyramid.free[: sizes[0]] = _standing_room(field.grid).ravel()
     blocks = cells.ravel().copy()
     for level in range(1, levels):
         kernels.reduce_level(pyramid, blocks, level)
     return pyramid
+
+
+def _standing_room(grid: GridMap) -> NDArray[np.bool_]:
+    """Say where the robot may stand (rows, cols): on free floor, and on the unknown beside it."""
+    limit_m = PARAMS.beside_floor_m + grid.resolution
+    away_m = distance_transform(floor_of(grid), grid.resolution, limit_m)
+    return (away_m <= PARAMS.beside_floor_m) & (grid.occupied_mask() == 0)
 
 
 def num_turns(points: Points, resolution: float) -> int:
