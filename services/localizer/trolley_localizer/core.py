@@ -86,7 +86,7 @@ class Localizer:
         self._scans = ScanToScan(self.field.resolution)
         self.map_watch = MapWatch(self.field, self._matcher, config)
         """What is not as the map says."""
-        self._state: Searching | Following = self._searching([])
+        self._state: Searching | Following = self._searching()
         self._reach: Reach | None = None
         """Where the robot can be after a way off the map; None: wherever the scans say."""
         self._schedule = SearchSchedule()
@@ -200,7 +200,7 @@ class Localizer:
         places.update(beams)
         winner = places.winner()
         if winner is not None:
-            self._follow_winner(winner, places.views, places.lead, beams)
+            self._follow_winner(winner, places.lead, beams)
         elif searching.has_result and self._schedule.since_s > self._config.search_again_s:
             # What stands out by now may not be among the places found from where it began.
             self._schedule.is_wanted = not places.is_plausible or places.is_stale
@@ -234,7 +234,7 @@ class Localizer:
         rivals.update(beams, self._estimator.pose, following.preferred(score))
         winner = rivals.winner()
         if winner is not None:
-            return self._follow_winner(winner, rivals.views, rivals.mean_lead, beams)
+            return self._follow_winner(winner, rivals.mean_lead, beams)
         if not rivals.exist:
             following.confirm(score.value)
         return following
@@ -345,7 +345,7 @@ class Localizer:
         if self._reach is not None:
             places = [p for p in places if self._reach.holds(p.pose, self.field.resolution)]
         if isinstance(self._state, Searching):
-            self._state = self._searching(places, has_result=True)
+            self._state.take_result(places)
         elif job.followed is not None and job.support is not None:
             followed = self._carried(job.followed, step)
             self._compare(self._state, places, followed, job.support)
@@ -372,13 +372,14 @@ class Localizer:
         if following.is_proven and best > value:
             return  # A jump needs a reason, and the robot has driven on without a break.
         if best > value + self._config.search_margin and best >= PROOF.between:
-            self._state = self._searching(places, has_result=True)
+            self._state = self._searching()
+            self._state.take_result(places)
             self._schedule.is_wanted = False
             return
         if here and here[0].support.value > score.value + PARAMS.near_lead:
             self._estimator.reset(here[0].pose, self._covariance_in_cells(None))
         rivals = following.rivals
-        rivals.start(elsewhere, value)
+        rivals.add(elsewhere, value)
         if following.is_proven:
             rivals.clear()
         if not rivals.exist:
@@ -388,14 +389,12 @@ class Localizer:
 
     def _begin_search(self) -> None:
         """Follow nothing any more, and have the whole map searched."""
-        self._state = self._searching([])
+        self._state = self._searching()
         self._schedule.is_wanted = True
 
-    def _searching(self, places: Sequence[Place], *, has_result: bool = False) -> Searching:
-        """Return the state of a search that has found such places, best first."""
-        hypotheses = Hypotheses(self.field, self._matcher, self._config)
-        hypotheses.start(places)
-        return Searching(hypotheses, has_result)
+    def _searching(self) -> Searching:
+        """Return the state before a search has found anything."""
+        return Searching(Hypotheses[Hypothesis](self.field, self._matcher, self._config))
 
     def _follow(
         self, pose: NDArray[np.float64], covariance: NDArray[np.float64] | None = None
@@ -414,15 +413,13 @@ class Localizer:
         self._schedule.discard(is_wanted=False)
         return following
 
-    def _follow_winner(
-        self, winner: Hypothesis, views: int, lead: float, beams: BeamSet
-    ) -> Following:
+    def _follow_winner(self, winner: Hypothesis, lead: float, beams: BeamSet) -> Following:
         """Follow a place that stands out from all others; driving on must prove it."""
         following = self._follow(winner.pose)
         seen = SeenSurface(self.field)
         seen.add(winner.pose, beams)
         following.proof = Proof(self._schedule.unproven_m, seen=seen, lead=lead)
-        evidence = winner.total / views - PROOF.between
+        evidence = winner.mean - PROOF.between
         following.proof.add(evidence, self._matcher.pinned(winner.pose, beams))
         following.is_found = following.is_searched = True
         return following

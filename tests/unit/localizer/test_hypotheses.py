@@ -12,6 +12,7 @@ from trolley_localizer.matching.hypotheses import (
     PROOF,
     RIVALS,
     Hypotheses,
+    Hypothesis,
     Proof,
     Rivals,
     Sight,
@@ -20,6 +21,8 @@ from trolley_localizer.matching.hypotheses import (
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
 from trolley_localizer.matching.seen_surface import NewSurface, SeenSurface
+
+from trolley_localizer.tracking.states import Searching
 
 from .conftest import at, make_house, make_scan
 
@@ -97,22 +100,61 @@ def test_a_place_that_is_explained_poorly_needs_twice_the_lead(view: View) -> No
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
     lead = 1.5 * CONFIG.search_margin
     for value, stands_out in ((0.5, False), (0.7, True)):
-        places.start([view.place(view.cells, value), view.place(elsewhere, value - lead)])
+        near, far = view.place(view.cells, value), view.place(elsewhere, value - lead)
+        places.clear()
+        places.add([Hypothesis.at(near), Hypothesis.at(far)])
         assert (places.winner() is not None) is stands_out
 
 
 def test_places_far_behind_the_estimate_are_no_rivals(view: View) -> None:
     rivals = Rivals(view.field, view.matcher, CONFIG)
-    rivals.start([view.place(view.cells, 0.6)], 0.9)
+    rivals.add([view.place(view.cells, 0.6)], 0.9)
     assert not rivals.exist
-    rivals.start([view.place(view.cells, 0.85)], 0.9)
+    rivals.add([view.place(view.cells, 0.85)], 0.9)
     assert rivals.exist
     assert rivals.winner() is None
 
 
+def test_a_rival_that_the_next_search_overlooks_is_not_forgotten(view: View) -> None:
+    rivals = Rivals(view.field, view.matcher, CONFIG)
+    rivals.add([view.place(view.cells, 0.85)], 0.9)
+    rivals.add([], 0.9)
+    assert rivals.exist
+
+
+def test_one_view_does_not_give_up_a_rival_that_was_ahead_before(view: View) -> None:
+    rivals = Rivals(view.field, view.matcher, CONFIG)
+    value = view.matcher.score(view.cells, view.beams()).value
+    rivals.add([view.place(view.cells, value)], value)
+    elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
+
+    def drive(own: float) -> None:
+        rivals.predict(STEP)
+        view.pose = view.pose @ STEP
+        beams = view.beams()
+        rivals.update(beams, elsewhere, view.matcher.score(view.cells, beams).value + own)
+
+    drive(-0.05)
+    drive(1.5 * RIVALS.margin)
+    assert rivals.exist
+    for _ in range(5):
+        drive(2.0 * RIVALS.margin)
+    assert not rivals.exist
+
+
+def test_a_place_that_the_next_search_overlooks_is_not_forgotten(view: View) -> None:
+    searching = Searching(Hypotheses(view.field, view.matcher, CONFIG))
+    elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
+    searching.take_result([view.place(view.cells, 0.8), view.place(elsewhere, 0.8)])
+    assert searching.places.winner() is None
+    searching.take_result([view.place(elsewhere, 0.8)])
+    assert len(searching.places.items) == 2
+    assert searching.places.winner() is None
+
+
 def test_a_rival_takes_over_when_its_lead_has_added_up(view: View) -> None:
     rivals = Rivals(view.field, view.matcher, CONFIG)
-    rivals.start([view.place(view.cells, 0.5)], 0.5)
+    rivals.add([view.place(view.cells, 0.5)], 0.5)
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
     views = 0
     while rivals.winner() is None:
@@ -130,7 +172,7 @@ def test_a_rival_takes_over_when_its_lead_has_added_up(view: View) -> None:
 def test_a_rival_takes_over_only_where_it_fits_better_than_what_says_nothing(view: View) -> None:
     rivals = Rivals(view.field, view.matcher, CONFIG)
     value = view.matcher.score(view.cells, view.beams()).value
-    rivals.start([view.place(view.cells, value)], value)
+    rivals.add([view.place(view.cells, value)], value)
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
 
     def drive(step: Pose2D, better: float) -> None:
@@ -150,7 +192,7 @@ def test_a_rival_takes_over_only_where_it_fits_better_than_what_says_nothing(vie
 
 def test_all_scans_of_one_view_together_have_one_vote(view: View) -> None:
     rivals = Rivals(view.field, view.matcher, CONFIG)
-    rivals.start([view.place(view.cells, 0.5)], 0.5)
+    rivals.add([view.place(view.cells, 0.5)], 0.5)
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
     for _ in range(20):
         rivals.update(view.beams(), elsewhere, 0.5)
@@ -160,7 +202,7 @@ def test_all_scans_of_one_view_together_have_one_vote(view: View) -> None:
 
 def test_a_rival_that_comes_to_the_estimate_is_none(view: View) -> None:
     rivals = Rivals(view.field, view.matcher, CONFIG)
-    rivals.start([view.place(view.cells, 0.9)], 0.9)
+    rivals.add([view.place(view.cells, 0.9)], 0.9)
     rivals.update(view.beams(), view.cells, 0.9)
     assert not rivals.exist
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +52,10 @@ class RivalParams:
     max_rivals: int = 4
     """Number of places that are followed beside an estimate."""
     margin: float = 0.1
-    """Support below the estimate's beyond which a place is no rival."""
+    """Support below the estimate's beyond which a place is no rival, in the mean of the views."""
+    give_up: float = 0.3
+    """Sum over the views by which a rival must be behind to be given up: in a room that was
+    furnished anew the right place was ahead for five metres, then 0.11 behind in one view."""
     take_over: float = 0.3
     """Lead in support, summed over the views, at which a rival takes over."""
     level: float = 0.02
@@ -316,6 +320,8 @@ class Votes:
 
     latest: float
     """Support by the newest scan, 0 ... 1."""
+    views: int = 0
+    """Number of views that have voted."""
     _past: float = 0.0
     _sum: float = 0.0
     _scans: int = 0
@@ -328,10 +334,21 @@ class Votes:
         """Sum over the views."""
         return self._past + self._sum / self._scans
 
+    @property
+    def mean(self) -> float:
+        """Mean over the views."""
+        return self.total / self.views
+
+    def condense(self) -> None:
+        """Let the views so far count as one."""
+        self._past, self._sum, self._scans, self.views = 0.0, self.mean, 1, 1
+
     def add(self, support: float, *, is_new_view: bool) -> None:
         """Take one scan into account."""
-        if is_new_view and self._scans > 0:
-            self._past, self._sum, self._scans = self.total, 0.0, 0
+        if is_new_view:
+            if self._scans > 0:
+                self._past, self._sum, self._scans = self.total, 0.0, 0
+            self.views += 1
         self.latest = support
         self._sum += support
         self._scans += 1
@@ -348,19 +365,27 @@ class Hypothesis:
     match: float
     """Share of explained beams in the newest scan."""
 
-    @property
-    def total(self) -> float:
-        """Sum of the support over the views."""
-        return self.votes.total
+    @classmethod
+    def at(cls, place: Place) -> Self:
+        """Begin to follow a place that a search has found."""
+        return cls(place.pose.copy(), Votes(place.support.value), place.support.match)
 
     @property
-    def latest(self) -> float:
-        """Support by the newest scan."""
-        return self.votes.latest
+    def mean(self) -> float:
+        """Mean support over the views."""
+        return self.votes.mean
+
+    @property
+    def least_support(self) -> float:
+        """Support by the newest scan or the mean over the views, whichever is less."""
+        return min(self.votes.latest, self.votes.mean)
 
 
-class Hypotheses:
-    """Follows the places that a search came up with, view by view, until one stands out."""
+Item = TypeVar("Item", bound=Hypothesis)
+
+
+class Hypotheses(Generic[Item]):
+    """Follows the places that searches came up with, view by view, until one stands out."""
 
     def __init__(
         self, field: LikelihoodField, matcher: MapMatcher, config: LocalizerConfig
@@ -368,27 +393,37 @@ class Hypotheses:
         self._field = field
         self._matcher = matcher
         self._config = config
-        self._views = 0
         self._scans_seen = 0
         self._since_view = Pose2D.identity()
-        self._since_start = Pose2D.identity()
-        self.items: list[Hypothesis] = []
+        self._since_search = Pose2D.identity()
+        self.items: list[Item] = []
+        """The places, best first."""
 
-    def start(self, places: Sequence[Place]) -> None:
-        """Begin with the places of a search, best first."""
-        self._views = 1
+    def add(self, items: Sequence[Item], most: int = PARAMS.max_places) -> None:
+        """Add what another search has found to the places that are followed already.
+
+        What one search overlooks is not forgotten.
+
+        Args:
+            items: best first.
+            most: number of places that are followed.
+        """
         self._scans_seen = 0
-        self._since_view = Pose2D.identity()
-        self._since_start = Pose2D.identity()
-        self.items = [
-            Hypothesis(p.pose.copy(), Votes(p.support.value), p.support.match)
-            for p in places[: PARAMS.max_places]
-        ]
+        self._since_search = Pose2D.identity()
+        if not self.items:
+            self._since_view = Pose2D.identity()
+        self.items = sorted([*self.items, *items], key=lambda item: -item.mean)
+        self._drop()
+        del self.items[most:]
+
+    def clear(self) -> None:
+        """Give up all of them."""
+        self.items = []
 
     def predict(self, step: Pose2D) -> None:
         """Carry all places through one odometry step [m, m, rad]."""
         self._since_view = self._since_view @ step
-        self._since_start = self._since_start @ step
+        self._since_search = self._since_search @ step
         cells = Pose2D(step.x / self._field.resolution, step.y / self._field.resolution, step.yaw)
         for item in self.items:
             before = Pose2D(float(item.pose[0]), float(item.pose[1]), float(item.pose[2]))
@@ -407,9 +442,8 @@ class Hypotheses:
             item.votes.add(support.value, is_new_view=is_new)
             item.match = support.match
         if is_new:
-            self._views += 1
             self._since_view = Pose2D.identity()
-        self.items.sort(key=lambda item: -item.total)
+        self.items.sort(key=lambda item: -item.mean)
         self._drop()
         return is_new
 
@@ -424,27 +458,14 @@ class Hypotheses:
 
     def _drop(self) -> None:
         """Give up places that fell behind or coincide with a better one."""
-        kept: list[Hypothesis] = []
+        kept: list[Item] = []
         for item in self.items:
-            if kept and (kept[0].total - item.total) / self._views > PARAMS.give_up:
+            if kept and kept[0].mean - item.mean > PARAMS.give_up:
                 continue
             if any(is_near(item.pose, other.pose, self._field.resolution) for other in kept):
                 continue
             kept.append(item)
         self.items = kept
-
-    def leave_out(self, pose: NDArray[np.float64], least_total: float) -> None:
-        """Give up the places that have come to a pose or whose sum of support is too small."""
-        self.items = [
-            item
-            for item in self.items
-            if item.total >= least_total and not is_near(item.pose, pose, self._field.resolution)
-        ]
-
-    @property
-    def views(self) -> int:
-        """How many views have voted."""
-        return self._views
 
     @property
     def spread_m(self) -> float:
@@ -457,46 +478,82 @@ class Hypotheses:
     def particles(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the places (n, 3) x, y [m], yaw [rad] in the map frame, and weights (n,)."""
         poses = [self._field.to_map(item.pose).as_array() for item in self.items]
-        total, count = sum(item.latest for item in self.items), len(self.items)
-        weights = [item.latest / total if total > 0.0 else 1.0 / count for item in self.items]
-        return np.array(poses, np.float32).reshape(-1, 3), np.array(weights, np.float32)
+        latest = np.array([item.votes.latest for item in self.items], np.float32)
+        total = float(latest.sum())
+        weights = latest / total if total > 0.0 else np.full_like(latest, 1.0 / max(latest.size, 1))
+        return np.array(poses, np.float32).reshape(-1, 3), weights
 
     @property
     def is_plausible(self) -> bool:
         """Whether the best place is supported by the newest scan and by the views so far."""
-        if not self.items:
-            return False
-        return self._least_support(self.items[0]) >= self._config.poor_support
-
-    def _least_support(self, item: Hypothesis) -> float:
-        """Return the support by the newest scan or the mean over the views, whichever is less."""
-        return min(item.latest, item.total / self._views)
+        return bool(self.items) and self.items[0].least_support >= self._config.poor_support
 
     @property
     def is_stale(self) -> bool:
-        """Whether the robot has moved far since the places were found."""
-        since = self._since_start
+        """Whether the robot has moved far since the last search."""
+        since = self._since_search
         return math.hypot(since.x, since.y) > PARAMS.stale_m or abs(since.yaw) > PARAMS.stale_rad
 
     @property
     def lead(self) -> float:
         """By how much the best place is ahead of the next, in the mean of the views."""
-        best, second = ([item.total for item in self.items[:2]] + [0.0, 0.0])[:2]
-        return (best - second) / self._views
+        best, second = ([item.mean for item in self.items[:2]] + [0.0, 0.0])[:2]
+        return best - second
 
-    def winner(self) -> Hypothesis | None:
+    def winner(self) -> Item | None:
         """Return the place that stands out from all others, or None."""
         if not self.is_plausible:
             return None
         best = self.items[0]
-        has_waited = self._views >= PARAMS.few_views or self._scans_seen >= PARAMS.patient_scans
-        if best.total < PARAMS.clear * self._views and not has_waited:
+        has_waited = (
+            best.votes.views >= PARAMS.few_views or self._scans_seen >= PARAMS.patient_scans
+        )
+        if best.mean < PARAMS.clear and not has_waited:
             return None
         margin = self._config.search_margin * (PARAMS.lasting_lead if has_waited else 1.0)
-        if self._least_support(best) < self._config.good_support:
+        if best.least_support < self._config.good_support:
             # Where much has been moved about, only a place far ahead of all others will do.
             margin *= PARAMS.doubtful_lead
         return best if self.lead >= margin else None
+
+
+@dataclass(slots=True)
+class Rival(Hypothesis):
+    """A place beside an estimate."""
+
+    own: Votes
+    """For the estimate, by the same scans."""
+    _lowest: float = 0.0
+
+    def vote(self, own: float, *, is_new_view: bool) -> None:
+        """Take into account what a scan says for the estimate."""
+        self.own.add(own, is_new_view=is_new_view)
+        self._lowest = min(self._lowest, self._level_lead)
+
+    @property
+    def lead(self) -> float:
+        """By how much it is ahead of the estimate, summed over the views."""
+        return self.votes.total - self.own.total
+
+    @property
+    def _level_lead(self) -> float:
+        """The lead, less what says nothing."""
+        return self.lead - RIVALS.level * self.votes.views
+
+    @property
+    def is_ahead(self) -> bool:
+        """Whether the views say that it is right, and the estimate is not.
+
+        Source:
+            Page, Continuous inspection schemes (1954): the cumulative sum from its lowest point,
+            so that what only wanders about never adds up.
+        """
+        return min(self.lead, self._level_lead - self._lowest) >= RIVALS.take_over
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether the views say that it is wrong: one of them may well mislead."""
+        return self.lead < -max(RIVALS.give_up, RIVALS.margin * self.votes.views)
 
 
 class Rivals:
@@ -505,30 +562,25 @@ class Rivals:
     def __init__(
         self, field: LikelihoodField, matcher: MapMatcher, config: LocalizerConfig
     ) -> None:
-        self._places = Hypotheses(field, matcher, config)
-        self._own = Votes(0.0)
-        self._lowest = 0.0
+        self._places = Hypotheses[Rival](field, matcher, config)
+        self._resolution = field.resolution
 
-    def start(self, places: Sequence[Place], own: float) -> None:
-        """Begin with places that a search found elsewhere, best first.
+    def add(self, places: Sequence[Place], own: float) -> None:
+        """Add places that a search found elsewhere to those that are followed.
 
         Args:
-            places: none of them near the estimate.
+            places: none of them near the estimate, best first.
             own: support of the estimate by the same scan, 0 ... 1.
         """
-        rivals = [p for p in places if p.support.value >= own - RIVALS.margin]
-        self._places.start(rivals[: RIVALS.max_rivals])
-        self._own = Votes(own)
-        self._lowest = 0.0
+        near = [p for p in places if p.support.value >= own - RIVALS.margin]
+        rivals = [
+            Rival(p.pose.copy(), Votes(p.support.value), p.support.match, Votes(own)) for p in near
+        ]
+        self._places.add(rivals, RIVALS.max_rivals)
 
     def clear(self) -> None:
         """Give up all of them."""
-        self._places.start([])
-
-    @property
-    def views(self) -> int:
-        """How many views have voted."""
-        return self._places.views
+        self._places.clear()
 
     def predict(self, step: Pose2D) -> None:
         """Carry all rivals through one odometry step [m, m, rad]."""
@@ -542,10 +594,14 @@ class Rivals:
             pose: the estimate (3,) [cells, rad].
             own: support of the estimate, 0 ... 1.
         """
-        self._own.add(own, is_new_view=self._places.update(beams))
-        self._places.leave_out(pose, self._own.total - RIVALS.margin * self._places.views)
-        if self.exist:
-            self._lowest = min(self._lowest, self._level_lead)
+        is_new = self._places.update(beams)
+        for rival in self._places.items:
+            rival.vote(own, is_new_view=is_new)
+        self._places.items = [
+            rival
+            for rival in self._places.items
+            if not rival.is_behind and not is_near(rival.pose, pose, self._resolution)
+        ]
 
     @property
     def exist(self) -> bool:
@@ -554,30 +610,23 @@ class Rivals:
 
     @property
     def is_stale(self) -> bool:
-        """Whether the robot has moved far since they were found."""
+        """Whether the robot has moved far since the last search."""
         return self._places.is_stale
 
     @property
     def lead(self) -> float:
         """By how much the best is ahead of the estimate, summed over the views."""
-        return self._places.items[0].total - self._own.total if self.exist else -math.inf
+        return self._places.items[0].lead if self.exist else -math.inf
 
     @property
     def mean_lead(self) -> float:
         """By how much the best is ahead of the estimate and the rest, in the mean of the views."""
-        return min(self._places.lead, self.lead / self._places.views)
+        if not self.exist:
+            return -math.inf
+        best = self._places.items[0]
+        return min(self._places.lead, best.lead / best.votes.views)
 
-    @property
-    def _level_lead(self) -> float:
-        """The lead, less what says nothing."""
-        return self.lead - RIVALS.level * self.views
-
-    def winner(self) -> Hypothesis | None:
-        """Return the place that stands out from the estimate and all others, or None.
-
-        Source:
-            Page, Continuous inspection schemes (1954): the cumulative sum from its lowest point,
-            so that what only wanders about never adds up.
-        """
-        rise = self._level_lead - self._lowest
-        return self._places.winner() if min(self.lead, rise) >= RIVALS.take_over else None
+    def winner(self) -> Rival | None:
+        """Return the place that stands out from the estimate and all others, or None."""
+        best = self._places.winner()
+        return best if best is not None and best.is_ahead else None

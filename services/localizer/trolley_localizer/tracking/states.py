@@ -1,13 +1,16 @@
 """The two states of the localizer: it searches, or it follows one pose."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
+from trolley_localizer.matching.global_search import Place
 from trolley_localizer.matching.hypotheses import (
     PROOF,
     Hypotheses,
+    Hypothesis,
     Proof,
     Rivals,
     Sight,
@@ -52,9 +55,19 @@ PARAMS = FollowingParams()
 class Searching:
     """The robot may be anywhere; the places that a search has found are followed."""
 
-    places: Hypotheses
+    places: Hypotheses[Hypothesis]
     has_result: bool = False
     """Whether a search has been completed since; without one there are no places."""
+
+    def take_result(self, places: Sequence[Place]) -> None:
+        """Follow what a search has found, best first, beside what was found before.
+
+        What one search overlooks is not forgotten; what was seen before it counts as one view.
+        """
+        for item in self.places.items:
+            item.votes.condense()
+        self.places.add([Hypothesis.at(place) for place in places])
+        self.has_result = True
 
 
 class Following:
