@@ -160,12 +160,12 @@ class Localizer:
     def _led_by_scans(self, step: Pose2D, beams: BeamSet) -> LedPose | None:
         """Return where the scans lead; None where the odometry may be believed, or nothing leads.
 
-        On the map the odometry is believed as long as the scans agree with it.
+        Where the map helps the odometry is believed as long as the scans agree with it.
         """
         if not isinstance(self._state, Following) or beams.is_blind:
             return None
         predicted = self._carried(self._estimator.pose, step)
-        if not self._state.is_off_map:
+        if not self._state.is_led:
             agreement = self._scans.agreement(beams, predicted)
             if agreement is None or agreement >= SCANS.usual_overlap:
                 return None
@@ -208,16 +208,16 @@ class Localizer:
     def _correct(
         self, following: Following, beams: BeamSet, led: LedPose | None, elapsed_s: float
     ) -> None:
-        """Align the estimate with the map; off the map take it from where the scans lead."""
+        """Align the estimate with the map; where it does not help, go where the scans lead."""
         if beams.is_blind:
             return
         estimator = self._estimator
         following.update_known(self._matcher.known_share(estimator.pose, beams), elapsed_s)
-        if not following.is_off_map:
-            if following.come_back():
-                led_here = AlignedPose(self.field, self._config)
-                led_here.reset(estimator.pose, estimator.covariance)
-                self._reach = Reach(led_here)
+        if not following.is_off_map and following.come_back():
+            led_here = AlignedPose(self.field, self._config)
+            led_here.reset(estimator.pose, estimator.covariance)
+            self._reach = Reach(led_here)
+        if not following.is_led:
             estimator.correct(beams, is_trusted=following.monitor.state == "localized")
         elif led is not None:
             estimator.lead(led.pose, led.covariance, beams)
@@ -249,7 +249,9 @@ class Localizer:
         is_silent = beams.is_blind or following.is_off_map
         is_open = following.proof is not None
         spread_m = self._estimator.spread_m
-        evidence = Evidence(score.tracked, spread_m, is_silent, is_open, score.known)
+        evidence = Evidence(
+            score.tracked, spread_m, is_silent, is_open, following.is_trusted, score.known
+        )
         state = following.monitor.update(evidence, elapsed_s)
         if state == "lost" or following.is_disproven():
             self._begin_search()

@@ -104,6 +104,20 @@ def test_told_where_it_is_on_the_map_before_rebuilding_it_is_not_sure_of_elsewhe
 
 
 @pytest.mark.parametrize("late", LATE)
+def test_in_a_room_that_was_furnished_anew_it_is_not_lost_and_jumps_nowhere(late: int) -> None:
+    """It has been followed from where it was right, without a break: nothing can be elsewhere."""
+    drive = begin(make_house(), late)
+    shelves = ((22, 34, 136, 240), (72, 84, 136, 240), (34, 72, 215, 225))
+    drive.grid = with_blocks(make_house().cells.copy(), shelves)
+    drive.localizer.set_pose(START)
+    assert drive.go(3.6)[-1].state == "localized"
+    anew = [*drive.go(3.2), *drive.arc(0.2, 0.6, 60)]
+    assert "unsure" in {one.state for one in anew}
+    assert not {one.state for one in anew} & {"lost", "searching"}
+    assert drive.worst_m < 0.3
+
+
+@pytest.mark.parametrize("late", LATE)
 def test_on_a_map_of_one_room_it_is_sure_only_there(late: int) -> None:
     house = make_house()
     room = GridMap("room", RESOLUTION, house.origin, house.cells[:, :132].copy())

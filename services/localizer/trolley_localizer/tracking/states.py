@@ -46,6 +46,9 @@ class FollowingParams:
     beside it [m]."""
     doubted_m: float = 3.0
     """Distance in doubt after which an estimate may be wrong after all [m]."""
+    most_doubted_m: float = 20.0
+    """The same for one that was right for as long: the odometry has not led it astray by then, and
+    in a room that was furnished anew another place may well fit better [m]."""
 
 
 PARAMS = FollowingParams()
@@ -99,6 +102,7 @@ class Following:
         self.off_m = 0.0
         """Distance driven off the map since it ended [m]."""
         self._driven_m = 0.0
+        self._right_m = 0.0
         self._doubted_m = 0.0
         self._known = 1.0
 
@@ -106,6 +110,16 @@ class Following:
     def is_off_map(self) -> bool:
         """Whether the map does not know what most beams end on."""
         return self._known < PARAMS.least_known
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the odometry has led here, without a break, from where it was right for a way."""
+        return self.is_proven and self._right_m > PARAMS.doubted_m
+
+    @property
+    def is_led(self) -> bool:
+        """Whether the scans lead, since the map does not know or not explain what they show."""
+        return self.is_off_map or (self.is_trusted and self.monitor.is_contradicted)
 
     def predict(self, step: Pose2D, driven_m: float) -> None:
         """Note an odometry step [m, m, rad], and how far it is with its turn."""
@@ -116,6 +130,10 @@ class Following:
         self.unsearched_m = 0.0 if self.unsearched_m is None else self.unsearched_m + driven_m
         self._driven_m += driven_m
         self._doubted_m = self._doubted_m + driven_m if self.monitor.doubts else 0.0
+        if self.is_proven and self.probation is None and self.monitor.state == "localized":
+            self._right_m += driven_m
+        if self._doubted_m > min(max(self._right_m, PARAMS.doubted_m), PARAMS.most_doubted_m):
+            self._forget_that_it_was_right()
         if self.is_off_map:
             self.off_m += math.hypot(step.x, step.y)
 
@@ -133,9 +151,13 @@ class Following:
         self.off_m = 0.0
         return must_prove
 
+    def _forget_that_it_was_right(self) -> None:
+        self.is_proven, self._right_m, self._doubted_m = False, 0.0, 0.0
+
     def forget_prior(self) -> None:
         """Note that the robot may have been carried off: the odometry's word is worth nothing."""
-        self.is_proven = self.is_searched = False
+        self._forget_that_it_was_right()
+        self.is_searched = False
         self.proof, self.probation = Proof(), None
         self.rivals.clear()
 
@@ -191,7 +213,8 @@ class Following:
         if probation.is_taken_back:
             probation.reopen()
             self.proof, self.probation, self.is_found = probation, None, True
-            self.is_proven = self.is_searched = False
+            self._forget_that_it_was_right()
+            self.is_searched = False
         elif probation.has_passed:
             self.probation = None
 
@@ -219,8 +242,6 @@ class Following:
         """
         if self.proof is None and self._known < PARAMS.search_known:
             return None
-        if self._doubted_m > PARAMS.doubted_m:
-            self.is_proven, self._doubted_m = False, 0.0
         if self.proof is not None and not self.is_searched:
             return True
         if self.monitor.doubts and since_s > self._config.search_again_s:

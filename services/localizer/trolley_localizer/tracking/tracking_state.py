@@ -53,6 +53,8 @@ class Evidence:
     anything."""
     is_open: bool = False
     """Whether this is the right place is still to be proven."""
+    is_trusted: bool = False
+    """Whether the odometry has led here from where the estimate was right: it is never lost."""
     known: float = 1.0
     """Share of the beams that end where the map knows what is there."""
 
@@ -91,6 +93,11 @@ class TrackingMonitor:
     def doubts(self) -> bool:
         """Whether the estimate has been in doubt for long enough to look elsewhere."""
         return self._doubt_s > 0.25 * self._config.lost_after_s
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the scans have not fitted the map for long."""
+        return self._poor_s >= self._config.lost_after_s
 
     def vouch(self, support: float) -> None:
         """Note that a search of the whole map found no better place.
@@ -165,8 +172,8 @@ class TrackingMonitor:
         """Choose the state from the sums."""
         narrow = evidence.spread_m <= self._config.max_spread_m
         is_good = narrow and self.support >= self._wanted
-        if self._poor_s >= self._config.lost_after_s:
-            self.state = "lost"
+        if self.is_contradicted:
+            self.state = "unsure" if evidence.is_trusted else "lost"
         elif evidence.is_open:
             self.state = "unsure"
         elif not is_good:
