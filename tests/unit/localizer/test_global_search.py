@@ -37,18 +37,22 @@ def test_the_place_is_the_first_of_those_found(
     assert len(values) == 1 or values[0] > values[1] + CONFIG.search_margin
 
 
-def test_a_robot_where_furniture_stood_on_the_map_is_found(flat: GridMap) -> None:
+@pytest.mark.parametrize("beside", [0, 18])
+def test_a_robot_where_furniture_stood_on_the_map_is_found(flat: GridMap, beside: int) -> None:
     """The map knows the outline of a bed and not what is beneath it; the bed has been moved."""
     pose = at(flat, 1.2, 4.6, 0.7)
-    row, col = flat.world_to_cell(np.array([[pose.x, pose.y]]))[0]
+    row, col = flat.world_to_cell(flat.origin.transform_points(np.array([[1.2, 4.6]])))[0]
+    row += beside  # the robot stands in the middle or where the outline was
     cells = flat.cells.copy()
-    cells[row - 18 : row + 19, col - 18 : col + 19] = OCCUPIED
+    cells[row - 19 : row + 20, col - 19 : col + 20] = OCCUPIED
     cells[row - 17 : row + 18, col - 17 : col + 18] = UNKNOWN
     field = build_field(replace(flat, cells=cells), CONFIG)
     matcher = MapMatcher(field, make_lines(field, []), CONFIG)
     beams = read_beams(make_scan(flat, pose, Pose2D.identity()), 0.05, 60.0)
     places = find_places(field, build_pyramid(field), beams, matcher)
-    assert field.to_map(places[0].pose).distance_to(pose) < 0.06
+    found = [field.to_map(place.pose) for place in places]
+    assert min(one.distance_to(pose) for one in found) < 0.06
+    assert beside > 0 or found[0].distance_to(pose) < 0.06
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 200), (40, 40)])

@@ -53,6 +53,8 @@ class SearchParams:
     """Edge of the largest blocks of cells of branch and bound [m]."""
     leaf_block_m: float = 0.1
     """Edge of the smallest blocks of cells of branch and bound [m]."""
+    edge_m: float = 0.1
+    """Distance by which the robot may stand on what the map has as a wall [m]."""
     beside_floor_m: float = 1.0
     """Distance from free floor up to which the robot may stand on what the map does not know: where
     furniture stood that has been moved [m]."""
@@ -187,9 +189,7 @@ def find_places(
             continue
         coarse = np.empty(3)
         coarse[:] = found.col[k] + 0.5, found.row[k] + 0.5, 2.0 * math.pi * found.turn[k] / turns
-        pose, support = matcher.settle(coarse, beams)[0]
-        if matcher.may_stand(pose):
-            places.append(Place(pose, support))
+        places += _settled(coarse, beams, matcher, field.resolution)[:1]
     places.sort(key=lambda place: -place.support.value)
     if places and places[0].support.value < PARAMS.clear:
         for place in places[: PARAMS.num_unclear]:
@@ -218,10 +218,26 @@ def places_around(
     for turn in (-PARAMS.around_rad, 0.0, PARAMS.around_rad):
         for dx in steps:
             for dy in steps:
-                for aligned, support in matcher.settle(pose + np.array([dx, dy, turn]), beams):
-                    if matcher.may_stand(aligned):
-                        places.append(Place(aligned, support))
+                start = pose + np.array([dx, dy, turn])
+                places += _settled(start, beams, matcher, field.resolution)
     return places
+
+
+def _settled(
+    pose: NDArray[np.float64], beams: BeamSet, matcher: MapMatcher, resolution: float
+) -> list[Place]:
+    """Align a rough pose in two ways; return where the robot may stand, the better first.
+
+    It may stand where the map has the edge of furniture: that has been moved, or the pose is a
+    little off. Of two flats alike only one was found where a pose fell on such a cell in the other.
+    """
+    beside = PARAMS.edge_m / resolution
+    around = np.array([[0.0, 0.0], [beside, 0.0], [-beside, 0.0], [0.0, beside], [0.0, -beside]])
+    return [
+        Place(aligned, support)
+        for aligned, support in matcher.settle(pose, beams)
+        if any(matcher.may_stand(aligned[:2] + shift) for shift in around)
+    ]
 
 
 def _search(
