@@ -236,6 +236,8 @@ class Localizer:
         if winner is not None:
             return self._follow_winner(winner, rivals.mean_lead, beams)
         if not rivals.exist:
+            if following.proof is not None:
+                following.proof.reopen()  # What fitted as well elsewhere has proven nothing.
             following.confirm(score.value)
         return following
 
@@ -373,7 +375,8 @@ class Localizer:
         best = max((p.support.value for p in elsewhere), default=0.0)
         if following.is_proven and best > value:
             return  # A jump needs a reason, and the robot has driven on without a break.
-        if best > value + self._config.search_margin and best >= PROOF.between:
+        is_better = best > value + self._config.search_margin and best >= PROOF.between
+        if is_better and not following.is_found:
             self._state = self._searching()
             self._state.take_result(places)
             self._schedule.is_wanted = False

@@ -21,7 +21,6 @@ from trolley_localizer.matching.hypotheses import (
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
 from trolley_localizer.matching.seen_surface import NewSurface, SeenSurface
-
 from trolley_localizer.tracking.states import Searching
 
 from .conftest import at, make_house, make_scan
@@ -357,6 +356,18 @@ def test_one_look_at_a_wall_that_is_where_the_map_says_proves_no_place() -> None
     proof.add_new(NewSurface(amount=1.0, agreement=1.0))
     assert not proof.is_right
     proof.add_new(NewSurface(amount=1.0, agreement=1.0))
+    assert proof.is_right
+
+
+def test_what_fitted_as_well_elsewhere_has_to_be_proven_anew() -> None:
+    proof = Proof(seen=SeenSurface(build_field(make_house(), CONFIG)))
+    proof.add(0.75 - PROOF.between, 0.3)
+    for _ in range(2):
+        proof.add_new(NewSurface(1.0, 0.9))
+    assert proof.is_right
+    proof.reopen()
+    assert not proof.is_right
+    drive_on(proof, 0.8, 5)
     assert proof.is_right
 
 

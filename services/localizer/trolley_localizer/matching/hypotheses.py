@@ -298,8 +298,9 @@ class Proof:
         return self._passed >= PROOF.probation
 
     def reopen(self) -> None:
-        """Look again for what speaks for the place."""
+        """Look again for what speaks for the place; what spoke against it stays."""
         self._sum = self._best = self._driven_m = 0.0
+        self._new = min(self._new, 0.0)
 
 
 def _evidence_of_new(new: NewSurface, bound: float) -> float:
