@@ -1,5 +1,6 @@
 """The map itself: keyframes, poses that are tied to them, and the grid drawn from them."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,14 @@ class KeyframeMapParams:
 
     same_place: float = 1.2
     """Share of the distance between keyframes below which two of them show the same."""
+    area_m: float = 1.0
+    """Distance around the robot within which all keyframes, whatever their heading, are counted
+    [m]."""
+    per_area: int = 40
+    """Number of keyframes within `area_m` above which the most crowded one is dropped: about as
+    many as five drives through and a turn on the spot leave."""
+    spared_share: float = 0.25
+    """Share of these, of the oldest and of the newest each, that is not dropped."""
 
 
 PARAMS = KeyframeMapParams()
@@ -106,17 +115,26 @@ class KeyframeMap:
         self._drop_redundant()
 
     def _drop_redundant(self) -> None:
-        """Drop a keyframe where many show the same, so that time alone costs no memory."""
+        """Drop a keyframe where many show the same, so that time alone costs no memory.
+
+        The oldest hold the map in place, the newest show what has changed.
+        """
         config = self._config
         alike = self.store.alike(
             PARAMS.same_place * config.keyframe_distance_m,
             PARAMS.same_place * config.keyframe_turn_rad,
         )
         if len(alike) > config.keyframes_per_place:
-            # The oldest hold the map in place, the newest show what has changed.
-            dropped = alike[len(alike) // 2]
-            self.anchors.forget(self.store, [dropped])
-            self.store.dissolve(dropped)
+            self._drop_one(alike[len(alike) // 2])
+            return
+        near = self.store.alike(PARAMS.area_m, math.inf)
+        if len(near) > PARAMS.per_area:
+            spared = round(PARAMS.spared_share * len(near))
+            self._drop_one(self.store.most_crowded(near[spared:-spared], near))
+
+    def _drop_one(self, number: int) -> None:
+        self.anchors.forget(self.store, [number])
+        self.store.dissolve(number)
 
     def rows_since(self, stamp_ns: int) -> list[int]:
         """Return the rows of the keyframes taken since; the first stays: the map begins there."""

@@ -194,6 +194,15 @@ class KeyframeStore:
         is_alike = is_near & (np.abs(steps[:, 2]) < turned_rad)
         return sorted(number for number, same in zip(near, is_alike, strict=True) if same)
 
+    def most_crowded(self, numbers: Sequence[int], among: Sequence[int]) -> int:
+        """Return that of some keyframes that has another one of `among` nearest to it."""
+        poses = self.poses[[self.rows[number] for number in numbers]]
+        others = self.poses[[self.rows[number] for number in among]]
+        steps = between(poses[:, None], others[None])
+        away = np.hypot(steps[..., 0], steps[..., 1]) + PARAMS.apart_turn_m * np.abs(steps[..., 2])
+        away[np.equal.outer(numbers, among)] = math.inf
+        return numbers[int(np.argmin(away.min(axis=1)))]
+
     def nearest(self, pose: NDArray[np.float64]) -> int:
         """Return the number of the keyframe nearest to a pose (3,), the prior where no other."""
         away = np.hypot(*(self.poses[:, :2] - pose[:2]).T)
