@@ -19,6 +19,7 @@ from trolley_mapper.edit.map_versions import write_map
 from trolley_mapper.map_names import check_name_is_free, configured_name
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import ANSWER_NS, Mapping
+from trolley_mapper.slices import Slices, is_left
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
     from trolley_mapper.slam.finishing import FinishJob
@@ -137,13 +138,25 @@ class MapSaver:
         # What is extended has its zones at the localizer; what was drawn since follows.
         zones = list(session.zones.all) if name != session.extends else []
         job = core.finishing()
-        write = partial(_finish, job, self._service.maps.path, name, zones)
+        write = partial(_write, job, self._service.maps.path, name, zones)
         self._mapping.begin_saving()
         reply: Later[MappingStatus] = self._service.later()
         self._pending = _PendingReply(reply, self._service.monotonic_ns + ANSWER_NS)
-        self._service.work(write, partial(self._written, session, name, job))
+        written = partial(self._written, session, name, job)
+        self._finish(job.slices(), partial(self._service.work, write, written))
         self._mapping.publish_status()
         return reply
+
+    def _finish(self, slices: Slices[None], then: Callable[[], None]) -> None:
+        """Straighten and tidy the map aside, slice by slice."""
+
+        def slice_done(is_more: bool) -> None:
+            if is_more:
+                self._finish(slices, then)
+            else:
+                then()
+
+        self._service.work(partial(is_left, slices), slice_done)
 
     @every(0.1, clock="local", when=lambda handover: handover._pending is not None)
     def _answer_in_time(self) -> None:
@@ -205,8 +218,7 @@ class MapSaver:
         self._pending = None
 
 
-def _finish(job: "FinishJob", folder: Path, name: str, zones: Sequence[Zone]) -> str | None:
-    """Straighten, tidy and write a map; returns why it could not be written, in a sentence."""
-    job.run()
+def _write(job: "FinishJob", folder: Path, name: str, zones: Sequence[Zone]) -> str | None:
+    """Write a map that is ready; returns why it could not be written, in a sentence."""
     lying = moved_zones(zones, job.new_T_old.inverse())
     return write_map(folder, name, job.grid, lying, job.start)

@@ -123,7 +123,7 @@ def test_floor_seen_through_a_crack_goes_and_through_a_door_stays() -> None:
         cells[60 - spread : 63 + spread, col] = FREE
     cells[55:70, 160] = OCCUPIED
     grid = GridMap("flat", 0.05, Pose2D(-1.0, 2.0, 0.0), cells)
-    found = tidied(grid, grid.cell_to_world(np.array([[50, 40], [52, 44]])))
+    found = whole(tidied(grid, grid.cell_to_world(np.array([[50, 40], [52, 44]]))))
     room, door = np.s_[10:90, 10:80], np.s_[15:41, 81:160]
     assert (found.cells[room] == cells[room]).all()
     assert (found.cells[door] == FREE).all()
@@ -133,5 +133,5 @@ def test_floor_seen_through_a_crack_goes_and_through_a_door_stays() -> None:
 
 def test_where_nothing_was_driven_nothing_is_tidied() -> None:
     grid = GridMap("flat", 0.05, Pose2D.identity(), np.full((20, 20), FREE, np.int8))
-    assert tidied(grid, np.empty((0, 2))) is grid
-    assert tidied(grid, np.array([[50.0, 50.0]])) is grid
+    assert whole(tidied(grid, np.empty((0, 2)))) is grid
+    assert whole(tidied(grid, np.array([[50.0, 50.0]]))) is grid

@@ -14,7 +14,7 @@ from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import compose
 from trolley_mapper.slam.tidying import tidied
-from trolley_mapper.slices import whole
+from trolley_mapper.slices import Slices, whole
 
 MIN_TURN_RAD = math.radians(0.05)
 """Turn below which a map is straight: half a cell over 25 m [rad]."""
@@ -41,17 +41,29 @@ class FinishJob:
     occupancy: LogOddsGrid | None = field(default=None, init=False)
 
     def run(self) -> "FinishJob":
-        """Straighten and tidy; returns itself."""
-        angle = None if self.prior is not None else angle_of_walls(self._walls())
-        if angle is not None and abs(angle) >= MIN_TURN_RAD:
-            self._turn(angle)
+        """Do all slices at once; returns itself."""
+        whole(self.slices())
+        return self
+
+    def slices(self) -> Slices[None]:
+        """Straighten and tidy."""
+        if self.prior is None:
+            angle = yield from self._angle()
+            if angle is not None and abs(angle) >= MIN_TURN_RAD:
+                yield from self._turn(angle)
         store = self.store
         floor = [store.poses[~store.loose, :2]]
         if self.prior is not None:
             prior = store.keyframes[0].floor
             floor = [floor[0][1:], *([] if prior is None else [prior.astype(np.float64)])]
-        self.grid = tidied(self.grid, np.vstack(floor))
-        return self
+        yield
+        self.grid = yield from tidied(self.grid, np.vstack(floor))
+
+    def _angle(self) -> Slices[float | None]:
+        """Return the turn after which most walls run along the axes [rad]."""
+        walls = self._walls()
+        yield
+        return angle_of_walls(walls)
 
     def _walls(self) -> NDArray[np.float64]:
         """Return points (n, 2) of the walls, one in each of their cells [cells].
@@ -72,14 +84,15 @@ class FinishJob:
         sums = [np.bincount(group, along) for along in points.T]
         return np.column_stack(sums) / (np.bincount(group)[:, None] * grid.resolution)
 
-    def _turn(self, angle: float) -> None:
+    def _turn(self, angle: float) -> Slices[None]:
         """Turn all keyframes about the first, and draw the map anew: a turned picture blurs."""
         store = self.store
         x, y = store.poses[0, :2].tolist()
         about = Pose2D(x, y, angle) @ Pose2D(-x, -y, 0.0)
         store.poses = compose(about.as_array(), store.poses)
         self.new_T_old = about
-        self.occupancy = whole(draw_map(LogOddsGrid(self.config.resolution_m), store))
+        yield
+        self.occupancy = yield from draw_map(LogOddsGrid(self.config.resolution_m), store)
         self.grid = self.occupancy.grid()
 
     @property
