@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
+from trolley.geometry import Pose2D
+from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.loop_closure import relax
 from trolley_mapper.slam.pose_graph import LOOP, ODOMETRY, Edge
+from trolley_mapper.slam.serialization import State, pack, unpack
+from trolley_mapper.slices import whole
 
 
 def keyframe(number: int) -> Keyframe:
@@ -56,3 +61,37 @@ def test_what_a_dissolved_keyframe_held_stays_together(store: KeyframeStore) -> 
     store.link(edge(2, 3))
     store.dissolve(3)
     assert store.part_of(5) == [0, 1, 2, 4, 5]
+
+
+def corridor() -> KeyframeStore:
+    """Ten steps of a metre, as wheels of which nothing is known measure them."""
+    store = KeyframeStore()
+    for number in range(11):
+        step = np.array([1.0, 0.0, 0.0])
+        one = Edge(number - 1, number, step, np.eye(3), ODOMETRY, 1.0, step)
+        pose = np.array([float(number), 0.0, 0.0])
+        store.add(keyframe(number), pose, [one] if number else [])
+    return store
+
+
+def test_a_corridor_is_mapped_as_long_as_it_is_once_the_wheels_are_known() -> None:
+    store = corridor()
+    store.scale = 1.05
+    whole(relax(store))
+    assert store.pose(10) == pytest.approx([10.5, 0.0, 0.0])
+    other = store.copy()
+    other.dissolve(5)
+    other.scale = 1.0
+    whole(relax(other))
+    # What was dissolved stays as it was known then.
+    assert other.pose(10) == pytest.approx([10.1, 0.0, 0.0])
+
+
+def test_a_corridor_is_as_long_after_a_restart() -> None:
+    store = corridor()
+    store.scale = 1.05
+    whole(relax(store))
+    state = State(store, Anchors(), None, Pose2D.identity(), 11, 0)
+    restored = unpack(pack(state)).store
+    whole(relax(restored))
+    assert restored.pose(10) == pytest.approx([10.5, 0.0, 0.0])

@@ -72,3 +72,12 @@ def test_short_steps_err_by_a_larger_share() -> None:
     drive(model, 40, 0.03)
     assert model.distance_share(0.25) == pytest.approx(2.0 * model.distance_share(1.0))
     assert model.distance_share(0.01) == MOTION.distance_share
+
+
+def test_what_is_learnt_of_a_distance_holds_for_the_past_until_the_wheels_are_known() -> None:
+    model = OdometryModel()
+    assert model.unlearnt > 0.9
+    drive(model, 40, 0.01, information=CORRIDOR)
+    assert model.unlearnt > 0.9
+    drive(model, 20, 0.01)
+    assert model.unlearnt < 0.1

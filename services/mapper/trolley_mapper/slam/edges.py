@@ -1,5 +1,6 @@
 """Edges of a new keyframe: from odometry, and from the scans that it was matched with."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,8 @@ class EdgeParams:
     """Least share of the matched points that the other keyframe of an edge contributes."""
     odometry_variance: float = 1e-6
     """Variance added to the odometry's covariance, so that it can be inverted [m^2, rad^2]."""
+    min_unlearnt: float = 0.05
+    """Share of what is learnt later below which a step stays as it is."""
 
 
 PARAMS = EdgeParams()
@@ -76,16 +79,22 @@ class Travel:
         step: (3,) keyframe_T_base.
         covariance: (3, 3) of it, in `map`.
         start_covariance: (3, 3) of the keyframe's own pose when it was taken, in `map`.
+        scale: of the odometry's distances, as the step was made with.
+        unlearnt: share of what is learnt of the scale later that holds for this step, too.
     """
 
     step: NDArray[np.float64]
     covariance: NDArray[np.float64]
     start_covariance: NDArray[np.float64]
+    scale: float = 1.0
+    unlearnt: float = 0.0
 
     @classmethod
-    def begin(cls, start_covariance: NDArray[np.float64]) -> "Travel":
+    def begin(
+        cls, start_covariance: NDArray[np.float64], scale: float = 1.0, unlearnt: float = 0.0
+    ) -> "Travel":
         """The robot is where the newest keyframe was taken."""
-        return cls(np.zeros(3), np.zeros((3, 3)), start_covariance)
+        return cls(np.zeros(3), np.zeros((3, 3)), start_covariance, scale, unlearnt)
 
     def then(self, step: NDArray[np.float64], covariance: NDArray[np.float64]) -> "Travel":
         """Return the path with one more step (3,) of a covariance (3, 3)."""
@@ -124,4 +133,26 @@ def odometry_edge(
     away = between(travel.step, between(*poses))
     step = compose(travel.step, by_odometry @ np.linalg.solve(either, away))
     information = to_frame(np.linalg.inv(odometry) + matched, yaw)
-    return Edge(numbers[0], numbers[1], step, information, ODOMETRY)
+    edge = Edge(numbers[0], numbers[1], step, information, ODOMETRY)
+    if travel.unlearnt < PARAMS.min_unlearnt:
+        return edge
+    share = np.linalg.solve(information, to_frame(np.linalg.inv(odometry), yaw))
+    return edge._replace(scale=travel.scale, stretch=_stretch(travel, share))
+
+
+def _stretch(travel: Travel, share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much a step grows with the scale of the odometry's distances, (3,).
+
+    Args:
+        travel: that the step was made with.
+        share: (3, 3) of the odometry in the step, in the frame where it ends.
+
+    Source:
+        Kümmerle, Grisetti, Burgard, Simultaneous Parameter Calibration, Localization, and Mapping
+        (2012): what is learnt of the wheels corrects what was driven before.
+    """
+    x, y, yaw = travel.step.tolist()
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    grown = turn @ share[:2, :2] @ turn.T @ np.array([x, y])
+    return np.array([*(grown * travel.unlearnt / travel.scale), 0.0])

@@ -44,6 +44,8 @@ class KeyframeStore:
         self.rows: dict[int, int] = {}
         self.poses = np.empty((0, 3))
         self.edges: list[Edge] = []
+        # Of the odometry's distances, as it is known now.
+        self.scale = 1.0
         self._neighbours: dict[int, dict[int, float]] = {}
         # The lowest number of the part that a keyframe is in.
         self._parts: dict[int, int] = {}
@@ -66,6 +68,7 @@ class KeyframeStore:
         other = KeyframeStore()
         other.keyframes, other.rows = list(self.keyframes), dict(self.rows)
         other.poses, other.edges = self.poses.copy(), list(self.edges)
+        other.scale = self.scale
         other._neighbours = {number: dict(near) for number, near in self._neighbours.items()}
         other._parts = dict(self._parts)
         return other
@@ -162,7 +165,7 @@ class KeyframeStore:
         All its neighbours get edges from the one that its best edge leads to: a star in place of
         the clique of a full marginalisation, so that the number of edges does not grow.
         """
-        own = [e for e in self.edges if number in (e.first, e.second)]
+        own = [e.settled(self.scale) for e in self.edges if number in (e.first, e.second)]
         away = [e if e.first == number else inverted(e) for e in own]
         if len(away) > 1:
             hub = max(away, key=lambda e: float(np.linalg.det(e.information)))
@@ -175,10 +178,10 @@ class KeyframeStore:
         """Add an edge, or average it with the one there is between the same keyframes."""
         for row, other in enumerate(self.edges):
             if (other.first, other.second) == (edge.first, edge.second):
-                self.edges[row] = averaged(other, edge)
+                self.edges[row] = averaged(other.settled(self.scale), edge)
                 return
             if (other.second, other.first) == (edge.first, edge.second):
-                self.edges[row] = averaged(other, inverted(edge))
+                self.edges[row] = averaged(other.settled(self.scale), inverted(edge))
                 return
         self.link(edge if edge.first < edge.second else inverted(edge))
 

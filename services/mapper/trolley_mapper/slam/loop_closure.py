@@ -198,7 +198,7 @@ class LoopJob:
 
         Votes are not all: what is left must strain the odometry not much more than `before`.
         """
-        problem = make_problem(self.store.edges, self.store.rows)
+        problem = make_problem(self.store.edges, self.store.rows, self.store.scale)
         is_out = yield from contradicted(self.store.poses, problem, self.store.anchored_rows)
         out = [edge for edge, is_one in zip(self.store.edges, is_out, strict=True) if is_one]
         if not out or any(edge is new for edge in out for new in self.accepted):
@@ -211,7 +211,7 @@ class LoopJob:
 
 def total_error(store: KeyframeStore) -> float:
     """Return the sum of the squared errors of all edges; a loop counts for hardly more than phi."""
-    problem = make_problem(store.edges, store.rows)
+    problem = make_problem(store.edges, store.rows, store.scale)
     chi2 = squared_errors(store.poses, problem)
     return float(np.minimum(chi2, PARAMS.most_counted).sum())
 
@@ -233,7 +233,7 @@ def distance_covered(store: KeyframeStore, edges: Sequence[Edge]) -> float:
 
 def relax(store: KeyframeStore, is_robust: bool = True) -> Slices[None]:
     """Optimise all poses of a store; the first of each part stays."""
-    problem = make_problem(store.edges, store.rows)
+    problem = make_problem(store.edges, store.rows, store.scale)
     store.poses = yield from optimise(store.poses, problem, store.anchored_rows, is_robust)
 
 

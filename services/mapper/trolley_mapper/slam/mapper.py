@@ -272,7 +272,10 @@ class Mapper:
             self._watch = JoinWatch(joint, edges, has_stood=True)
         self._map.add(Keyframe.of(number, scan.stamp_ns, sweep), pose, edges)
         self._odometry_model.restart()
-        self._travel = Travel.begin(self._matcher.covariance.copy())
+        model = self._odometry_model
+        self._map.store.scale = model.distance
+        covariance = self._matcher.covariance.copy()
+        self._travel = Travel.begin(covariance, model.distance, model.unlearnt)
         self._neighbourhood.invalidate()
         if len(sweep.cloud.points):
             self._back_end.keyframe_added()
@@ -428,7 +431,7 @@ class Mapper:
             self._travel = None
         if self._travel is not None:
             here = between(self._map.store.poses[-1], self._matcher.pose)
-            self._travel = replace(self._travel, step=here)
+            self._travel = replace(self._travel, step=here, unlearnt=0.0)
         self._back_end.keyframes_removed(self._map.store)
         self._neighbourhood.invalidate()
 

@@ -38,6 +38,9 @@ class OdometryModelParams:
     """Least deviation of a distance, as a share of it: the scans that teach it err, too."""
     max_share: float = 0.36
     """Greatest deviation that a distance counts with, as a share of it: slip tells no more."""
+    floor_dev: float = 0.01
+    """Standard deviation of the scale from floor to floor: what is learnt later says no more of
+    what was driven before."""
     min_information: tuple[float, float] = (2500.0, 2500.0)
     """Least information of the scan on distance and turn [1/m^2, 1/rad^2]."""
 
@@ -83,6 +86,12 @@ class OdometryModel:
             return MOTION.distance_share
         share = math.sqrt(self._wander_m2 / self._weight / distance_m)
         return min(max(share, PARAMS.min_share), MOTION.distance_share)
+
+    @property
+    def unlearnt(self) -> float:
+        """Share of what will be learnt of the distance's scale that holds for the past, too."""
+        variance = PARAMS.errors[0] ** 2 / float(self._squares[0])
+        return variance / (variance + PARAMS.floor_dev**2)
 
     def restart(self) -> None:
         """Start measuring again, from a pose that is known."""

@@ -59,6 +59,9 @@ class Edge(NamedTuple):
         step: (3,) first_T_second, x, y [m], yaw [rad].
         information: (3, 3) inverse covariance, in the frame of `second`.
         kind: ODOMETRY, SCAN_MATCH or LOOP.
+        scale: of the odometry's distances, as it was known then.
+        stretch: (3,) by how much the step grows with the scale as it is known later, None where it
+            does not.
     """
 
     first: int
@@ -66,6 +69,18 @@ class Edge(NamedTuple):
     step: NDArray[np.float64]
     information: NDArray[np.float64]
     kind: int
+    scale: float = 1.0
+    stretch: NDArray[np.float64] | None = None
+
+    def step_at(self, scale: float) -> NDArray[np.float64]:
+        """Return the step as it is with a scale of the odometry's distances."""
+        if self.stretch is None:
+            return self.step
+        return self.step + (scale - self.scale) * self.stretch
+
+    def settled(self, scale: float) -> "Edge":
+        """Return the edge as it is with a scale, for good."""
+        return self._replace(step=self.step_at(scale), scale=1.0, stretch=None)
 
 
 def compose(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -152,12 +167,18 @@ class Problem(NamedTuple):
     kind: NDArray[np.int64]
 
 
-def make_problem(edges: Sequence[Edge], rows: dict[int, int]) -> Problem:
-    """Put edges into arrays; `rows` gives the row of each keyframe's pose."""
+def make_problem(edges: Sequence[Edge], rows: dict[int, int], scale: float = 1.0) -> Problem:
+    """Put edges into arrays; `rows` gives the row of each keyframe's pose.
+
+    Args:
+        edges: to put there.
+        rows: of the poses of the keyframes.
+        scale: of the odometry's distances, as far as it is known.
+    """
     return Problem(
         np.array([rows[e.first] for e in edges], np.int64),
         np.array([rows[e.second] for e in edges], np.int64),
-        np.array([e.step for e in edges]).reshape(-1, 3),
+        np.array([e.step_at(scale) for e in edges]).reshape(-1, 3),
         np.array([e.information for e in edges]).reshape(-1, 3, 3),
         np.array([e.kind for e in edges], np.int64),
     )

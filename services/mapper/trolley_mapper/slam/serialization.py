@@ -84,7 +84,7 @@ def pack(state: State) -> bytes:
         state.next_number,
         state.pose,
         _pack_keyframes(store),
-        _pack_edges(store.edges),
+        _pack_edges([edge.settled(store.scale) for edge in store.edges]),
         sorted(state.anchors.used),
         {n: (a.keyframe, a.keyframe_T_pose) for n, a in state.anchors.successors.items()},
         None
