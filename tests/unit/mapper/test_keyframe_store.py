@@ -8,7 +8,7 @@ from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import relax
-from trolley_mapper.slam.pose_graph import LOOP, ODOMETRY, Edge
+from trolley_mapper.slam.pose_graph import LOOP, ODOMETRY, SCAN_MATCH, Edge
 from trolley_mapper.slam.serialization import State, pack, unpack
 from trolley_mapper.slices import whole
 
@@ -61,6 +61,16 @@ def test_what_a_dissolved_keyframe_held_stays_together(store: KeyframeStore) -> 
     store.link(edge(2, 3))
     store.dissolve(3)
     assert store.part_of(5) == [0, 1, 2, 4, 5]
+
+
+@pytest.mark.parametrize(("dev_m", "is_near"), [(0.05, True), (1.0, False)])
+def test_a_match_that_does_not_show_the_place_along_a_corridor_is_no_short_cut(
+    store: KeyframeStore, dev_m: float, is_near: bool
+) -> None:
+    information = np.diag([1.0 / dev_m**2, 1e4, 1e4])
+    store.link(Edge(2, 4, np.array([0.5, 0.0, 0.0]), information, SCAN_MATCH))
+    assert (4 in store.distances_from(2, 8.0)) == is_near
+    assert not store.loose.any()
 
 
 def corridor() -> KeyframeStore:

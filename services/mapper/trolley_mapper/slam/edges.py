@@ -14,6 +14,7 @@ from trolley_mapper.slam.pose_graph import (
     Edge,
     between,
     compose,
+    inverse,
     to_frame,
 )
 
@@ -136,7 +137,7 @@ def odometry_edge(
     edge = Edge(numbers[0], numbers[1], step, information, ODOMETRY)
     if travel.unlearnt < PARAMS.min_unlearnt:
         return edge
-    share = np.linalg.solve(information, to_frame(np.linalg.inv(odometry), yaw))
+    share = inverse(information) @ to_frame(inverse(odometry), yaw)
     return edge._replace(scale=travel.scale, stretch=_stretch(travel, share))
 
 

@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley_mapper.slam.keyframe import Keyframe
-from trolley_mapper.slam.pose_graph import Edge, averaged, between, chained, compose, inverted
+from trolley_mapper.slam.pose_graph import (
+    ODOMETRY,
+    Edge,
+    averaged,
+    between,
+    chained,
+    compose,
+    inverted,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +26,10 @@ class KeyframeStoreParams:
 
     min_edge_m: float = 0.15
     """Least length that an edge counts as: two keyframes that see the same drift, too [m]."""
+    metres_per_dev: float = 20.0
+    """Length that each metre of an edge's standard deviation counts as: as much as drifts by that.
+    A scan that was matched in a bare corridor shows beside which wall it was taken, not how far
+    along it [m/m]."""
     alike_distance_m: float = 2.0
     """Distance along edges within which similar keyframes are searched for [m]."""
     turn_m: float = 0.3
@@ -135,6 +147,8 @@ class KeyframeStore:
         # A map made before is as large as it is: its origin lies anywhere.
         length = 0.0 if edge.first == self.prior else math.hypot(edge.step[0], edge.step[1])
         cost = max(length, PARAMS.min_edge_m)
+        if edge.kind != ODOMETRY:
+            cost = max(cost, PARAMS.metres_per_dev * _deviation_m(edge))
         for one, other in ((edge.first, edge.second), (edge.second, edge.first)):
             near = self._neighbours[one]
             near[other] = min(cost, near.get(other, math.inf))
@@ -294,3 +308,10 @@ class KeyframeStore:
             chosen.append(some[row])
             kept.append(poses[row])
         return sorted(chosen)
+
+
+def _deviation_m(edge: Edge) -> float:
+    """Return the standard deviation of an edge's place in its least sure direction [m]."""
+    (xx, xy, _), (_, yy, _), _ = edge.information.tolist()
+    least = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+    return 1.0 / math.sqrt(max(least, 1e-6))

@@ -153,6 +153,7 @@ class LoopJob:
                 self.found.append(closure)
         self._believe()
         if self.accepted:
+            yield
             yield from self._optimise()
 
     def _believe(self) -> None:
@@ -234,6 +235,7 @@ def distance_covered(store: KeyframeStore, edges: Sequence[Edge]) -> float:
 def relax(store: KeyframeStore, is_robust: bool = True) -> Slices[None]:
     """Optimise all poses of a store; the first of each part stays."""
     problem = make_problem(store.edges, store.rows, store.scale)
+    yield
     store.poses = yield from optimise(store.poses, problem, store.anchored_rows, is_robust)
 
 
