@@ -1,6 +1,7 @@
 """What the map keeps of the scans of hours on the same floor."""
 
 import math
+from collections.abc import Set
 
 import numpy as np
 
@@ -13,7 +14,7 @@ SIDE_M = 1.5
 INFORMATION = np.diag([2500.0, 2500.0, 2500.0])
 
 
-def add_at(made: KeyframeMap, pose: np.ndarray) -> None:
+def add_at(made: KeyframeMap, pose: np.ndarray, spared: Set[int] = frozenset()) -> None:
     """Add a keyframe with exact edges to the newest and to the three nearest ones."""
     number, store = made.next_number, made.store
     edges: list[Edge] = []
@@ -24,7 +25,7 @@ def add_at(made: KeyframeMap, pose: np.ndarray) -> None:
             kind = ODOMETRY if first == store.newest.number else SCAN_MATCH
             edges.append(Edge(first, number, between(store.pose(first), pose), INFORMATION, kind))
     points = np.array([[1.0, 0.0], [0.0, 1.0]], np.float32)
-    made.add(Keyframe(number, number, points, points, np.zeros(2, np.float32)), pose, edges)
+    made.add(Keyframe(number, number, points, points, np.zeros(2, np.float32)), pose, edges, spared)
 
 
 def test_hours_of_driving_about_in_one_room_keep_a_bounded_number_of_scans() -> None:
@@ -67,3 +68,14 @@ def test_a_drive_to_and_fro_keeps_every_scan() -> None:
     for x in np.arange(8.7, 0.0, -0.3):
         add_at(made, np.array([x, 0.0, math.pi]))
     assert len(made.store) == made.next_number
+
+
+def test_the_scan_that_a_part_begins_with_stays_until_it_is_known_how_the_part_lies() -> None:
+    made, rng = KeyframeMap(MapperConfig()), np.random.default_rng(3)
+    begin = 20
+    for _ in range(120):
+        # All in one place, in which the middle one goes each time.
+        pose = np.array([*rng.uniform(0.0, 0.1, 2), rng.uniform(0.0, 0.1)])
+        add_at(made, pose, {begin})
+    assert begin in made.store.rows
+    assert len(made.store) < begin

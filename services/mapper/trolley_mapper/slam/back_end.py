@@ -49,6 +49,12 @@ class BackEnd:
         self._places: list[Place] | None = []
         self._is_searched = False
 
+    @property
+    def part_begins(self) -> set[int]:
+        """Numbers of the keyframes that parts begin with which are to be joined or cut off."""
+        joints = (self._joint, None if self._cut is None else self._cut.joint)
+        return {joint.number for joint in joints if joint is not None}
+
     def keyframe_added(self) -> None:
         """Search for the newest keyframe at the next chance."""
         self._has_new = True

@@ -1,7 +1,7 @@
 """The map itself: keyframes, poses that are tied to them, and the grid drawn from them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,16 +105,29 @@ class KeyframeMap:
 
     # The map grows and shrinks.
 
-    def add(self, keyframe: Keyframe, pose: NDArray[np.float64], edges: Sequence[Edge]) -> None:
-        """Add a keyframe taken at map_T_base (3,); drop one where many show the same."""
+    def add(
+        self,
+        keyframe: Keyframe,
+        pose: NDArray[np.float64],
+        edges: Sequence[Edge],
+        spared: Set[int] = frozenset(),
+    ) -> None:
+        """Add a keyframe taken at map_T_base (3,); drop one where many show the same.
+
+        Args:
+            keyframe: to be added.
+            pose: where it was taken.
+            edges: to earlier ones.
+            spared: keyframes that must stay: what they stand for is still to be decided.
+        """
         self.store.add(keyframe, pose, edges)
         self.next_number += 1
         if not (keyframe.is_blind or self.store.is_loose(keyframe.number)):
             self._occupancy.add(keyframe, pose)
             self.version += 1
-        self._drop_redundant()
+        self._drop_redundant(spared)
 
-    def _drop_redundant(self) -> None:
+    def _drop_redundant(self, spared: Set[int]) -> None:
         """Drop a keyframe where many show the same, so that time alone costs no memory.
 
         The oldest hold the map in place, the newest show what has changed.
@@ -124,13 +137,14 @@ class KeyframeMap:
             PARAMS.same_place * config.keyframe_distance_m,
             PARAMS.same_place * config.keyframe_turn_rad,
         )
+        alike = [number for number in alike if number not in spared]
         if len(alike) > config.keyframes_per_place:
             self._drop_one(alike[len(alike) // 2])
             return
-        near = self.store.alike(PARAMS.area_m, math.inf)
+        near = [n for n in self.store.alike(PARAMS.area_m, math.inf) if n not in spared]
         if len(near) > PARAMS.per_area:
-            spared = round(PARAMS.spared_share * len(near))
-            self._drop_one(self.store.most_crowded(near[spared:-spared], near))
+            ends = round(PARAMS.spared_share * len(near))
+            self._drop_one(self.store.most_crowded(near[ends:-ends], near))
 
     def _drop_one(self, number: int) -> None:
         self.anchors.forget(self.store, [number])

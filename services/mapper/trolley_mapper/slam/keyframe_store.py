@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.pose_graph import (
-    ODOMETRY,
+    SCAN_MATCH,
     Edge,
     averaged,
     between,
@@ -147,7 +147,7 @@ class KeyframeStore:
         # A map made before is as large as it is: its origin lies anywhere.
         length = 0.0 if edge.first == self.prior else math.hypot(edge.step[0], edge.step[1])
         cost = max(length, PARAMS.min_edge_m)
-        if edge.kind != ODOMETRY:
+        if edge.kind == SCAN_MATCH:
             cost = max(cost, PARAMS.metres_per_dev * _deviation_m(edge))
         for one, other in ((edge.first, edge.second), (edge.second, edge.first)):
             near = self._neighbours[one]

@@ -270,7 +270,10 @@ class Mapper:
         if edges and self._watch is None and self._has_stood(scan):
             joint = Joint(number, pose.copy(), self._matcher.covariance.copy(), None)
             self._watch = JoinWatch(joint, edges, has_stood=True)
-        self._map.add(Keyframe.of(number, scan.stamp_ns, sweep), pose, edges)
+        spared = self._back_end.part_begins
+        if self._watch is not None:
+            spared.add(self._watch.joint.number)
+        self._map.add(Keyframe.of(number, scan.stamp_ns, sweep), pose, edges, spared)
         self._odometry_model.restart()
         model = self._odometry_model
         self._map.store.scale = model.distance
