@@ -15,7 +15,6 @@ from bench.planner.people_judge import CIRCLE, PEOPLE_S
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.people.encounters import times_of_encounters
 from trolley_planner.people.free_space import FREE_SPACE
 from trolley_planner.people.moving_obstacles import GROWTH_MPS, NOBODY, ROBOT_DT_S, MovingObstacles
@@ -58,22 +57,22 @@ class KnownPeople(MovingObstacles):
 
     Args:
         crowd: the people.
-        costmap: whose frame `grid` they are told in; that of the goals is the people's.
-        clocks: see `tell`.
+        clocks: how long the people have walked, and the simulated time [s].
         future: where they will be; None: they are taken to walk on as now.
+        grid_T_people: says where their frame lies in `grid`.
     """
 
     def __init__(
         self,
         crowd: Crowd,
-        costmap: Costmap,
         clocks: tuple[Callable[[], float], Callable[[], float]],
         future: Future | None,
+        grid_T_people: Callable[[], Pose2D],
     ) -> None:
         super().__init__()
         self._crowd, self._future = crowd, future
         self._walked_s, self._now_s = clocks
-        self._grid_T_people = costmap.grid_T_frame
+        self._place_people = grid_T_people
         self._lidar = Pose2D(0.0, 0.0, 0.0)
 
     def update(
@@ -111,6 +110,10 @@ class KnownPeople(MovingObstacles):
             found[:, step, :2] = self._grid_T_people.transform_points(places)
         return found
 
+    @property
+    def _grid_T_people(self) -> Pose2D:
+        return self._place_people()
+
     def _near(self) -> list[int]:
         """Return who is within sight of the lidar, hidden or not."""
         at = self._grid_T_people.transform_points(self._crowd.at)
@@ -133,21 +136,33 @@ class KnownPeople(MovingObstacles):
         return TrackedPerson(np.array(edges), place, velocity, GROWTH_MPS[0])
 
 
-def tell(
-    planner: PlannerService,
-    crowd: Crowd,
-    knows: Knows,
-    clocks: tuple[Callable[[], float], Callable[[], float]],
-) -> None:
-    """Put what is known of a crowd that has not set off yet in the place of the planner's tracks.
+class Informant:
+    """Puts what is known of a crowd that has not set off yet in the place of the planner's tracks.
 
     Args:
-        planner: that has its map and drives in frame `map`.
+        planner: that is told.
         crowd: the people.
-        knows: what it is told.
-        clocks: say how long the people have walked, and the simulated time [s].
+        knows: what it is told; not `tracks`.
+        clocks: how long the people have walked, and the simulated time [s].
+        frame_T_people: says where the people's frame lies in that of the goals.
     """
-    if knows != "tracks":
-        costmap = planner.navigator.costmap_manager.require_context().costmap
+
+    def __init__(
+        self,
+        planner: PlannerService,
+        crowd: Crowd,
+        knows: Knows,
+        clocks: tuple[Callable[[], float], Callable[[], float]],
+        frame_T_people: Callable[[], Pose2D],
+    ) -> None:
+        self._costmaps = planner.navigator.costmap_manager
         future = Future(crowd) if knows == "future" else None
-        costmap.moving = KnownPeople(crowd, costmap, clocks, future)
+        self._people = KnownPeople(crowd, clocks, future, self._grid_T_people)
+        self._frame_T_people = frame_T_people
+
+    def tell(self) -> None:
+        """Tell the planner, which may have made itself a new costmap meanwhile."""
+        self._costmaps.require_context().costmap.moving = self._people
+
+    def _grid_T_people(self) -> Pose2D:
+        return self._costmaps.require_context().costmap.grid_T_frame @ self._frame_T_people()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from bench.planner.crossing import take_stop_field_away
-from bench.planner.known_people import Knows, tell
+from bench.planner.known_people import Informant, Knows
 from bench.planner.people_judge import PEOPLE_S, SOMEBODY, Hit, PeopleJudge
 from bench.planner.situations import SPEED_MPS, TURN_RADPS, Scene
 from numpy.typing import NDArray
@@ -178,13 +178,7 @@ class Visit:
 
 
 def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
-    """Drive all goals of a scene, one after the other; the seed is that of the robot's errors.
-
-    Raises:
-        ValueError: more is to be known of the people, but not where frame `odom` lies.
-    """
-    if setting.knows != "tracks" and scene.frame != "map":
-        raise ValueError(f"{scene.name}: people are told in frame map only, not in {scene.frame}")
+    """Drive all goals of a scene, one after the other; the seed is that of the robot's errors."""
     visit = Visit(scene, seed)
     with tempfile.TemporaryDirectory() as folder, Lockstep("trolley", seed) as lockstep:
         config = config_of(scene, seed, setting.lidar, Path(folder))
@@ -202,12 +196,22 @@ def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
         truths, said = lockstep.record(topics.SIM_TRUTH), lockstep.record(topics.GOAL)
         odometry = lockstep.record(topics.ODOM)
         lockstep.run(SETTLE_S)
-        if people is not None and crowd is not None:
+        informant = None
+        if people is not None and crowd is not None and setting.knows != "tracks":
             judge = people
-            tell(planner, crowd, setting.knows, (lambda: judge.seconds, lambda: lockstep.now_s))
+
+            def frame_T_people() -> Pose2D:
+                is_true = scene.frame == "map"
+                true_T_base = truths[-1].pose
+                return (true_T_base if is_true else odometry[-1].pose) @ true_T_base.inverse()
+
+            informant = Informant(
+                planner, crowd, setting.knows,
+                (lambda: judge.seconds, lambda: lockstep.now_s), frame_T_people,
+            )  # fmt: skip
         for goal in scene.goals:
             began_s, before = lockstep.now_s, len(truths)
-            visit.ending = _drive_to(goal, scene, lockstep, said, people)
+            visit.ending = _drive_to(goal, scene, lockstep, said, people, informant)
             visit.seconds += lockstep.now_s - began_s
             visit.recoveries += said[-1].recoveries if said else 0
             visit.trace += [(one.stamp_ns * 1e-9, one.pose) for one in truths[before:]]
@@ -228,6 +232,7 @@ def _drive_to(
     lockstep: Lockstep,
     said: list[GoalStatus],
     people: PeopleJudge | None,
+    informant: Informant | None,
 ) -> str:
     """Drive to a goal; return `arrived`, or why not."""
     there = goal if scene.frame == "map" else scene.start.inverse() @ goal
@@ -238,6 +243,8 @@ def _drive_to(
         return f"refused: {refused.code}"
 
     def has_ended() -> bool:
+        if informant is not None:
+            informant.tell()
         if people is not None:
             people.update(lockstep.now_s)
             if people.hits and scene.forgives == "":

@@ -262,7 +262,8 @@ def told(crowd: Crowd, *, walked_s: float, future: Future | None) -> KnownPeople
     """What the planner is told, whose map begins at -10, -10 m, and whose lidar is at 0, 0."""
     grid = GridMap("hall", 0.5, Pose2D(-10.0, -10.0, 0.0), np.zeros((40, 40), dtype=np.int8))
     costmap = Costmap(grid, Footprint.from_polygon(HOBBY.corners), PlannerConfig(), False)
-    people = KnownPeople(crowd, costmap, (lambda: walked_s, lambda: walked_s), future)
+    clocks = (lambda: walked_s), (lambda: walked_s)
+    people = KnownPeople(crowd, clocks, future, lambda: costmap.grid_T_frame)
     people.update(0, np.array([[10.0, 10.0, 1.0, 0.0, 1.0, 1.0]]), costmap.distance_m, 0.5)
     return people
 
