@@ -1,6 +1,6 @@
-"""What is possible in the crowds of `home`: the best that could be, and the simplest robots.
+"""What is possible among the crowds and movers of `home`: the best, and the simplest robots.
 
-    python -m bench.planner.crowd_bounds [--seeds 4]
+    python -m bench.planner.crowd_bounds [--seeds 4] [--row movers]
 
 `all-knowing` knows where everybody will be, and moves in any direction at 0.5 m/s: the shortest
 time of a disc as large as the robot's circumscribed circle that nobody comes nearer to than
@@ -8,18 +8,20 @@ time of a disc as large as the robot's circumscribed circle that nobody comes ne
 `stops` does so, too, but stands while anybody's body is nearer to its circumscribed circle than it
 says. These two turn at once and see everybody, and are judged as in `home`.
 
-Time / straight: as a multiple of the straight way's at full speed. Contacts are those of one
-crossing in the mean, people as discs.
+Time / straight: as a multiple of the straight way's at full speed, infinite if somewhere there is
+no way. Contacts are those of one crossing in the mean, people as discs.
 """
 
 import argparse
 import itertools
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from bench.harness.figures import table
-from bench.planner.among_people import CROWDS, PERSON_M, crowded
+from bench.planner.among_people import CROWDS, MOVERS, crowded, movers
 from bench.planner.crowds import Seen
 from bench.planner.people_judge import PEOPLE_S, PeopleJudge
 from bench.planner.situations import SPEED_MPS, Scene
@@ -122,6 +124,8 @@ def all_knowing(scene: Scene, keeps_m: float) -> float:
     first, last = (
         (int((one.y - low[1]) / CELL_M), int((one.x - low[0]) / CELL_M)) for one in (begin, end)
     )
+    is_goal = np.hypot(x - end.x, y - end.y) <= scene.xy
+    is_goal[last] = True
     is_reached = np.zeros_like(is_free)
     is_reached[first] = True
     for step in itertools.count(1):
@@ -132,8 +136,8 @@ def all_knowing(scene: Scene, keeps_m: float) -> float:
         is_reached = spread(is_reached, is_diagonal=step % 2 == 0) & is_free
         for at_x, at_y in crowd.at.tolist():
             away = np.hypot(x - at_x, y - at_y)
-            is_reached &= away >= radius + PERSON_M + keeps_m
-        if is_reached[last]:
+            is_reached &= away >= radius + crowd.radius_m + keeps_m
+        if is_reached[is_goal].any():
             return step * STEP_S / scene.straight()[0]
     return math.inf
 
@@ -153,15 +157,21 @@ def _radius(scene: Scene) -> float:
 
 
 def main() -> None:
-    """Print a table for each crowd."""
+    """Print a table of all crowds and movers."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=4)
-    seeds = range(parser.parse_args().seeds)
+    parser.add_argument("--row", choices=("crowd", "movers"), nargs="*", help="all if not given")
+    given = parser.parse_args()
+    kinds: dict[str, Callable[[int], Scene]] = {}
+    if not given.row or "crowd" in given.row:
+        kinds |= {name: partial(crowded, name=name, legs=False) for name in CROWDS}
+    if not given.row or "movers" in given.row:
+        kinds |= {f"movers, {level}": partial(movers, level=level) for level in MOVERS}
     rows: list[list[str]] = []
-    for name in CROWDS:
-        scenes = [crowded(seed, name, legs=False) for seed in seeds]
+    for name, scene_of in kinds.items():
+        scenes = [scene_of(seed) for seed in range(given.seeds)]
         for keeps_m in KEEPS_M:
             times = [all_knowing(scene, keeps_m) for scene in scenes]
             mean = f"{np.mean(times):.2f}"
