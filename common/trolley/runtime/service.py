@@ -296,13 +296,16 @@ class Service:
             self.count("state/not_saved")
             self.log.limited(name, "Not saved", file=name, why=error.strerror)
 
-    def call_soon(self, fn: Callable[[], None], *, urgent: bool = False) -> None:
+    def call_soon(
+        self, fn: Callable[[], None], *, urgent: bool = False, kept: bool = False
+    ) -> None:
         """Call `fn` on the service's thread; the one method that any other thread may call.
 
         Calls keep their order; an `urgent` one goes before everything that waits. Where thousands
-        of arrivals wait already, one that is not urgent is dropped and counted as `inbox/dropped`.
+        of arrivals wait already, a call is dropped and counted as `inbox/dropped`, but not one that
+        is `kept`: who makes it sees to it that only few wait.
         """
-        self._wire.context.inbox.push(lambda _: fn(), urgent=urgent)
+        self._wire.context.inbox.push(lambda _: fn(), urgent=urgent, own=kept)
 
     def deadline(self, call: Callable[[], None]) -> Deadline:
         """Return a deadline that calls back once it is set and not cleared in time."""

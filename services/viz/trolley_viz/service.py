@@ -4,6 +4,8 @@ viser serves the browsers on threads of its own; whatever happens there is hande
 `call_soon`. A robot's streams are subscribed to only while a browser follows it.
 """
 
+from functools import partial
+
 import viser
 
 from trolley import requests, teleop, topics
@@ -78,7 +80,9 @@ class VizService(Service):
         self.joystick = Teleop(self, self._robots, people.driver_name)
         tokens = self._tokens()
         self._scene = open_scene()
-        lines = Lines(self.call_soon, self.open_line, self._hear, self._close_line)
+        lines = Lines(
+            partial(self.call_soon, kept=True), self.open_line, self._hear, self._close_line
+        )
         try:
             access = self._access_control(tokens)
             self._web = WebServer(self._config, access, lines, self._scene, Photos(self).fetch)

@@ -18,6 +18,11 @@ MAX_LINES = 100
 """A household has fewer pages open."""
 SMALL_BYTES = 2000
 """With more than that on its way the page waits for what is new."""
+MOST_UNHEARD = 32
+"""With so many of its words unheard by the service, no more is read from a page: one that floods
+the viewer takes nobody's Stop the room."""
+UNHEARD_S = 0.02
+"""How often it is looked whether they were heard [s]."""
 NOT_UNDERSTOOD, TOO_MANY = 1008, 1013
 """WebSocket close codes "policy violation" and "try again later"."""
 
@@ -44,6 +49,8 @@ class Line:
         self._transport = transport
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[Told] = deque()
+        self._num_said = 0  # counted on the web server's thread
+        self._num_heard = 0  # counted on the service's thread
         self._has_some = asyncio.Event()
         self._is_closing = False
 
@@ -56,6 +63,16 @@ class Line:
     def silence_s(self) -> float:
         """How long nothing has come from the page [s], be it handled or not."""
         return silence_of(self._transport)
+
+    async def said(self) -> None:
+        """Count what the page said; wait while too much of it has not been heard."""
+        self._num_said += 1
+        while self._num_said - self._num_heard >= MOST_UNHEARD:
+            await asyncio.sleep(UNHEARD_S)
+
+    def heard(self) -> None:
+        """Count what the service has heard."""
+        self._num_heard += 1
 
     def send(self, told: Told) -> None:
         """Tell the page something."""
@@ -87,7 +104,7 @@ class Lines:
     """The life lines of all pages, served on the web server's thread.
 
     Args:
-        post: hands a call to the service's thread, where the following are called.
+        post: hands a call to the service's thread, where the following are called; it drops none.
         opened: with a line that is open.
         heard: with a line and what its page said.
         closed: with a line that is gone.
@@ -118,6 +135,7 @@ class Lines:
                 if message.type != aiohttp.WSMsgType.TEXT:
                     raise msgspec.DecodeError("no text")
                 self._hear(line, msgspec.json.decode(message.data, type=Said))
+                await line.said()
         except (msgspec.MsgspecError, RecursionError):
             await socket.close(code=NOT_UNDERSTOOD, message=b"not understood")
         finally:
@@ -126,4 +144,8 @@ class Lines:
             self._post(lambda: self._closed(line))
 
     def _hear(self, line: Line, said: Said) -> None:
-        self._post(lambda: self._heard(line, said))
+        def hear() -> None:
+            line.heard()
+            self._heard(line, said)
+
+        self._post(hear)

@@ -9,7 +9,8 @@ import json
 import re
 import socket
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,9 +24,10 @@ from websockets.sync.connection import Connection
 from trolley.config import VizConfig
 from trolley_viz.languages.catalogue import catalogues
 from trolley_viz.server.access import AccessControl, AccessTokens
-from trolley_viz.server.lines import Line, Lines
+from trolley_viz.server.lines import MOST_UNHEARD, Line, Lines
 from trolley_viz.server.messages import Answer, Said, Told
 from trolley_viz.server.web_server import PortTaken, WebServer, close_scene, open_scene
+from trolley_viz.threads import Post
 
 pytestmark = pytest.mark.drives
 
@@ -51,14 +53,14 @@ async def photo_of(robot: str, name: str) -> bytes | None:
     return JPEG if (robot, name) == ("kiwi", "t1-0") else None
 
 
-def serve(*, always_ask: bool = False) -> Iterator[Served]:
+def serve(*, always_ask: bool = False, post: Post = lambda call: call()) -> Iterator[Served]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     served = Served(port, open_scene(), AccessTokens.new(), [], [], [])
     access = AccessControl(port, (), always_ask=always_ask, tokens=served.tokens)
     lines = Lines(
-        lambda call: call(),
+        post,
         served.lines.append,
         lambda _, said: served.said.append(said),
         served.closed.append,
@@ -344,6 +346,30 @@ def test_rubbish_ends_the_line_and_nothing_else(
         line.recv(timeout=PATIENCE_S)
     assert served.said == []
     assert fetch(served.port)[0] == 200
+
+
+def test_a_page_that_floods_a_busy_viewer_takes_nobody_the_room() -> None:
+    waiting: deque[Callable[[], None]] = deque()
+    with contextlib.contextmanager(serve)(post=waiting.append) as served:
+        url = f"ws://127.0.0.1:{served.port}/line"
+        with connect(f"{url}?page=flood") as flood, connect(f"{url}?page=calm") as calm:
+            for number in range(10 * MOST_UNHEARD):
+                flood.send(json.dumps({"stop": {"id": number, "robots": []}}))
+            wait_until(lambda: len(waiting) >= 2 + MOST_UNHEARD, "it floods")
+            calm.send('{"stop": {"id": 5000, "robots": []}}')
+            wait_until(lambda: len(waiting) > 2 + MOST_UNHEARD, "the calm one is read")
+            assert len(waiting) == 3 + MOST_UNHEARD
+
+            def hear() -> bool:
+                while waiting:
+                    waiting.popleft()()
+                return len(served.said) > 10 * MOST_UNHEARD
+
+            wait_until(hear, "all that was said is heard in the end")
+        heard = [said.stop.id for said in served.said if said.stop is not None]
+        assert heard.index(5000) <= MOST_UNHEARD
+        heard.remove(5000)
+        assert heard == list(range(10 * MOST_UNHEARD))
 
 
 def test_a_line_that_nobody_reads_is_not_clear_and_can_be_closed(
