@@ -234,7 +234,10 @@ class Localizer:
         rivals.update(beams, self._estimator.pose, following.preferred(score))
         winner = rivals.winner()
         if winner is not None:
-            return self._follow_winner(winner, rivals.mean_lead, beams)
+            left = Place(self._estimator.pose.copy(), score)
+            taken = self._follow_winner(winner, rivals.mean_lead, beams)
+            taken.rivals.add([left], winner.votes.latest)  # It may have been right all the same.
+            return taken
         if not rivals.exist:
             if following.proof is not None:
                 following.proof.reopen()  # What fitted as well elsewhere has proven nothing.

@@ -141,6 +141,25 @@ def test_one_view_does_not_give_up_a_rival_that_was_ahead_before(view: View) -> 
     assert not rivals.exist
 
 
+def test_what_fits_better_for_a_while_lets_no_rival_of_hundreds_of_views_take_over(
+    view: View,
+) -> None:
+    """Two flats alike differ by what was moved in one of them."""
+    rivals = Rivals(view.field, view.matcher, CONFIG)
+    value = view.matcher.score(view.cells, view.beams()).value
+    rivals.add([view.place(view.cells, value)], value)
+    elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
+    for number in range(330):
+        step = Pose2D(0.4 if number % 2 else -0.4, 0.0, 0.0)
+        rivals.predict(step)
+        view.pose = view.pose @ step
+        beams = view.beams()
+        better = 0.05 if number >= 300 else 0.0
+        rivals.update(beams, elsewhere, view.matcher.score(view.cells, beams).value - better)
+        assert rivals.winner() is None
+    assert rivals.lead > 3.0 * RIVALS.take_over
+
+
 def test_a_place_that_the_next_search_overlooks_is_not_forgotten(view: View) -> None:
     searching = Searching(Hypotheses(view.field, view.matcher, CONFIG))
     elsewhere = view.field.to_cells(view.pose @ Pose2D(2.0, 0.0, 1.0))
@@ -184,8 +203,8 @@ def test_a_rival_takes_over_only_where_it_fits_better_than_what_says_nothing(vie
         drive(Pose2D(0.4 if number % 2 else -0.4, 0.0, 0.0), 0.005)
         assert rivals.winner() is None
     assert rivals.lead > RIVALS.take_over
-    for _ in range(4):
-        drive(STEP, 0.2)
+    for number in range(8):
+        drive(Pose2D(0.4 if number % 2 else -0.4, 0.0, 0.0), 0.2)
     assert rivals.winner() is not None
 
 
