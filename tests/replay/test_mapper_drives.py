@@ -18,7 +18,7 @@ def beginning(recording: Recording) -> Recording:
     return replace(recording, stamps=recording.stamps[:count])
 
 
-@pytest.mark.parametrize("names", [FREIBURG, FREIBURG_RAW])
+@pytest.mark.parametrize("names", [FREIBURG, pytest.param(FREIBURG_RAW, marks=pytest.mark.slow)])
 def test_relations_measured_by_hand_hold(recordings: Path, names: tuple[str, str, str]) -> None:
     result = follow(beginning(read_recording(recordings, *names)))
     metres, radians = relation_errors(recordings, result.drive.poses)

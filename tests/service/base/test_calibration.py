@@ -144,10 +144,8 @@ def check(scales: WheelScales, wheels: dict[str, float]) -> None:
     assert scales.wheel_ratio == pytest.approx(true.wheel_ratio, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [kind if kind == "all" else pytest.param(kind, marks=pytest.mark.slow) for kind in PLANTED],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", PLANTED)
 def test_squares_find_the_planted_errors_within_a_hundredth(tmp_path: Path, kind: str) -> None:
     room, course = Room(tmp_path, 7, PLANTED[kind]), squares_both_ways(SIDE_M, 1)
     drive = CalibrationDrive(course.places, 0.2)

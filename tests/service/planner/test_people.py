@@ -98,9 +98,10 @@ class Hall:
         hardware.simulation.remove_people()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("minutes", "goals"),
-    [(0.5, [EAST, WEST]), pytest.param(10.0, GOALS, marks=pytest.mark.slow)],
+    [(0.5, [EAST, WEST]), (10.0, GOALS)],
 )
 def test_nothing_is_left_of_people_who_are_gone(
     tmp_path: Path, minutes: float, goals: list[Pose2D]
