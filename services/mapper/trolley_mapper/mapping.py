@@ -210,7 +210,8 @@ class Mapping:
         if num == 0:
             raise Refused(codes.NOT_LOOSE)
         session.drop_loose()
-        return self.announce(f"{num} scans that hung loose have been removed.")
+        what = "1 scan that hung loose has" if num == 1 else f"{num} scans that hung loose have"
+        return self.announce(f"{what} been removed.")
 
     @answers(requests.MAP_CANCEL)
     def cancel(self, _: Nothing) -> MappingStatus:

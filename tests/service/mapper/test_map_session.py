@@ -319,4 +319,5 @@ def test_a_person_removes_what_hangs_loose(stage: Stage) -> None:
     scans, loose = stage.status.scans, stage.status.loose
     status = stage.ask(requests.MAP_DROP)
     assert (status.scans, status.loose) == (scans, 0)
-    assert f"{loose} scans that hung loose" in status.message
+    what = "1 scan that hung loose has" if loose == 1 else f"{loose} scans that hung loose have"
+    assert what in status.message
