@@ -19,7 +19,7 @@ from trolley_mapper.edit.map_versions import write_map
 from trolley_mapper.map_names import check_name_is_free, configured_name
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import ANSWER_NS, Mapping
-from trolley_mapper.slices import Slices, is_left
+from trolley_mapper.slices import do_aside
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
     from trolley_mapper.slam.finishing import FinishJob
@@ -143,20 +143,10 @@ class MapSaver:
         reply: Later[MappingStatus] = self._service.later()
         self._pending = _PendingReply(reply, self._service.monotonic_ns + ANSWER_NS)
         written = partial(self._written, session, name, job)
-        self._finish(job.slices(), partial(self._service.work, write, written))
+        work = self._service.work
+        do_aside(work, job.slices(), partial(work, write, written))
         self._mapping.publish_status()
         return reply
-
-    def _finish(self, slices: Slices[None], then: Callable[[], None]) -> None:
-        """Straighten and tidy the map aside, slice by slice."""
-
-        def slice_done(is_more: bool) -> None:
-            if is_more:
-                self._finish(slices, then)
-            else:
-                then()
-
-        self._service.work(partial(is_left, slices), slice_done)
 
     @every(0.1, clock="local", when=lambda handover: handover._pending is not None)
     def _answer_in_time(self) -> None:

@@ -20,7 +20,7 @@ from trolley_mapper.explore import sentences
 from trolley_mapper.inputs import RobotInputs
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.saved_places import SavedPlaces
-from trolley_mapper.slices import Slices, is_left
+from trolley_mapper.slices import do_aside
 from trolley_mapper.wire import odom_transform, pose_message
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
@@ -276,19 +276,15 @@ class Mapping:
             self._publish_map(session)
         job = None if session.core is None else session.core.take_job()
         if session.core is not None and job is not None:
-            self._work_on(job, job.slices(), session.core)
+            self._work_on(job, session.core)
 
-    def _work_on(self, job: "MapJob", slices: Slices[None], core: "Mapper") -> None:
-        """Do a job aside, slice by slice: other work has its turn in between."""
+    def _work_on(self, job: "MapJob", core: "Mapper") -> None:
+        """Do a job aside, as long as it is wanted."""
 
-        def slice_done(is_more: bool) -> None:
-            is_wanted = self.session is not None and self.session.core is core and core.wants(job)
-            if is_wanted and is_more:
-                self._work_on(job, slices, core)
-            elif is_wanted:
-                core.finish(job)
+        def is_wanted() -> bool:
+            return self.session is not None and self.session.core is core and core.wants(job)
 
-        self._service.work(partial(is_left, slices), slice_done)
+        do_aside(self._service.work, job.slices(), lambda: core.finish(job), is_wanted)
 
     # Each second.
 
