@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,14 +26,28 @@ PYTEST = [sys.executable, "-m", "pytest"]
 # Tests of whole processes wait most of the time, so three of them run side by side. A browser that
 # renders in software, and a robot that drives for it, take a core: there is one of those.
 CORES = os.cpu_count() or 1
-PARTS: dict[str, Sequence[str]] = {
-    "compute": (
-        *("--numprocesses", str(CORES + 1), "--dist", "worksteal"),
-        *("--ignore=tests/process", "--ignore=tests/browser"),
+COMPUTE = ("--ignore=tests/process", "--ignore=tests/browser")
+
+
+class Part(NamedTuple):
+    """Some of the tests."""
+
+    arguments: Sequence[str]
+    """Of pytest."""
+    before: Sequence[str] = ()
+    """What its command begins with."""
+    marks: str = ""
+    """Which tests whatever is asked for, if any."""
+
+
+PARTS = {
+    "compute": Part(
+        ("--numprocesses", str(CORES + 1), "--dist", "worksteal", *COMPUTE), ("nice", "-n", "5")
     ),
-    "process": ("--numprocesses", "3", "--dist", "worksteal", "tests/process"),
-    "browser": ("tests/browser",),
-    "new": ("--ignore=tests/process", "--ignore=tests/browser"),
+    "process": Part(("--numprocesses", "3", "--dist", "worksteal", "tests/process")),
+    "browser": Part(("tests/browser",)),
+    # Properties that are not slow, on cases that nobody has seen.
+    "new": Part(COMPUTE, ("env", "TROLLEY_NEW_CASES=1"), "hypothesis and not slow"),
 }
 BESIDE = {
     "not slow": (("browser",), ("lint", "process")),
@@ -59,14 +73,12 @@ def lint(output: IO[str] | None) -> list[str]:
     ]
 
 
-def tests(part: str, marks: str, output: IO[str] | None) -> list[str]:
+def tests(name: str, marks: str, output: IO[str] | None) -> list[str]:
     """Run the tests of a part; return those that failed."""
-    report = REPORTS / f"{part}.xml"
+    part, report = PARTS[name], REPORTS / f"{name}.xml"
     report.unlink(missing_ok=True)
-    before = ["nice", "-n", "5"] if part == "compute" else []
-    if part == "new":  # properties that are not slow, on cases that nobody has seen
-        marks, before = "hypothesis and not slow", ["env", "TROLLEY_NEW_CASES=1"]
-    code = run([*before, *PYTEST, "-m", marks, f"--junitxml={report}", *PARTS[part]], output)
+    choice = ("-m", part.marks or marks, f"--junitxml={report}")
+    code = run([*part.before, *PYTEST, *choice, *part.arguments], output)
     found = list(failures(report)) if report.exists() else []
     if code not in (0, 1, NO_TESTS) or (code == 1 and not found):
         found.append(f"pytest ended with exit code {code}; see above")
