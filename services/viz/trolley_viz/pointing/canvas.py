@@ -84,12 +84,7 @@ class Canvas:
             if met is not None:
                 strokes.tapped(met, REACH_SHARE * math.dist(np.asarray(ray[0]), (*met, 0.0)))
 
-        async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
-            ray = event.ray_origin, event.ray_direction
-            self._drags.on_click(event, lambda: tapped(ray))
-
-        self._drags.lay_floor(self, tapped)
-        floor.on_click(click)
+        self._drags.lay_floor(self, floor, tapped)
         dragged = strokes.dragged
         if dragged is None:
             return

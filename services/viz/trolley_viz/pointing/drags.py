@@ -103,10 +103,17 @@ class Drags:
         at = event.screen_pos
         self._post(lambda: self._ended(at, act, lambda: None))
 
-    def lay_floor(self, owner: object, tapped: Tapped) -> None:
-        """Take the taps on the floor for somebody, until `lift_floor`."""
+    def lay_floor(self, owner: object, floor: viser.MeshHandle, tapped: Tapped) -> None:
+        """Take the taps on a floor for somebody, until `lift_floor`."""
+
+        # async, so that clicks come in the order of drags; see viser's note on `on_drag`.
+        async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
+            ray = event.ray_origin, event.ray_direction
+            self.on_click(event, lambda: tapped(ray))
+
         self.lift_floor(owner)
         self._floors[owner] = tapped
+        floor.on_click(click)
 
     def lift_floor(self, owner: object) -> None:
         """Leave the taps on the floor to who took them before."""

@@ -92,13 +92,8 @@ class Pointer:
             if met is not None:
                 self._dragged(tool, Pointed(*met), "end")
 
-        async def click(event: viser.SceneNodePointerEvent[Any]) -> None:
-            ray = event.ray_origin, event.ray_direction
-            self._drags.on_click(event, lambda: tapped(ray))
-
-        self._drags.lay_floor(self, tapped)
+        self._drags.lay_floor(self, plane, tapped)
         plane.on_drag("left")(drag)
-        plane.on_click(click)
 
     def disarm(self) -> None:
         """Put the tool away."""
