@@ -54,10 +54,10 @@ slow: setup ## The tests that take longer: whole drives, more seeds, most of the
 arm64: setup ## Try the last commit on 64-bit ARM, emulated; as root, takes an hour or two.
 	@$(BIN)/python -m bench.arm64 $(ARGS)
 
-lint: setup ## ruff, its formatter and pyright, changing nothing.
+lint: setup ## ruff, its formatter and pyrefly, changing nothing.
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@$(BIN)/pyright
+	@$(BIN)/pyrefly check
 
 format: setup ## Let ruff mend and format the code.
 	@$(BIN)/ruff check --fix .

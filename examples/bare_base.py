@@ -12,7 +12,6 @@ docs/own-base.md asks for.
 """
 
 # Zenoh's stubs leave most of its results without a type.
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
 import itertools
 import math
@@ -166,7 +165,7 @@ class Base:
             wire.serve(name)
         wire.serve("@do/base/stop", lambda: self._switch(is_stopped=True), "base")
         wire.serve("@do/base/resume", lambda: self._switch(is_stopped=False), "base")
-        wire.hear("cmd_vel/*", lambda *command: self._arrived.put((*command, self._time())))
+        wire.hear("cmd_vel/*", lambda *command: self._arrived.put((*command, self._time())))  # pyrefly: ignore[bad-argument-type]
         self._tell_time()
         wire.put(
             "robot",

@@ -331,7 +331,7 @@ class OwnBase(Service):
         sentence = codes.SENTENCES[reason] if reason else ""
         return BaseState(
             stamp_ns=self.stamp_ns,
-            mode=mode,  # pyright: ignore[reportArgumentType]
+            mode=mode,  # pyrefly: ignore[bad-argument-type]
             source=source,
             reason=reason,
             message=STOPPED if mode == "stopped" else sentence,

@@ -82,7 +82,7 @@ class StraightPlanner(Service):
         self._goal = GoalStatus(
             stamp_ns=self.stamp_ns,
             id=goal,
-            state=state,  # pyright: ignore[reportArgumentType]
+            state=state,  # pyrefly: ignore[bad-argument-type]
             pose=pose,
             reason=why,
         )

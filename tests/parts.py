@@ -59,11 +59,11 @@ NO_TESTS = 5
 
 
 def lint(output: IO[str] | None) -> list[str]:
-    """Run ruff, its formatter and pyright; return what they complained of."""
+    """Run ruff, its formatter and pyrefly; return what they complained of."""
     tools = {
         "ruff check .": ["ruff", "check", "."],
         "ruff format --check .": ["ruff", "format", "--check", "."],
-        "pyright": ["pyright"],
+        "pyrefly check": ["pyrefly", "check"],
     }
     folder = Path(sys.executable).parent
     return [

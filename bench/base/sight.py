@@ -65,7 +65,7 @@ def measure(view_deg: float, seconds: float) -> str:
             profile.runcall(_drive, lockstep, base, seconds)
             # The profile itself costs more than half of what it measures.
             share = whole_s / ((time.process_time() - started_s) / seconds)
-    stats = pstats.Stats(profile).stats  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType, reportUnknownVariableType]
+    stats = pstats.Stats(profile).stats  # pyrefly: ignore[missing-attribute]
     found = {
         name: share
         / seconds

@@ -118,7 +118,7 @@ def _on_bad_disk(
     )
     for request, thing in things:
         try:
-            rig.ask(request, thing)  # pyright: ignore[reportArgumentType]
+            rig.ask(request, thing)
             saving.wrong.append(f"{request.name} was answered as if it were saved")
         except Refused as refused:
             if refused.code != codes.NOT_SAVED:

@@ -12,7 +12,7 @@ import numpy as np
 from bench.faults.cases import BACK_WITHIN_S, COMMAND_LOST_S, GRAIN_S, Outcome
 from bench.faults.payloads import HUGE_BYTES, Target, broken, targets, valid
 from bench.faults.robot import ROBOT, STANDS_MPS, Missing, Rig, describe
-from bench.faults.saved import lost
+from bench.faults.saved import Saved, lost
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -307,7 +307,7 @@ def _code(reply: Reply) -> str:
 
 
 def _see_that_nothing_happened(
-    rig: Rig, before: object, restarts: dict[str, int], began_s: float, outcome: Outcome
+    rig: Rig, before: Saved, restarts: dict[str, int], began_s: float, outcome: Outcome
 ) -> None:
     time.sleep(2.0)
     fastest = rig.fastest_between(began_s, time.monotonic())
@@ -316,7 +316,7 @@ def _see_that_nothing_happened(
     outcome.stood_s = 0.0
     if rig.restarts != restarts:
         outcome.wrong.append(f"services ended: {rig.restarts}, before {restarts}")
-    outcome.lost = lost(before, rig.saved())  # pyright: ignore[reportArgumentType]
+    outcome.lost = lost(before, rig.saved())
     resumed_s = time.monotonic()
     _drive_again(rig)
     outcome.back_s = time.monotonic() - resumed_s

@@ -65,15 +65,16 @@ class Proxy:
         while True:
             try:
                 near, _ = self._listener.accept()
-                if self._refuses:
-                    near.close()
-                    continue
+            except OSError:
+                return  # closed
+            if self._refuses:
+                near.close()
+                continue
+            try:
                 far = socket.create_connection(("127.0.0.1", self._target))
             except ConnectionRefusedError:
                 near.close()
                 continue
-            except OSError:
-                return  # closed
             for link in (near, far):
                 link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._links += [near, far]

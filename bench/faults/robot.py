@@ -306,7 +306,7 @@ class Rig:
     # Asking.
     def ask(self, request: Request[Any, R], params: object = None) -> R:
         """Ask the robot."""
-        given = Nothing() if params is None else params
+        given: Any = Nothing() if params is None else params
         return self.connection.ask(ROBOT, request, given)
 
     def ask_patiently(self, request: Request[Any, R], params: object = None) -> R:

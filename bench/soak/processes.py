@@ -103,7 +103,7 @@ def soak_processes(minutes: float, seed: int, out: Path) -> dict[str, Any]:
                 memory.append(_read_memory(rig, ages, time.monotonic() - began_s))
                 with out.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(memory[-1]) + "\n")
-        result = {
+        result: dict[str, object] = {
             "minutes": round((time.monotonic() - began_s) / 60.0, 1),
             "kills": dict(kills),
             "reached": watcher.reached,

@@ -54,7 +54,7 @@ def _iterated(
         try:
             items = method(apart, *args, **kwargs)
             while (item := await self.run(apart, lambda: next(items, _END))) is not _END:
-                yield item  # pyright: ignore[reportReturnType]  # it is not the end
+                yield item  # pyrefly: ignore[invalid-yield]  # it is not the end
         finally:
             apart.close()
 

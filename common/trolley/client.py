@@ -150,13 +150,14 @@ class Robot:
             undo.pop_all()  # from now on `close` ends the connection
         self._talk_over(connection, found)
         # Also where nobody calls `close`, as in a notebook: an open session hangs Python's end.
+        self._end: weakref.finalize[Any, Any] | None
         self._end = weakref.finalize(self, connection.__exit__, None, None, None)
 
     @classmethod
     def over(cls, connection: Connection, name: str) -> "Robot":
         """A robot over a connection that somebody else opens and closes."""
         robot = cls.__new__(cls)
-        robot._talk_over(connection, name)
+        robot._talk_over(connection, name)  # noqa: SLF001
         return robot
 
     @classmethod
@@ -178,7 +179,7 @@ class Robot:
     def _talk_over(self, connection: Connection, name: str) -> None:
         self.name = name
         self._connection = connection
-        self._end: weakref.finalize[Any, Any] | None = None
+        self._end = None
         self._hand = _Hand(connection, name)
         self._listen_apart()
 
@@ -190,8 +191,8 @@ class Robot:
     def apart(self) -> "Robot":
         """The same robot over the same connection; closing it only ends what was begun with it."""
         apart = copy.copy(self)
-        apart._end = None
-        apart._listen_apart()
+        apart._end = None  # noqa: SLF001
+        apart._listen_apart()  # noqa: SLF001
         self._begin(apart)
         return apart
 

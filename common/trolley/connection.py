@@ -238,7 +238,7 @@ class Connection:
                     "look but not command.",
                     service=request.owner,
                 )
-        result: Any = outcome(request, replies, timed_out)  # pyright: ignore[reportArgumentType]
+        result: Any = outcome(request, replies, timed_out)
         if isinstance(result, Refused):
             raise result
         return result

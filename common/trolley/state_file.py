@@ -196,6 +196,6 @@ def _without_none(item: Any) -> Any:
     if isinstance(item, dict):
         entries = cast("dict[str, Any]", item)
         return {name: _without_none(value) for name, value in entries.items() if value is not None}
-    if isinstance(item, list | tuple):
+    if isinstance(item, list | tuple):  # pyrefly: ignore[implicit-any-type-argument]
         return [_without_none(value) for value in cast("list[Any]", item)]
     return item

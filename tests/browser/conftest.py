@@ -98,7 +98,7 @@ class Shown:
         self._first = self._first or stored
         for request, names in stored.items():
             for name in names - self._first[request]:
-                robot.ask(DELETES[request], Named(name=name))
+                robot.ask(DELETES[request], Named(name=name))  # pyrefly: ignore[bad-argument-type]
         with contextlib.suppress(Refused):  # none is under way
             robot.ask(requests.TOUR_STOP)
         robot.resume()

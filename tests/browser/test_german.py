@@ -75,7 +75,7 @@ def names_of(shown: "Shown") -> set[str]:
     zones, robot = shown.robot.latest(topics.ZONES), shown.robot.latest(topics.ROBOT)
     names = {"trolley", "English"}
     for saved in (poses and poses.poses, tours and tours.tours, zones and zones.zones):
-        names |= {one.name for one in saved or ()}
+        names |= {one.name for one in saved or ()}  # pyrefly: ignore[not-iterable]
     return names | ({robot.name, robot.title} if robot is not None else set())
 
 

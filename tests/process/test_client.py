@@ -20,7 +20,7 @@ from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 
 def script(*steps: tuple[str, str]) -> tuple[GoalStatus, ...]:
     return tuple(
-        GoalStatus(stamp_ns=0, id=None, state=state, reason=reason)  # pyright: ignore[reportArgumentType]
+        GoalStatus(stamp_ns=0, id=None, state=state, reason=reason)  # pyrefly: ignore[bad-argument-type]
         for state, reason in steps
     )
 
@@ -140,7 +140,7 @@ def test_a_goal_is_followed_until_it_has_arrived(
 ) -> None:
     scripted = add_robot("one")
     with Robot(connect=endpoint) as robot:
-        assert robot.go_to(place, timeout=PATIENCE_S).state == "arrived"  # pyright: ignore[reportArgumentType]
+        assert robot.go_to(place, timeout=PATIENCE_S).state == "arrived"  # pyrefly: ignore[bad-argument-type]
     goal = scripted.sent[0]
     assert goal.name == ("kitchen" if place == "kitchen" else None)
     assert (goal.yaw_tolerance > 3.14) == (isinstance(place, list))
@@ -217,7 +217,7 @@ def test_subscribe_gives_messages_and_a_time_out(add_robot: Callable, endpoint: 
     add_robot("one")
     with Robot(connect=endpoint) as robot:
         with robot.subscribe(topics.ODOM) as odometry:
-            stamps = [odometry.next(PATIENCE_S).message.stamp_ns for _ in range(3)]  # pyright: ignore[reportOptionalMemberAccess]
+            stamps = [odometry.next(PATIENCE_S).message.stamp_ns for _ in range(3)]  # pyrefly: ignore[missing-attribute]
         assert stamps == sorted(stamps)
         with robot.subscribe(topics.SCAN) as scans:
             assert scans.next(0.2) is None

@@ -126,7 +126,7 @@ def test_what_could_be_no_place_is_never_sent(add_robot: Callable, endpoint: str
     with Robot(connect=endpoint) as robot:
         for place in (Pose2D(nan, 0.0, 0.0), (nan, 0.0), (1.0, math.inf, 0.0), (1.0,), 5):
             with pytest.raises(ValueError, match=r"needs finite numbers|two or three numbers"):
-                robot.go_to(place)  # pyright: ignore[reportArgumentType]
+                robot.go_to(place)  # pyrefly: ignore[bad-argument-type]
         with pytest.raises(ValueError, match="finite"):
             robot.set_pose((0.0, 0.0, nan))
         with pytest.raises(ValueError, match="finite"):

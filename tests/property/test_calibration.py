@@ -29,7 +29,7 @@ def square_steps(direction: str, side_m: float) -> np.ndarray:
     """Small arcs of a square that closes by odometry, (n, 3)."""
     rows: list[tuple[float, float, float]] = []
     at = Pose2D.identity()
-    for place in square(side_m, direction):  # pyright: ignore[reportArgumentType]
+    for place in square(side_m, direction):  # pyrefly: ignore[bad-argument-type]
         step = at.inverse() @ place.pose
         rows += [(step.x / 40, 0.0, step.yaw / 40)] * 40
         at = place.pose

@@ -185,7 +185,7 @@ class Flatland:
             map=self.grid.name,
             pose=self.map_T_base,
             covariance=[0.0] * 9,
-            state=state,  # pyright: ignore[reportArgumentType]
+            state=state,  # pyrefly: ignore[bad-argument-type]
             match=1.0,
             spread=0.0,
             off_map=off_map,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,9 +83,9 @@ class FlatRobot(Service):
         self.publish(topics.ZONES, self.world.zone_list())
         self.publish(topics.TF, self.world.correction(self.monotonic_ns), "odom")
 
-    def say(self, **state: object) -> None:
+    def say(self, **state: Any) -> None:
         """Publish a state of the base."""
-        self.publish(topics.BASE, BaseState(stamp_ns=self.monotonic_ns, **state))  # pyright: ignore[reportArgumentType]
+        self.publish(topics.BASE, BaseState(stamp_ns=self.monotonic_ns, **state))
 
     def charge(self) -> None:
         """Stand at the charger."""

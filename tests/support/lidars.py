@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable
+from typing import Any
 
 from bench.base.lidars.catalogue import RECORDS
 from bench.base.lidars.record import chunks
@@ -146,11 +147,11 @@ def stream(title: str, seconds: float, chunk_s: float = 0.02) -> list[tuple[floa
     return chunks(record.stream(), record.baud, seconds, chunk_s)
 
 
-def started(title: str, **settings: object) -> Session:
+def started(title: str, **settings: Any) -> Session:
     """A session with an honest device that has been started and is about to stream."""
     record = RECORDS[title]
     settings.setdefault("mode", record.mode)
     device = Asked(title) if record.begins else Silent()
-    session = Session(LidarConfig(model=record.model, **settings), device)  # pyright: ignore[reportArgumentType]
+    session = Session(LidarConfig(model=record.model, **settings), device)
     session.wait_for_stream()
     return session

@@ -209,7 +209,7 @@ class Metal:
         assert zero is not None
 
         def after() -> list[Twist2D]:
-            return [one.twist for one in self.emulated.commands() if one.at_ns > zero.at_ns]
+            return [one.twist for one in self.emulated.commands() if one.at_ns > zero.at_ns]  # pyrefly: ignore[missing-attribute]
 
         wait_until(lambda: len(after()) >= NUM_AFTER, "commands after the zero")
         if self.hand.is_driving:

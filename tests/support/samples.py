@@ -54,7 +54,7 @@ def make_places(stamp_ns: int, *names: str) -> SavedPoses:
 
 def make_goal(stamp_ns: int, goal_id: str | None = None, state: str = "idle") -> GoalStatus:
     """The status of a goal."""
-    return GoalStatus(stamp_ns=stamp_ns, id=goal_id, state=state)  # pyright: ignore[reportArgumentType]
+    return GoalStatus(stamp_ns=stamp_ns, id=goal_id, state=state)  # pyrefly: ignore[bad-argument-type]
 
 
 def make_estimate(stamp_ns: int, state: str = "localized") -> PoseEstimate:
@@ -64,7 +64,7 @@ def make_estimate(stamp_ns: int, state: str = "localized") -> PoseEstimate:
         map="home",
         pose=Pose2D.identity(),
         covariance=[0.0] * 9,
-        state=state,  # pyright: ignore[reportArgumentType]
+        state=state,  # pyrefly: ignore[bad-argument-type]
         match=1.0,
         spread=0.0,
     )

@@ -55,7 +55,7 @@ class Keeper(Service):
         return BaseState(stamp_ns=0, mode="stopped")
 
     @gets(topics.SAVED_POSE)
-    def get(self, _parameters: dict[str, str]) -> dict[tuple[str, ...], SavedPose]:
+    def get(self, _parameters: dict[str, str]) -> dict[tuple[str, ...], SavedPose]:  # pyrefly: ignore[bad-override]
         return {(name,): pose for name, pose in self._poses.items()}
 
     def _publish(self) -> None:

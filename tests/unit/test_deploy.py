@@ -194,7 +194,7 @@ def test_what_is_installed_is_pinned_and_no_tool_of_developers() -> None:
     entries = re.split(r"\n(?! )", printed.strip())
     names = {entry.partition("==")[0] for entry in entries}
     assert {"eclipse-zenoh", "msgspec", "numba", "viser", "pyserial", "hatchling"} <= names
-    assert not {"pytest", "ruff", "pyright", "playwright", "hypothesis", "uv"} & names
+    assert not {"pytest", "ruff", "pyrefly", "playwright", "hypothesis", "uv"} & names
     for entry in entries:
         assert "--hash=sha256:" in entry
         assert entry in lock
@@ -216,7 +216,7 @@ def test_a_bill_of_materials_tells_what_a_robot_needs_from_developers_tools() ->
     found = bill.needed(site, project["project"]["dependencies"])
     libraries = {"eclipse-zenoh", "numba", "llvmlite", "viser", "foxglove-sdk"}
     assert found >= {"trolley-robot-base", *libraries}
-    assert not found & {"pytest", "hypothesis", "ruff", "pyright", "uv", "playwright"}
+    assert not found & {"pytest", "hypothesis", "ruff", "pyrefly", "uv", "playwright"}
     components = [{"name": "Eclipse_Zenoh"}, {"name": "pytest"}]
     marked = bill.with_scopes({"components": components}, found)["components"]
     assert [one["scope"] for one in marked] == ["required", "excluded"]

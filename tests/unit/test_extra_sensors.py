@@ -1,6 +1,7 @@
 """Extra sensors: whose echoes count, where they stay, and how they go."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +16,9 @@ SECOND = 10**9
 MOUNT = PoseConfig(x=0.2, y=0.0, yaw=0.0)
 
 
-def scan(stamp_s: float, ranges: list[float] | np.ndarray, **changes: float) -> Scan:
+def scan(stamp_s: float, ranges: list[float] | np.ndarray, **changes: Any) -> Scan:
     """Nine beams over 80 degrees, looking ahead."""
-    shape = {
+    shape: dict[str, Any] = {
         "angle_min": -math.radians(40.0),
         "angle_increment": math.radians(10.0),
         "time_increment": 0.0,
@@ -28,7 +29,7 @@ def scan(stamp_s: float, ranges: list[float] | np.ndarray, **changes: float) -> 
         stamp_ns=round(stamp_s * SECOND),
         frame="front",
         ranges=floats_to_bytes(np.asarray(ranges, np.float32)),
-        **(shape | changes),  # pyright: ignore[reportArgumentType]
+        **(shape | changes),
     )
 
 

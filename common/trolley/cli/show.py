@@ -47,7 +47,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         items = cast("dict[Any, Any]", value)
         return {str(key): _plain(item) for key, item in items.items()}
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple):  # pyrefly: ignore[implicit-any-type-argument]
         return [_plain(item) for item in cast("Sequence[Any]", value)]
     return value
 

@@ -132,7 +132,7 @@ def _with_value(text: str, keys: tuple[str, ...], value: Any) -> str:
     table = _table(document, keys[:-1])
     if value is None:
         del table[keys[-1]]
-        return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
+        return tomlkit.dumps(document)
     if keys[-1] in table and table[keys[-1]] == value:
         return text
     if keys[-1] not in table:
@@ -141,7 +141,7 @@ def _with_value(text: str, keys: tuple[str, ...], value: Any) -> str:
         if changed is not None:
             return changed
     table[keys[-1]] = _on_one_line(value)
-    return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
+    return tomlkit.dumps(document)
 
 
 def _with_table(text: str, table: str) -> str:

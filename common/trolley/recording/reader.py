@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any, cast
 
-import lz4.frame  # pyright: ignore[reportMissingTypeStubs]
+import lz4.frame
 import zstandard
 from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import SeekingReader

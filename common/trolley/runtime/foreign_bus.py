@@ -5,7 +5,6 @@ who come later, and word of whether anybody listens.
 """
 
 # Zenoh's stubs leave most of its results without a type.
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
 import dataclasses
 from collections.abc import Callable, Generator, Sequence

@@ -321,7 +321,7 @@ class Lockstep:
         result = outcome(request, replies, timed_out=False)
         if isinstance(result, Refused):
             raise result
-        return result  # pyright: ignore[reportReturnType]  # outcome decoded it as request.reply
+        return result  # outcome decoded it as request.reply
 
     def counters(self, name: str) -> dict[str, int]:
         """The counters of a service."""

@@ -100,7 +100,7 @@ def set_up_logging() -> None:
     handler: logging.Handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_TerminalFormatter(colour=sys.stderr.isatty()))
     if "JOURNAL_STREAM" in os.environ and importlib.util.find_spec("cysystemd"):
-        from cysystemd.journal import JournaldLogHandler  # pyright: ignore[reportMissingTypeStubs]
+        from cysystemd.journal import JournaldLogHandler
 
         handler = JournaldLogHandler()
         handler.addFilter(_JournalFields())

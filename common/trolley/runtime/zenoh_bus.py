@@ -4,7 +4,6 @@ Callbacks only store, and a session is always closed: else it hangs at exit.
 """
 
 # Zenoh's stubs leave most of its results without a type.
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
 import ctypes
 import os

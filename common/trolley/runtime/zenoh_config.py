@@ -5,7 +5,6 @@ by themselves within half a second, and nothing is found by multicast.
 """
 
 # Zenoh's stubs leave most of its results without a type.
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 
 import json
 from collections.abc import Mapping, Sequence

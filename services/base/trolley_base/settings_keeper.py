@@ -257,7 +257,7 @@ class SettingsKeeper:
             ChangedSetting(
                 section=name.section,
                 key=name.key,
-                value=min(one.value, value_of(self._started, name))  # pyright: ignore[reportArgumentType]  # limits are numbers
+                value=min(one.value, value_of(self._started, name))  # limits are numbers
                 if name.section == LIMITS
                 else one.value,
                 saved=self._is_saved(name),

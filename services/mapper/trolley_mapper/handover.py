@@ -148,7 +148,7 @@ class MapSaver:
         self._mapping.publish_status()
         return reply
 
-    @every(0.1, clock="local", when=lambda handover: handover._pending is not None)
+    @every(0.1, clock="local", when=lambda handover: handover._pending is not None)  # noqa: SLF001
     def _answer_in_time(self) -> None:
         """Answer who has waited long enough for a save."""
         if self._pending is not None and self._service.monotonic_ns > self._pending.until_ns:

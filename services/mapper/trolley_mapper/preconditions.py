@@ -150,7 +150,7 @@ class MapStarter:
         self._try_to_begin()
         return pending.reply
 
-    @every(0.1, clock="local", when=lambda start: start._pending is not None)
+    @every(0.1, clock="local", when=lambda start: start._pending is not None)  # noqa: SLF001
     def _try_to_begin(self) -> None:
         """Begin once everything that is needed has come."""
         pending, inputs = self._pending, self._mapping.inputs

@@ -24,6 +24,16 @@ def warm_up() -> None:
 
     The first run on a machine compiles for some seconds; afterwards numba's cache serves.
     """
+    _run()
+    warmup.warm_up()
+    # What was loaded stays for good: it took the collector 50 to 80 ms to look through it, in the
+    # middle of whatever was being done.
+    gc.collect()
+    gc.freeze()
+
+
+def _run() -> None:
+    """Map a little, and extend a map."""
     mapper = Mapper(MapperConfig())
     scans = [_scan(number, 0.35 * number) for number in range(4)]
     # Of messages, which cannot be written to.
@@ -46,12 +56,6 @@ def warm_up() -> None:
         if job is not None:
             whole(job.slices())
             extended.finish(job)
-    warmup.warm_up()
-    # What was loaded stays for good: it took the collector 50 to 80 ms to look through it, in the
-    # middle of whatever was being done.
-    del mapper, extended, job
-    gc.collect()
-    gc.freeze()
 
 
 def _scan(number: int, x: float) -> ScanInput:

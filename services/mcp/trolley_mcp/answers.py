@@ -74,9 +74,9 @@ def _clean_all(value: Any) -> Any:
         case str():
             return clean(value)
         case dict():
-            return {clean(str(key)): _clean_all(one) for key, one in value.items()}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+            return {clean(str(key)): _clean_all(one) for key, one in value.items()}
         case list() | tuple():
-            return [_clean_all(one) for one in value]  # pyright: ignore[reportUnknownVariableType]
+            return [_clean_all(one) for one in value]
         case float():
             return round(value, 3)
         case _:

@@ -201,7 +201,7 @@ async def _where_is(call: Call, params: WhereParams) -> Answer:
         return Answer(f"{text}.", data)
     if pose is None or pose.pose is None or not is_known:
         raise Refused(codes.LOST if is_known else codes.STALE)
-    near = min(places, key=lambda one: one.pose.distance_to(pose.pose), default=None)  # pyright: ignore[reportArgumentType]
+    near = min(places, key=lambda one: one.pose.distance_to(pose.pose), default=None)
     room = room_of(pose, zones)
     text = f"The robot is at {pose_text(pose.pose)} on {pose.map} ({pose.state})"
     text += f", in {room}" if room else ""

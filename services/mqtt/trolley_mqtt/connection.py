@@ -148,7 +148,7 @@ class BrokerConnection:
         if broker.username:
             client.username_pw_set(broker.username, broker.password)
         if broker.tls is not None:
-            client.tls_set_context(broker.tls)  # pyright: ignore[reportUnknownMemberType]
+            client.tls_set_context(broker.tls)
         topic, last_word = broker.will
         client.will_set(topic, last_word, qos=1, retain=True)
         client.on_connect = self._on_connect

@@ -124,7 +124,7 @@ class MqttService(Service):
             webhook.close()
 
     def _say_health(self) -> None:
-        problems = [*filter(None, [self._broker_problem, *self._webhook_problems])]
+        problems = [one for one in (self._broker_problem, *self._webhook_problems) if one]
         self.set_health("degraded" if problems else "ok", " ".join(problems))
 
     def _hear(self, index: int, report: Report) -> None:

@@ -162,7 +162,7 @@ def _record(file: IO[bytes]) -> tuple[Header, bytes] | None:
     if not file.read(1):
         return None
     file.seek(start)
-    header = Header.read(file)  # pyright: ignore[reportArgumentType]
+    header = Header.read(file)  # pyrefly: ignore[bad-argument-type]
     (size,) = struct.unpack("<L", file.read(4))
     if size > MAX_RECORD_BYTES:
         raise EOFError

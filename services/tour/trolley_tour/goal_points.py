@@ -165,7 +165,7 @@ def _pose(element: ast.expr, title: str) -> Pose2D:
 
 
 def _sequence(value: object, lengths: tuple[int, ...], title: str) -> list[Any]:
-    items = cast("list[Any]", list(value)) if isinstance(value, list | tuple) else []  # pyright: ignore[reportUnknownArgumentType]
+    items = cast("list[Any]", list(value)) if isinstance(value, list | tuple) else []  # pyrefly: ignore[implicit-any-type-argument]
     if len(items) not in lengths:
         raise GoalPointsError(f"{title}: a goal is written [(x, y, z), (x, y, z, w)].")
     return items

@@ -71,7 +71,7 @@ def test_a_stop_is_answered_when_no_crash_can_undo_it(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
-    monkeypatch.setattr(rig.base, "work", lambda fn, then: jobs.append((fn, then)))  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
+    monkeypatch.setattr(rig.base, "work", lambda fn, then: jobs.append((fn, then)))
     rig.drive(0.5, 0.3)
     jobs.clear()
     replies = ask_to_stop(rig)
@@ -105,7 +105,7 @@ def test_a_stop_does_not_queue_behind_the_saves_of_a_flood(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
-    monkeypatch.setattr(rig.base, "work", lambda fn, then: jobs.append((fn, then)))  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
+    monkeypatch.setattr(rig.base, "work", lambda fn, then: jobs.append((fn, then)))
     rig.drive(0.5, 0.3)
     jobs.clear()
     published = len(rig.states)
@@ -130,7 +130,7 @@ def test_a_stop_does_not_queue_behind_the_saves_of_a_flood(
 def test_a_stop_is_answered_though_the_disk_hangs(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rig.base, "work", lambda fn, then: None)  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
+    monkeypatch.setattr(rig.base, "work", lambda fn, then: None)
     replies = ask_to_stop(rig)
     rig.run(0.8)
     assert replies == []

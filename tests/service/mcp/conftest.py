@@ -98,7 +98,7 @@ class ScriptedRobot(Service):
         mount = Transform(stamp_ns=0, parent="base_link", child="laser", pose=Pose2D(0.1, 0.0, 0.0))
         self.publish(topics.TF, mount, "laser")
 
-    def save(self, places: list[SavedPose]) -> None:
+    def save(self, places: list[SavedPose]) -> None:  # pyrefly: ignore[bad-override]
         self.publish(topics.POSES, SavedPoses(stamp_ns=0, poses=places))
 
     @every(0.1, clock="local")

@@ -284,7 +284,7 @@ def test_a_robot_that_may_still_move_is_not_called_stopped(converse: Converse) -
         halted = BaseState(
             stamp_ns=0, mode="fault", reason=codes.DOES_NOT_OBEY, not_stopped=True, message="No!"
         )
-        talk.robot.halt = lambda params: halted  # pyright: ignore[reportAttributeAccessIssue]
+        talk.robot.halt = lambda params: halted
         talk.lockstep.kill("base")
         talk.lockstep.add(talk.robot)
         result = await talk.call("stop")

@@ -67,7 +67,7 @@ class ScriptedRobot(Service):
         self.publish(topics.GOAL, structs.replace(self.goal, stamp_ns=stamp_ns))
         self.publish(topics.TOUR, structs.replace(self.trip, stamp_ns=stamp_ns))
 
-    def save(self, places: Sequence[str], tours: Sequence[str] = ()) -> None:
+    def save(self, places: Sequence[str], tours: Sequence[str] = ()) -> None:  # pyrefly: ignore[bad-override]
         poses = [
             SavedPose(name=name, map="home", pose=Pose2D(5.0 * index, 2.0, 0.0))
             for index, name in enumerate(places)

@@ -45,7 +45,7 @@ def test_each_end_is_told_once_with_its_reason(bridge: "Bridge") -> None:
 
 def test_a_tour_that_waits_for_somebody_or_is_done_is_told(bridge: "Bridge") -> None:
     for state in ("driving", "waiting", "driving", "done"):
-        bridge.robot.trip = TourStatus(stamp_ns=0, name="evening", trip="t", state=state)  # pyright: ignore[reportArgumentType]
+        bridge.robot.trip = TourStatus(stamp_ns=0, name="evening", trip="t", state=state)
         bridge.run(1.5)
     assert kinds(bridge) == ["waiting", "tour_done"]
     assert {one["tour"] for one in events(bridge)} == {"evening"}
@@ -79,7 +79,7 @@ def test_home_assistant_learns_which_events_there_are(bridge: "Bridge") -> None:
 
 def recovering(bridge: "Bridge", goal: str, reason: str, *, again: bool = False) -> None:
     for state in ("driving", "recovering"):
-        bridge.robot.goal = GoalStatus(stamp_ns=0, id=goal, state=state, reason=reason)  # pyright: ignore[reportArgumentType]
+        bridge.robot.goal = GoalStatus(stamp_ns=0, id=goal, state=state, reason=reason)
         bridge.run(8.0 if state == "recovering" else 2.0)
 
 
@@ -95,7 +95,7 @@ def test_a_robot_that_gets_no_further_is_told_of_once_for_each_goal(bridge: "Bri
 def test_neither_a_moment_nor_waiting_for_another_robot_is_being_stuck(bridge: "Bridge") -> None:
     recovering(bridge, "a", codes.WAITING)
     for state in ("recovering", "driving") * 4:
-        bridge.robot.goal = GoalStatus(stamp_ns=0, id="b", state=state, reason=codes.BLOCKED)  # pyright: ignore[reportArgumentType]
+        bridge.robot.goal = GoalStatus(stamp_ns=0, id="b", state=state, reason=codes.BLOCKED)
         bridge.run(3.0)
     assert events(bridge) == []
 

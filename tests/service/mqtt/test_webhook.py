@@ -28,7 +28,7 @@ def server() -> Iterator[WebServer]:
 def drive(bridge: "Bridge", goal: str, end: str = "arrived", reason: str = "") -> None:
     bridge.robot.goal = GoalStatus(stamp_ns=0, id=goal, state="driving")
     bridge.run(1.5)
-    bridge.robot.goal = GoalStatus(stamp_ns=0, id=goal, state=end, reason=reason)  # pyright: ignore[reportArgumentType]
+    bridge.robot.goal = GoalStatus(stamp_ns=0, id=goal, state=end, reason=reason)  # pyrefly: ignore[bad-argument-type]
     bridge.run(1.5)
 
 

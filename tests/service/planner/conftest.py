@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from support.flatland import BOX, Flatland, two_rooms
@@ -55,9 +56,9 @@ class PerfectRobot(Service):
         self.run_ns, self.began_ns = self.robot_ns + 120_000_000_000, self.monotonic_ns
         self.tell_time()
 
-    def say(self, **state: object) -> None:
+    def say(self, **state: Any) -> None:
         """Publish a state of the base."""
-        self.base_state = BaseState(stamp_ns=self.robot_ns, **state)  # pyright: ignore[reportArgumentType]
+        self.base_state = BaseState(stamp_ns=self.robot_ns, **state)
         self.publish(topics.BASE, self.base_state)
 
     @every(0.1, clock="local")
@@ -92,9 +93,9 @@ class PerfectRobot(Service):
 class Stage:
     """A planner, the robot that obeys it, and what was said."""
 
-    def __init__(self, folder: Path, world: Flatland, **planner: object) -> None:
+    def __init__(self, folder: Path, world: Flatland, **planner: Any) -> None:
         section = RobotSection(name="trolley", footprint=FootprintConfig(polygon_m=list(BOX)))
-        settings = PlannerConfig(**planner)  # pyright: ignore[reportArgumentType]
+        settings = PlannerConfig(**planner)
         self.config = RobotConfig(robot=section, planner=settings)
         self.lockstep = Lockstep(state=folder, seed=3)
         self.world = world
@@ -106,9 +107,9 @@ class Stage:
         self.planner = self.lockstep.add(PlannerService(self.config))
         self.lockstep.run(0.5)
 
-    def send(self, pose: Pose2D, **params: object) -> GoalStatus:
+    def send(self, pose: Pose2D, **params: Any) -> GoalStatus:
         """Ask for a goal."""
-        asked = SendGoal(pose=pose, **params)  # pyright: ignore[reportArgumentType]
+        asked = SendGoal(pose=pose, **params)
         return self.lockstep.ask(requests.GOAL_SEND, asked)
 
     def until(self, state: str, seconds: float = 90.0) -> GoalStatus:

@@ -252,7 +252,7 @@ def test_services_that_never_settle_are_found_out(
 
     class Echo(Service):
         def __init__(self, name: str) -> None:
-            self.name = name  # pyright: ignore[reportAttributeAccessIssue]
+            self.name = name  # pyrefly: ignore[read-only]
 
         @on(topics.POSES)
         def hear(self, places: Any) -> None:

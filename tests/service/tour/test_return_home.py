@@ -1,7 +1,7 @@
 """A low battery ends the drive with the way home."""
 
 import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 HOME_POSE = Pose2D(0.5, 0.5, 0.0)
 
 
-def live(home: "Home", seconds: int, fraction: float | None, **state) -> None:
+def live(home: "Home", seconds: int, fraction: float | None, **state: Any) -> None:
     """Let time pass while the base says this charge, once a second."""
     charging = state.pop("charging", None)
     for _ in range(seconds):
         battery = None if fraction is None else Battery(fraction=fraction, charging=charging)
         stamp_ns = home.base.robot_ns
-        message = BaseState(stamp_ns=stamp_ns, battery=battery, **{"mode": "ok", **state})
+        message = BaseState(stamp_ns=stamp_ns, battery=battery, **({"mode": "ok"} | state))  # pyrefly: ignore[bad-argument-type]
         home.base.publish(topics.BASE, message)
         home.lockstep.run(1.0)
 

@@ -43,9 +43,15 @@ FLOWS = {
 }
 
 
-def service(name: str = "base", **fields: object) -> ServiceView:
-    known = {"is_alive": True, "health": OK, "flow": OFTEN, "up_s": 75.0, "restarts": 0}
-    return ServiceView("one", name, **{**known, **fields})
+def service(name: str = "base", **fields: Any) -> ServiceView:
+    known: dict[str, Any] = {
+        "is_alive": True,
+        "health": OK,
+        "flow": OFTEN,
+        "up_s": 75.0,
+        "restarts": 0,
+    }
+    return ServiceView("one", name, **(known | fields))
 
 
 @pytest.fixture

@@ -197,7 +197,7 @@ def test_the_firmware_is_asked_where_the_kernel_does_not_tell(tmp_path: Path) ->
 def test_wifi_is_found_without_the_kernels_table(tmp_path: Path) -> None:
     for name in ("wlan0", "wlan1"):
         (tmp_path / "sys/class/net" / name / "phy80211").mkdir(parents=True)
-    said = {
+    said: dict[tuple[str, ...], str] = {
         ("iw", "dev", "wlan0", "link"): "Connected to 00:11:22\n\tsignal: -58 dBm\n",
         ("iw", "dev", "wlan0", "get", "power_save"): "Power save: off\n",
         ("iw", "dev", "wlan1", "link"): "Not connected.\n",

@@ -366,7 +366,7 @@ def test_zones_that_no_write_has_saved_do_not_hold(
     assert robot.bus.ask(requests.ZONES_PUT, kept) == kept
     service = robot.bus.nodes["localizer"].service
     jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
-    monkeypatch.setattr(service, "work", lambda fn, then: jobs.append((fn, then)))  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
+    monkeypatch.setattr(service, "work", lambda fn, then: jobs.append((fn, then)))
     for zone in (one, two):
         key = topics.ZONE.key("trolley", zone.name)
         robot.bus.put(key, json.dumps(msgspec.to_builtins(zone)).encode(), "application/json")

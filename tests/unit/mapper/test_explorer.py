@@ -216,7 +216,7 @@ def status(state: GoalState, reason: str = "", goal: str = "map-run-1") -> GoalS
 
 
 def base(source: str | None, mode: str = "ok") -> BaseState:
-    return BaseState(stamp_ns=0, mode=mode, source=source)  # pyright: ignore[reportArgumentType]
+    return BaseState(stamp_ns=0, mode=mode, source=source)  # pyrefly: ignore[bad-argument-type]
 
 
 INTERRUPTIONS: dict[str, Callable[[Explorer], None]] = {

@@ -100,7 +100,7 @@ def small_grid(**changes: object) -> OccupancyGrid:
         "origin": Pose2D.identity(),
         "cells": memoryview(b"\0"),
     }
-    return msgspec.structs.replace(OccupancyGrid(**fields), **changes)  # pyright: ignore[reportArgumentType]
+    return msgspec.structs.replace(OccupancyGrid(**fields), **changes)
 
 
 def test_a_small_grid_is_taken() -> None:

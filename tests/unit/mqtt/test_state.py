@@ -1,5 +1,7 @@
 """What is said and published of the robot."""
 
+from typing import Any
+
 import pytest
 
 from trolley import codes
@@ -29,7 +31,7 @@ DISOBEYS = BaseState(
 KITCHEN = SavedPose(name="kitchen", map="home", pose=Pose2D(1.0, 1.0, 0.0))
 
 
-def known(**changes: object) -> RobotView:
+def known(**changes: Any) -> RobotView:
     estimate = PoseEstimate(
         stamp_ns=0,
         map="home",
@@ -40,8 +42,8 @@ def known(**changes: object) -> RobotView:
         spread=0.0,
     )
     base = BaseState(stamp_ns=0, mode="ok")
-    facts = {"base": base, "estimate": estimate, "age_s": 0.1, "places": [KITCHEN]}
-    return RobotView(**{**facts, **changes})
+    facts: dict[str, Any] = {"base": base, "estimate": estimate, "age_s": 0.1, "places": [KITCHEN]}
+    return RobotView(**(facts | changes))
 
 
 TRIP = TourStatus(

@@ -3,6 +3,7 @@
 import ssl
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec import structs
@@ -31,9 +32,9 @@ SECRET = "s3cret"
 class Sender:
     """A webhook, and what it reports."""
 
-    def __init__(self, url: str, params: WebhookParams, **endpoint: str) -> None:
+    def __init__(self, url: str, params: WebhookParams, **endpoint: Any) -> None:
         self.reports: list[Report] = []
-        self.webhook = Webhook(Endpoint(url=url, **endpoint), self.reports.append, params)  # pyright: ignore[reportArgumentType]
+        self.webhook = Webhook(Endpoint(url=url, **endpoint), self.reports.append, params)
         self.webhook.start()
         self._num = 0
 
@@ -62,8 +63,8 @@ class Sender:
 def make_server() -> Iterator[Callable[..., WebServer]]:
     opened: list[WebServer] = []
 
-    def make(*answers: object, port: int = 0) -> WebServer:
-        opened.append(WebServer(*answers, port=port))  # pyright: ignore[reportArgumentType]
+    def make(*answers: Any, port: int = 0) -> WebServer:
+        opened.append(WebServer(*answers, port=port))
         return opened[-1]
 
     yield make
@@ -75,7 +76,7 @@ def make_server() -> Iterator[Callable[..., WebServer]]:
 def make_sender() -> Iterator[Callable[..., Sender]]:
     opened: list[Sender] = []
 
-    def make(url: str, params: WebhookParams = QUICK, **endpoint: str) -> Sender:
+    def make(url: str, params: WebhookParams = QUICK, **endpoint: Any) -> Sender:
         opened.append(Sender(url, params, **endpoint))
         return opened[-1]
 
@@ -245,10 +246,10 @@ def test_what_is_no_web_address_is_refused_without_repeating_it(url: str) -> Non
     assert SECRET not in str(why.value)
 
 
-def config(folder: Path, **webhook: object) -> RobotConfig:
+def config(folder: Path, **webhook: Any) -> RobotConfig:
     return RobotConfig(
         robot=RobotSection(name="robby", footprint=FootprintConfig(radius_m=0.2)),
-        webhook=WebhookConfig(urls=["https://house/x"], **webhook),  # pyright: ignore[reportArgumentType]
+        webhook=WebhookConfig(urls=["https://house/x"], **webhook),
         folder=str(folder),
     )
 

@@ -1,6 +1,7 @@
 """A planner that drives a robot without errors, without any service around."""
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from support.flatland import MAP_T_ODOM, Flatland
@@ -51,9 +52,9 @@ class Ride:
             self.statuses += self.navigator.current.board.pop_changes()
             self.world.drive(twist or Twist2D.zero(), STEP_NS * 1e-9)
 
-    def send(self, pose: Pose2D, **params: object) -> GoalStatus:
+    def send(self, pose: Pose2D, **params: Any) -> GoalStatus:
         """Ask for a goal given in frame `grid`."""
-        asked = SendGoal(pose=self.world.grid.origin @ pose, **params)  # pyright: ignore[reportArgumentType]
+        asked = SendGoal(pose=self.world.grid.origin @ pose, **params)
         return self.navigator.requests.send(asked, f"made-{self.now_ns}", self.now_ns)
 
     def until_over(self, seconds: float = 120.0) -> GoalStatus:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,12 +48,12 @@ class Walk:
                 pose = self.world.pose
                 self.gaps.append(math.hypot(pose.x - spots[0][0], pose.y - spots[0][1]))
 
-    def follow(self, point: tuple[float, float] | None = None, **options: object) -> GoalStatus:
+    def follow(self, point: tuple[float, float] | None = None, **options: Any) -> GoalStatus:
         """Ask to follow whoever is at a point given in frame `grid`."""
         if point is not None:
             in_frame = self.world.grid.origin.transform_points(np.array([point]))[0]
             point = float(in_frame[0]), float(in_frame[1])
-        params = FollowPerson(point=point, **options)  # pyright: ignore[reportArgumentType]
+        params = FollowPerson(point=point, **options)
         return self.drive.navigator.requests.follow(params, "made", self.drive.now_ns)
 
     @property

@@ -48,7 +48,7 @@ def test_a_robot_on_the_way_has_the_rest_of_its_path(others: Neighbours) -> None
 
 @pytest.mark.parametrize("state", ["idle", "paused", "arrived", "failed", "canceled"])
 def test_without_a_goal_under_way_it_has_none(others: Neighbours, state: str) -> None:
-    status = GoalStatus(stamp_ns=0, id="x", state=state)  # pyright: ignore[reportArgumentType]
+    status = GoalStatus(stamp_ns=0, id="x", state=state)  # pyrefly: ignore[bad-argument-type]
     others.update_goal(status, "b", SECOND_NS)
     assert not others.on_map("room", SECOND_NS)[0].is_going
 

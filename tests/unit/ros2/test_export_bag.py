@@ -222,7 +222,7 @@ def test_its_metadata_say_what_ros2_bag_needs_to_play_it(tmp_path: Path) -> None
     for name, durability in (("/kiwi/map", 1), ("/kiwi/tf_static", 1), ("/kiwi/tf", 2)):
         text = rows[name]["topic_metadata"]["offered_qos_profiles"]
         assert YAML(typ="safe").load(text)[0]["durability"] == durability
-    with AnyReader([folder]) as reader:
+    with AnyReader([folder]) as reader:  # pyrefly: ignore[bad-argument-type]
         assert reader.message_count == about["message_count"]
 
 

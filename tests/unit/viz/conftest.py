@@ -270,7 +270,7 @@ class Listener(Translator):
 
     def __init__(self) -> None:
         super().__init__(catalogues()["de"].all_texts().items())
-        self.markup = self._in_markup  # not cached: what is heard again counts again
+        self.markup = self._in_markup  # pyrefly: ignore[bad-assignment]  # not cached: what is heard again counts again
         self.unknown: set[str] = set()
 
     def text(self, english: str) -> str:

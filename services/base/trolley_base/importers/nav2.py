@@ -245,8 +245,8 @@ def _take_limits(findings: Findings, parameters: Parameters) -> Iterator[str]:
     axes: list[float | None] = [None] * NUM_AXES
     if found is not None:
         value: Any = found[1].value
-        if isinstance(value, list) and len(value) == NUM_AXES:  # pyright: ignore[reportUnknownArgumentType]
-            axes = [found[1]._replace(value=one).number for one in value]  # pyright: ignore[reportUnknownVariableType]
+        if isinstance(value, list) and len(value) == NUM_AXES:
+            axes = [found[1]._replace(value=one).number for one in value]
         yield found[0]
     rows = (
         ("base.limits.max_speed_mps", "planner.max_speed_mps", DEFAULT_SPEED_MPS, 5.0, 0, "m/s"),

@@ -51,5 +51,5 @@ def _flatten(
         if isinstance(value, yaml.MappingNode):
             _flatten(loader, value, path, f"{name}.", found)
         else:
-            plain = loader.construct_object(value, deep=True)  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+            plain = loader.construct_object(value, deep=True)
             found[name] = Value(plain, path, key.start_mark.line + 1)

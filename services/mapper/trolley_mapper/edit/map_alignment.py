@@ -11,8 +11,8 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft as untyped_fft  # pyright: ignore[reportMissingTypeStubs]
-from scipy import ndimage as untyped_ndimage  # pyright: ignore[reportMissingTypeStubs]
+from scipy import fft as untyped_fft
+from scipy import ndimage as untyped_ndimage
 
 from trolley import codes
 from trolley.codes import Refused

@@ -60,7 +60,7 @@ class LogOddsGrid:
     def copy(self) -> "LogOddsGrid":
         """Return a copy that can be drawn on."""
         other = copy.copy(self)
-        other._log_odds, other._marks = self._log_odds.copy(), self._marks.copy()
+        other._log_odds, other._marks = self._log_odds.copy(), self._marks.copy()  # noqa: SLF001
         return other
 
     @property

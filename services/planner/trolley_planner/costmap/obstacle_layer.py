@@ -136,8 +136,8 @@ class ObstacleLayer:
                 getattr(self.grid, name)[mine] = array[theirs]
         corner_m = np.array([cols, rows], np.float32) * np.float32(self._resolution_m)
         self.grid.points[mine] += corner_m
-        self._scan_number, self._now_ticks = other._scan_number, other._now_ticks
-        self._scans_ns = other._scans_ns.copy()
+        self._scan_number, self._now_ticks = other._scan_number, other._now_ticks  # noqa: SLF001
+        self._scans_ns = other._scans_ns.copy()  # noqa: SLF001
         self.looks_all_round = other.looks_all_round
         self.mark_all_dirty()
 

@@ -92,7 +92,7 @@ class Teleop:
         can, robot = self._can_drive(name), self._robots.get(name)
         driven = self._driven.get(name)
         holder = None if driven is None else driven.joystick.holder
-        taken = None if holder in (None, who) else self._taken_by(holder)
+        taken = None if holder is None or holder == who else self._taken_by(holder)
         words = away_line(view.away_s) if not can else taken or _obstacle(view)
         return PadState(
             can=can and taken is None,

@@ -33,6 +33,8 @@ BAD: Colour = (214, 30, 30)
 CORNER_COLOUR, MIDDLE_COLOUR = (250, 200, 0), (30, 100, 255)
 
 Phase = Literal["start", "update", "end"]
+Dragged = Callable[[Phase, Point, Point | None], None]
+Moved = Callable[[Phase, int, Point], None]
 
 OCTAHEDRON = np.array(
     [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float32
@@ -49,7 +51,7 @@ class PointerHandlers:
 
     tapped: Callable[[Point, float], None]
     """Pressed and released at a point; within the reach is the same place."""
-    dragged: Callable[[Phase, Point, Point | None], None] | None = None
+    dragged: Dragged | None = None
     """From where to where, which is None while the pointer is not over the floor. Without it
     drags turn the camera."""
 
@@ -85,10 +87,10 @@ class Canvas:
                 strokes.tapped(met, REACH_SHARE * math.dist(np.asarray(ray[0]), (*met, 0.0)))
 
         self._drags.lay_floor(self, floor, tapped)
-        dragged = strokes.dragged
-        if dragged is None:
-            return
+        if strokes.dragged is not None:
+            self._take_drags(floor, strokes.dragged)
 
+    def _take_drags(self, floor: viser.MeshHandle, dragged: Dragged) -> None:
         # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
             x, y, _ = event.start_position
@@ -121,9 +123,7 @@ class Canvas:
         self._show_line(client, whole, colour)
         self._show_dots(client, np.array(whole.points).reshape(-1, 2), colour)
 
-    def show_handles(
-        self, sketch: Sketch | None, moved: Callable[[Phase, int, Point], None] | None = None
-    ) -> None:
+    def show_handles(self, sketch: Sketch | None, moved: Moved | None = None) -> None:
         """Offer handles for the corners, and one more in the middle that moves the whole.
 
         Args:
@@ -158,11 +158,16 @@ class Canvas:
             cast_shadow=False,
             receive_shadow=False,
         )
+        self._take_moves(handles, first, len(places), moved)
+
+    def _take_moves(
+        self, handles: viser.BatchedMeshHandle, first: int, count: int, moved: Moved
+    ) -> None:
         begun: dict[int, Point] = {}
 
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
             index, now, phase = event.instance_index, floor_under(event), event.phase
-            if index is None or not 0 <= index < len(places):  # a page may send anything
+            if index is None or not 0 <= index < count:  # a page may send anything
                 return
             if phase == "start" and now is not None:
                 begun[index] = now

@@ -76,7 +76,10 @@ class Pointer:
         tool, scene = self.tool, self._picture.scene
         if tool is None or scene is None:
             return
-        plane = self._plane = add_floor(scene, "/pointing")
+        self._plane = add_floor(scene, "/pointing")
+        self._take_strokes(self._plane, tool)
+
+    def _take_strokes(self, plane: viser.MeshHandle, tool: Tool) -> None:
 
         # async, so that the phases of a drag arrive in order; see viser's note on `on_drag`.
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:

@@ -80,4 +80,4 @@ def is_same(inputs: tuple[Any, ...], drawn: tuple[Any, ...]) -> bool:
 
 
 def _same(a: Any, b: Any) -> bool:
-    return a is b or (isinstance(a, Pose2D | str | int | tuple) and a == b)
+    return a is b or (isinstance(a, Pose2D | str | int | tuple) and a == b)  # pyrefly: ignore[implicit-any-type-argument]

@@ -80,7 +80,7 @@ class DrawnMap:
         self._old_until_ns = now_ns + OLD_NS
         self._count += 1
         path = f"{self._path}/{self._count}"
-        floor = self._scene.add_glb(
+        floor: viser.SceneNodeHandle = self._scene.add_glb(
             f"{path}/floor", model.floor, cast_shadow=False, receive_shadow=False
         )
         self._old, self.nodes = self.nodes, [floor]

@@ -5,7 +5,7 @@ from click.testing import CliRunner
 
 from trolley_base.commands.emulate import emulate_command
 
-MISTAKES = {
+MISTAKES: dict[tuple[str, ...], str] = {
     ("ld20",): "there is no device 'ld20'; there are linorobot",
     ("ld19", "--fault", "ld19:x"): "there is no fault x, only silence",
     ("ld19", "--world", "nowhere"): "there is no file nowhere.toml",

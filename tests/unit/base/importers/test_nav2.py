@@ -100,7 +100,7 @@ def test_it_takes_what_robot_toml_has_too(file: Path, tmp_path: Path) -> None:
     assert planner.inflation_falloff_m == pytest.approx(1.0 / 4.0)
     assert (planner.mark_range_m, planner.clear_range_m) == (2.5, 3.0)
     assert planner.unknown_is_free
-    assert config.start.pose.x == 1.5  # pyright: ignore[reportAttributeAccessIssue, reportOptionalMemberAccess]
+    assert config.start.pose.x == 1.5  # pyrefly: ignore[missing-attribute]
     said = " ".join(done.output.split())
     assert "controller_frequency is 50 Hz; the nearest that Trolley can do is 30" in said
     assert "raise [base.limits] acceleration_mps2" in said

@@ -203,11 +203,11 @@ def test_the_same_seed_gives_the_same_bytes(worlds: "Path", name: str) -> None:
 def test_warming_up_leaves_nothing_to_compile(simulate: "MakeSimulation") -> None:
     warm_up()
     kernels = (move_into, cast_beams_into, place_outline_into, outline_to_point)
-    compiled = [len(kernel.signatures) for kernel in kernels]
+    compiled = [len(kernel.signatures) for kernel in kernels]  # pyrefly: ignore[missing-attribute]
     simulation = simulate("[[person]]\npath = [[1.0, 1.0], [2.0, 1.0]]\n")
     simulation.set_others([OtherRobot("rover", Pose2D(1.0, 0, 0).transform_points(FOOTPRINT))])
     drive(simulation, FORWARD, 0.5)
-    assert [len(kernel.signatures) for kernel in kernels] == compiled
+    assert [len(kernel.signatures) for kernel in kernels] == compiled  # pyrefly: ignore[missing-attribute]
 
 
 @pytest.mark.parametrize("thing", ["box", "circle"])

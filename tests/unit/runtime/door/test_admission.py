@@ -82,7 +82,7 @@ def test_a_crowd_at_a_lawful_hosts_own_address_keeps_it_out_for_a_moment_only(
     admission = Admission()
     outside = [(0.0005 * number, HOSTILE) for number in range(2000)]
     lawful: Guest | None = None
-    waited_s: list[float] = []
+    came_s, waited_s = 0.0, list[float]()
     for tick in range(2000):
         now_s = 0.01 * tick
         while outside and outside[0][0] <= now_s:

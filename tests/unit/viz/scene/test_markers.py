@@ -11,7 +11,7 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Marker, Transform
 from trolley_tour.service import TourService
-from trolley_viz.scene.markers.groups import MAX_MOVING, Grouping
+from trolley_viz.scene.markers.groups import MAX_MOVING, Grouping, Name
 from trolley_viz.scene.markers.icons import Icon, orientation
 from trolley_viz.scene.markers.motion import JUMP_S, TURN_S, is_moving, placed
 from trolley_viz.scene.markers.nodes import segments
@@ -314,7 +314,7 @@ def test_ten_thousand_markers(stage: "Stage") -> None:
 
 def test_too_many_of_a_kind_wait_until_others_go() -> None:
     grouping = Grouping()
-    known = {("a", str(i)): Marker(kind="icon") for i in range(450)}
+    known: dict[Name, Marker] = {("a", str(i)): Marker(kind="icon") for i in range(450)}
     grouping.take_over(known, lambda _: 0)
     assert len(grouping.left_out) == 50
     for i in range(60):
@@ -336,7 +336,9 @@ def test_the_points_of_all_lines_are_bounded() -> None:
 
 def test_frames_of_strangers_are_bounded_and_so_is_what_moves() -> None:
     grouping = Grouping()
-    known = {("a", str(i)): Marker(kind="cube", frame=f"f{i}") for i in range(100)}
+    known: dict[Name, Marker] = {
+        ("a", str(i)): Marker(kind="cube", frame=f"f{i}") for i in range(100)
+    }
     grouping.take_over(known, lambda _: 0)
     assert len(grouping.members) == 60
     known = {("a", str(i)): Marker(kind="cube", motion="jump") for i in range(300)}

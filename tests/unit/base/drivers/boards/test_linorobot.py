@@ -4,6 +4,7 @@ import math
 import random
 import struct
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from support.fake_boards import MS, FakeLinorobot, Talk, frame, slow_frames, topic_info
@@ -17,8 +18,8 @@ from trolley_base.drivers.dialogue import BoardDialogue
 TURNING = Twist2D(0.3, 0.0, 0.4)
 
 
-def make(drive: Drive = "differential", **settings: object) -> BoardDialogue:
-    return make_board(ChassisConfig(board="linorobot", port="/dev/x", **settings), drive)  # pyright: ignore[reportArgumentType]
+def make(drive: Drive = "differential", **settings: Any) -> BoardDialogue:
+    return make_board(ChassisConfig(board="linorobot", port="/dev/x", **settings), drive)
 
 
 @pytest.fixture

@@ -41,7 +41,7 @@ class Drive:
     """A robot that turns in the room with one lidar: its track, and what the driver made of it."""
 
     def __init__(self, simulation: Simulation, model: str, mode: str, wz: float) -> None:
-        config = LidarConfig(model=model, mode=mode)  # pyright: ignore[reportArgumentType]
+        config = LidarConfig(model=model, mode=mode)  # pyrefly: ignore[bad-argument-type]
         dialogue = make_lidar(config)
         device = LIDARS[model](Mount(MOUNT), LidarSpec(), np.random.default_rng(5))
         line = Line(USB_BAUD if device.is_usb else device.baud, device.buffer_bytes)

@@ -43,7 +43,7 @@ def test_an_rplidar_is_never_asked_for_the_other_mode(
     mode: str, express: bool, never: bytes
 ) -> None:
     device = rplidar(express=express)
-    session = Session(LidarConfig(model="rplidar_a1", mode=mode), device)  # pyright: ignore[reportArgumentType]
+    session = Session(LidarConfig(model="rplidar_a1", mode=mode), device)  # pyrefly: ignore[bad-argument-type]
     session.wait(12.0)
     assert never not in device.heard
     assert device.streams == (mode == "standard")
@@ -176,7 +176,7 @@ def test_an_lds01_is_asked_to_start_until_it_does() -> None:
     ],
 )
 def test_what_stops_it(model: str, dtr: tuple[bool | None, ...], goodbye: tuple[bytes]) -> None:
-    lidar = Session(LidarConfig(model=model)).lidar  # pyright: ignore[reportArgumentType]
+    lidar = Session(LidarConfig(model=model)).lidar
     assert (lidar.line.dtr, lidar.line.dtr_after) == dtr
     assert lidar.goodbye() == goodbye
 

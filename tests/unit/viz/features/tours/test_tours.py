@@ -210,7 +210,7 @@ def failed_at(x: float, code: str = codes.BLOCKED, **rest: Any) -> StopResult:
 
 
 def past_trip(*results: StopResult, **rest: Any) -> PastTrip:
-    given = {"state": "failed", "map": "room", "name": "round", **rest}
+    given: dict[str, Any] = {"state": "failed", "map": "room", "name": "round", **rest}
     return PastTrip(trip="t", results=[*results], **given)
 
 
