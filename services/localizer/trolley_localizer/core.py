@@ -130,13 +130,13 @@ class Localizer:
         led = self._led_by_scans(motion.step, beams)
         self._predict(motion.step if led is None else self._step_to(led.pose))
         if isinstance(self._state, Searching):
-            self._settle(self._state, beams)
+            self._settle(self._state, seen, motion.elapsed_s)
         if isinstance(self._state, Searching):
             return self._reporter.searching(self._state, seen, "searching")
         self._correct(self._state, beams, led, motion.elapsed_s)
         score, classes = self._matcher.classify(self._estimator.pose, beams)
         following = self._compare_rivals(self._state, beams, score)
-        self._judge(following, beams, score, motion.elapsed_s)
+        self._judge(following, seen, score, motion.elapsed_s)
         if isinstance(self._state, Searching):
             return self._reporter.searching(self._state, seen, "lost")
         if following.monitor.state == "localized" and not beams.is_blind:
@@ -160,50 +160,68 @@ class Localizer:
     def _led_by_scans(self, step: Pose2D, beams: BeamSet) -> LedPose | None:
         """Return where the scans lead; None where the odometry may be believed, or nothing leads.
 
-        Where the map helps the odometry is believed as long as the scans agree with it.
+        Where the map helps, or cannot, since no pose is known on it, the odometry is believed as
+        long as the scans agree with it.
         """
-        if not isinstance(self._state, Following) or beams.is_blind:
+        if beams.is_blind:
             return None
-        predicted = self._carried(self._estimator.pose, step)
-        if not self._state.is_led:
+        predicted = self._carried(self._pose, step)
+        if not (isinstance(self._state, Following) and self._state.is_led):
             agreement = self._scans.agreement(beams, predicted)
             if agreement is None or agreement >= SCANS.usual_overlap:
                 return None
         return self._scans.align(predicted, beams)
 
     def _step_to(self, pose: NDArray[np.float64]) -> Pose2D:
-        """Return the step [m, m, rad] from the estimate to a pose in cells."""
-        return self.field.to_map(self._estimator.pose).inverse() @ self.field.to_map(pose)
+        """Return the step [m, m, rad] to a pose in cells."""
+        return self.field.to_map(self._pose).inverse() @ self.field.to_map(pose)
+
+    @property
+    def _pose(self) -> NDArray[np.float64]:
+        """The estimate (3,) [cells, rad]; while it is searched, where the odometry has led."""
+        match self._state:
+            case Searching() as searching:
+                return self.field.to_cells(searching.led)
+            case Following():
+                return self._estimator.pose
 
     def _predict(self, step: Pose2D) -> None:
         """Carry all that is followed through one odometry step."""
         driven_m = math.hypot(step.x, step.y) + PARAMS.turn_counts_m * abs(step.yaw)
-        self._schedule.unproven_m += driven_m
+        self._schedule.predict(driven_m)
+        if self._is_settled:
+            self._schedule.restart()
         if self._reach is not None:
             self._reach.predict(step)
             if self._reach.is_over:
                 self._reach = None
         match self._state:
-            case Searching(places):
-                places.predict(step)
+            case Searching() as searching:
+                searching.predict(step)
             case Following() as following:
                 self._estimator.predict(step)
                 following.predict(step, driven_m)
                 if not following.is_off_map and following.proof is None:
                     self._schedule.unproven_m = 0.0
 
-    def _settle(self, searching: Searching, beams: BeamSet) -> None:
-        """Correct the places of the last search, and follow one if it stands out."""
+    def _settle(self, searching: Searching, seen: SeenScan, elapsed_s: float) -> None:
+        """Correct the places of the searches, and follow one if it stands out."""
+        places, beams = searching.places, seen.beams
         if beams.is_blind:
             return
-        places = searching.places
+        is_break = self._scans.follow(beams, self._pose, np.zeros((3, 3)), elapsed_s)
+        if is_break:
+            self._schedule.restart()
         places.update(beams)
         winner = places.winner()
         if winner is not None:
             self._follow_winner(winner, places.lead, beams)
-        elif searching.has_result and self._schedule.since_s > self._config.search_again_s:
+        elif searching.has_result and self._is_search_due(seen):
             # What stands out by now may not be among the places found from where it began.
-            self._schedule.is_wanted = not places.is_plausible or places.is_stale
+            self._schedule.is_wanted = is_break or not places.is_plausible or places.is_stale
+
+    def _is_search_due(self, seen: SeenScan) -> bool:
+        return self._schedule.is_due(seen.scan, self._config.search_again_s)
 
     def _correct(
         self, following: Following, beams: BeamSet, led: LedPose | None, elapsed_s: float
@@ -225,6 +243,7 @@ class Localizer:
             following.forget_prior()
             self._reach = None
             self._schedule.discard(is_wanted=True)
+            self._schedule.restart()
 
     def _compare_rivals(self, following: Following, beams: BeamSet, score: MatchScore) -> Following:
         """Compare the estimate with the places followed beside it; return what is followed now."""
@@ -245,9 +264,10 @@ class Localizer:
         return following
 
     def _judge(
-        self, following: Following, beams: BeamSet, score: MatchScore, elapsed_s: float
+        self, following: Following, seen: SeenScan, score: MatchScore, elapsed_s: float
     ) -> None:
         """Decide whether the estimate is believed; begin a search where it is lost or in doubt."""
+        beams = seen.beams
         sight = Sight(self._matcher, self._estimator.pose, beams, score)
         if not beams.is_blind and following.prove(sight):
             self._reach = None
@@ -261,7 +281,7 @@ class Localizer:
         if state == "lost" or following.is_disproven():
             self._begin_search()
         elif not is_silent:
-            is_wanted = following.needs_search(self._schedule.since_s)
+            is_wanted = following.needs_search(is_due=self._is_search_due(seen))
             if is_wanted is not None:
                 self._schedule.is_wanted = is_wanted
 
@@ -303,6 +323,7 @@ class Localizer:
             covariance = np.diag(np.square(PARAMS.set_devs))
         self._follow(self.field.to_cells(map_T_base), sane_covariance(covariance))
         self._schedule.is_wanted, self._reach = True, None
+        self._schedule.restart()
 
     def resume(self, map_T_base: Pose2D) -> None:
         """Go on at a pose to which the odometry has led since it was known: no search is due.
@@ -316,6 +337,7 @@ class Localizer:
     def search(self) -> None:
         """Forget where the robot is and search the whole map with the next scan."""
         self._reach, self._schedule.unproven_m = None, 0.0
+        self._schedule.restart()
         self._begin_search()
 
     def restart_odometry(self) -> None:
@@ -331,7 +353,7 @@ class Localizer:
         schedule, last = self._schedule, self._last
         if not schedule.is_wanted or schedule.is_running or last is None or last.beams.is_blind:
             return None
-        schedule.begin()
+        schedule.begin(last.scan)
         followed = None
         if isinstance(self._state, Following):
             followed = self._estimator.pose.copy()
@@ -390,8 +412,8 @@ class Localizer:
         rivals.add(elsewhere, value)
         if following.is_proven:
             rivals.clear()
-        if not rivals.exist:
-            following.confirm(own.value)
+        if not rivals.exist and following.confirm(own.value):
+            self._schedule.restart()
 
     # Transitions.
 
@@ -402,6 +424,7 @@ class Localizer:
 
     def _searching(self) -> Searching:
         """Return the state before a search has found anything."""
+        self._scans.forget()
         return Searching(Hypotheses[Hypothesis](self.field, self._matcher, self._config))
 
     def _follow(

@@ -145,6 +145,7 @@ class LateDrive(Drive):
         self._late = late
         self._scans = 0
         self.worst_m = 0.0
+        self.searches = 0
         self._jobs: deque[tuple[int, SearchJob]] = deque()
 
     def look(self) -> Estimate:
@@ -158,6 +159,7 @@ class LateDrive(Drive):
         assert isinstance(estimate, Estimate)
         job = self.localizer.take_job()
         if job is not None:
+            self.searches += 1
             self._jobs.append((self._scans + self._late, job.run()))
         self.worst_m = max(self.worst_m, self.error_m(estimate))
         return estimate

@@ -148,15 +148,60 @@ def test_on_a_map_that_was_turned_it_finds_the_turned_place(late: int) -> None:
     assert end.map_T_base.distance_to(moved @ truths[-1]) < 0.2
 
 
-@pytest.mark.parametrize("late", LATE)
-def test_in_one_of_two_flats_alike_it_is_sure_of_neither(late: int) -> None:
+def two_flats() -> GridMap:
+    """The house twice, side by side."""
     house = make_house()
     gap = np.full((house.rows, 6), OCCUPIED, np.int8)
     cells = np.hstack([house.cells, gap, house.cells])
-    drive = begin(GridMap("twins", RESOLUTION, house.origin, cells), late)
+    return GridMap("twins", RESOLUTION, house.origin, cells)
+
+
+@pytest.mark.parametrize("late", LATE)
+def test_in_one_of_two_flats_alike_it_is_sure_of_neither(late: int) -> None:
+    drive = begin(two_flats(), late)
     estimates, _ = wander(drive)
     assert not [e for e in estimates if e.state == "localized"]
     assert "several places look alike" in estimates[-1].message
+
+
+def searching_in_vain(late: int) -> LateDrive:
+    """A robot that has driven 10 m in one of two flats alike and has just searched again."""
+    drive = begin(two_flats(), late, Pose2D(3.2, 1.5, 0.0))
+    drive.arc(0.5, 0.5, 160)
+    searches = drive.searches
+    while drive.searches == searches:
+        drive.arc(0.5, 0.5, 1)
+    return drive
+
+
+@pytest.mark.parametrize("late", LATE)
+def test_it_searches_less_and_less_often_in_vain_but_at_once_when_carried_off(late: int) -> None:
+    drive = searching_in_vain(late)
+    searches = drive.searches
+    drive.arc(0.5, 0.5, 32)  # 3.2 s, 2 m
+    assert drive.searches == searches
+    drive.pose = Pose2D(9.6, 2.5, 1.0)
+    drive.stand(1)
+    assert drive.searches == searches + 1
+
+
+def test_it_searches_at_once_when_asked_to_or_told_a_pose() -> None:
+    drive = searching_in_vain(0)
+    searches = drive.searches
+    drive.localizer.search()
+    drive.stand(1)
+    drive.localizer.set_pose(drive.pose)
+    drive.stand(1)
+    assert drive.searches == searches + 2
+
+
+def test_standing_where_nothing_fits_it_does_not_search_the_same_scan_again() -> None:
+    drive = begin(another_floor(), 0)
+    drive.stand(150)
+    assert drive.searches == 1
+    drive.pose = Pose2D(4.5, 2.5, 1.0)  # Somebody has lifted it over.
+    drive.stand(1)
+    assert drive.searches == 2
 
 
 def room_alike(

@@ -50,7 +50,7 @@ class Rest:
     def tells_nothing(self, scan: ScanInput) -> bool:
         """Say whether a scan need not be used."""
         first = self._first
-        if first is None or not _stands(first, scan) or not _looks_same(first.ranges, scan.ranges):
+        if first is None or not shows_same(first, scan):
             self._first, self._num_same = scan, 0
             return False
         self._num_same += 1
@@ -59,6 +59,11 @@ class Rest:
             self._looked_ns = scan.stamp_ns
             return False
         return True
+
+
+def shows_same(first: ScanInput, scan: ScanInput) -> bool:
+    """Say whether a scan shows what an earlier one has shown, from the same place."""
+    return _stands(first, scan) and _looks_same(first.ranges, scan.ranges)
 
 
 def _stands(first: ScanInput, scan: ScanInput) -> bool:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
@@ -61,6 +61,13 @@ class Searching:
     places: Hypotheses[Hypothesis]
     has_result: bool = False
     """Whether a search has been completed since; without one there are no places."""
+    led: Pose2D = field(default_factory=Pose2D.identity)
+    """Where the odometry has led since [m, m, rad]."""
+
+    def predict(self, step: Pose2D) -> None:
+        """Note an odometry step [m, m, rad]."""
+        self.places.predict(step)
+        self.led = self.led @ step
 
     def take_result(self, places: Sequence[Place]) -> None:
         """Follow what a search has found, best first, beside what was found before.
@@ -171,15 +178,17 @@ class Following:
             return score.value
         return score.value + PARAMS.loyalty * max(0.0, 1.0 - score.astray / PARAMS.loyalty_astray)
 
-    def confirm(self, support: float) -> None:
-        """Note that no place explains the scans as well as the estimate."""
+    def confirm(self, support: float) -> bool:
+        """Note that no place explains the scans as well as the estimate; True if that vouches."""
         if self.proof is not None:
-            return
+            return False
         if support < self._config.good_support and self._driven_m < PARAMS.tried_m:
-            return
+            return False
         self.is_proven = True
-        if support >= self._config.poor_support:
-            self.monitor.vouch(support)
+        if support < self._config.poor_support:
+            return False
+        self.monitor.vouch(support)
+        return True
 
     def prove(self, sight: Sight) -> bool:
         """Take what a scan says for a place without a prior into account; True once it is proven.
@@ -234,16 +243,16 @@ class Following:
             return False
         return proof.is_overdue or (proof.is_against and self.is_found)
 
-    def needs_search(self, since_s: float) -> bool | None:
+    def needs_search(self, *, is_due: bool) -> bool | None:
         """Say whether to search the whole map for a better place; None: as before.
 
         Args:
-            since_s: time since the last search began [s].
+            is_due: a search may bring what the last ones did not.
         """
         if self.proof is None and self._known < PARAMS.search_known:
             return None
         if self.proof is not None and not self.is_searched:
             return True
-        if self.monitor.doubts and since_s > self._config.search_again_s:
+        if self.monitor.doubts and is_due:
             return not self.rivals.exist or self.rivals.is_stale
         return None
