@@ -75,7 +75,8 @@ class LocalizerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     search_margin: Share = 0.1
     """A pose found by a search is accepted at once if its support beats the others by this."""
     search_again_s: Seconds = 3.0
-    """Time between two searches of the whole map while the pose is unclear [s]."""
+    """Least time between two searches of the whole map while the pose is unclear; those that bring
+    nothing come less and less often [s]."""
 
     propose_changes: bool = False
     """Whether to watch for what has appeared or disappeared since the map was made, and to propose
