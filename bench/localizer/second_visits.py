@@ -24,6 +24,7 @@ file holds is not run again, what is new is appended, so that the bench can be r
 import argparse
 import dataclasses
 import itertools
+import time
 from functools import partial
 from pathlib import Path
 
@@ -57,7 +58,8 @@ from bench.harness.second_visits import (
 from trolley.gridmap import UNKNOWN, GridMap, load_map
 
 HEADS = ["visit", "drives", "min", "off map %", "wrong but sure %", "worst", "sure %",
-         "unsure but right %", "returns", "back s", "late returns", "median m"]  # fmt: skip
+         "unsure but right %", "returns", "back s", "late returns", "median m",
+         "core %"]  # fmt: skip
 BACK_S = 5.0
 REACHES_M = (2.0, 10.0)
 
@@ -76,6 +78,14 @@ def summary(track: Track) -> Result:
         "median_m": round(min(float(np.median(track.error_m)), 1e5), 3),
         "wrongs": track.wrongs(),
     }
+
+
+def followed(visit: Visit, seed: int, late: int) -> Result:
+    """The figures of a visit, and which share of a core it took to locate and to search."""
+    began_s = time.process_time()
+    track = follow(visit, seed, late)
+    used_s = time.process_time() - began_s
+    return summary(track) | {"core": round(used_s / float(np.ptp(track.stamps_s)), 5)}
 
 
 def rows(results: list[Result], name_of: str) -> list[list[str]]:
@@ -105,6 +115,7 @@ def _row(name: str, results: list[Result]) -> list[str]:
         f"{max(back):.1f}" if back else "-",
         str(sum(s > BACK_S for s in back)),
         f"{np.median([one['median_m'] for one in results]):.3f}",
+        f"{mean('core'):.2f}",
     ]
 
 
@@ -147,7 +158,7 @@ class Bench:
 
     def _visit(self, case: Case, number: int, late: int) -> Result:
         visit = self.visits.make(case, number)
-        return self._seed(number) | summary(follow(visit, number, late))
+        return self._seed(number) | followed(visit, number, late)
 
     def bad_inputs(self, numbers: range, names: list[str]) -> None:
         """Visit simulated houses again with maps that were mixed up, and a blind lidar."""
@@ -161,7 +172,7 @@ class Bench:
 
     def _spoilt(self, name: str, number: int, late: int, *, is_told: bool) -> Result:
         visit = spoil(name, self.visits, number, is_told=is_told)
-        return self._seed(number) | summary(follow(visit, number, late))
+        return self._seed(number) | followed(visit, number, late)
 
     def _seed(self, number: int) -> Result:
         return {"house": self.visits.seed_of(number)}
@@ -223,7 +234,7 @@ def recorded(slices: Slices, folder: Path, seeds: int, lates: list[int]) -> None
 
 
 def _summarize(visit: Visit, seed: int, late: int) -> Result:
-    return summary(follow(visit, seed, late))
+    return followed(visit, seed, late)
 
 
 def as_visit(recording: Recording, grid: GridMap) -> Visit:
