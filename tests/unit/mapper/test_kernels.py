@@ -84,8 +84,14 @@ def naive_score(level: np.ndarray, cells: np.ndarray, row: int, col: int) -> flo
     return total / (255.0 * len(cells))
 
 
-@given(seed=st.integers(0, 1000), cols=st.sampled_from([5, 30, 60]))
-def test_branch_and_bound_finds_what_trying_everything_finds(seed: int, cols: int) -> None:
+@given(
+    seed=st.integers(0, 1000),
+    cols=st.sampled_from([5, 30, 60]),
+    pull=st.sampled_from([0.0, 0.05, 0.3]),
+)
+def test_branch_and_bound_finds_what_trying_everything_finds(
+    seed: int, cols: int, pull: float
+) -> None:
     rng = np.random.default_rng(seed)
     shape = (correlate.LAYERS + 1, 45, cols)
     levels = np.zeros((4, *shape), np.uint8)
@@ -94,16 +100,19 @@ def test_branch_and_bound_finds_what_trying_everything_finds(seed: int, cols: in
     correlate.fill_pyramid(levels)
     low, high = (-3, -3, 0), (48, cols + 3, correlate.LAYERS + 1)
     cells = rng.integers(low, high, (3, 12, 3)).astype(np.int32)
-    best = whole(correlate.find_best_shift(levels, cells.copy(), 6, 0.0, 0.0))
+    best = whole(correlate.find_best_shift(levels, cells.copy(), 6, -1.0, pull))
     heading = int(best[4])
     assert heading >= 0
     tried = [
+        # The corner and the outermost headings lose half of `pull` each.
         naive_score(levels[0], cells[a], row, col)
+        - 0.5 * pull * (row * row + col * col) / (2.0 * 6 * 6)
+        - 0.5 * pull * (a - 1) ** 2
         for a in range(3)
         for row in range(-6, 7)
         for col in range(-6, 7)
     ]
-    assert best[0] == pytest.approx(max(tried))
+    assert best[3] == pytest.approx(max(tried))
     again = naive_score(levels[0], cells[heading], int(best[1]), int(best[2]))
     assert again == pytest.approx(best[0])
 

@@ -216,6 +216,26 @@ def bound_at(level: NDArray[np.uint8], points: Placed, row: int, col: int, reach
 
 
 @kernel
+def less_losses(
+    score: float, row: int, col: int, reach: int, losses: tuple[float, float, int]
+) -> float:
+    """Return a score less what the shift in a block that loses least loses.
+
+    Args:
+        score: a bound of the block, or a shift's own where reach is 1.
+        row: lowest shift of the block [cells]; `col` alike.
+        col: see `row`.
+        reach: shifts in the block along each axis.
+        losses: twice the loss of score in the window's corner; that of the heading; half the
+            window's edge [cells].
+    """
+    pull, turned, half = losses
+    rows, cols = max(row, 1 - row - reach, 0), max(col, 1 - col - reach, 0)
+    away = (rows * rows + cols * cols) / (2.0 * max(half * half, 1))
+    return score - pull * 0.5 * away - turned
+
+
+@kernel
 def descend(
     out_best: NDArray[np.float64],
     levels: NDArray[np.uint8],
@@ -237,24 +257,24 @@ def descend(
     """
     pull, turned, heading = window
     half = points.half
+    losses = (pull, turned, half)
     best = out_best[3]
     top = levels.shape[0] - 1
     stack = np.empty((4 * top + 8, 3), np.int64)
     bounds = np.empty(4 * top + 8)
-    children = np.empty(4)
+    children, order = np.empty(4), np.empty(4, np.int64)
     stack[0, 0], stack[0, 1], stack[0, 2] = top, block[0], block[1]
     bounds[0] = block[2]
     depth = 1
     count = 0
     while depth > 0:
         depth -= 1
-        if bounds[depth] < best:
-            continue
         h, row, col = stack[depth, 0], stack[depth, 1], stack[depth, 2]
+        score = less_losses(bounds[depth], row, col, 1 << h, losses)
+        if score < best:
+            continue
         if h == 0:
-            away = (row * row + col * col) / (2.0 * max(half * half, 1))
-            score = bounds[depth] - pull * 0.5 * away - turned
-            if score >= best and abs(row) <= half and abs(col) <= half:
+            if abs(row) <= half and abs(col) <= half:
                 best = score
                 out_best[0], out_best[1], out_best[2] = bounds[depth], row, col
                 out_best[3], out_best[4] = score, heading
@@ -264,11 +284,16 @@ def descend(
             r, c = row + step * (k // 2), col + step * (k % 2)
             children[k] = bound_at(levels[h - 1], points, r, c, step)
         count += 4
-        for k in np.argsort(children):
-            if children[k] >= best:
-                stack[depth, 0] = h - 1
-                stack[depth, 1] = row + step * (k // 2)
-                stack[depth, 2] = col + step * (k % 2)
+        for k in range(4):  # sorted by insertion, the highest last: it is searched first
+            at = k
+            while at > 0 and children[order[at - 1]] > children[k]:
+                order[at] = order[at - 1]
+                at -= 1
+            order[at] = k
+        for k in order:
+            r, c = row + step * (k // 2), col + step * (k % 2)
+            if less_losses(children[k], r, c, step, losses) >= best:
+                stack[depth, 0], stack[depth, 1], stack[depth, 2] = h - 1, r, c
                 bounds[depth] = children[k]
                 depth += 1
     return count
@@ -351,6 +376,9 @@ def search_blocks(
         off = abs(2.0 * a / max(yaws - 1, 1) - 1.0)
         bound = float(blocks.bounds[at])
         at_block = ((at // side) % side * block - half, at % side * block - half, bound)
+        losses = (pull, pull * 0.5 * off * off, half)
+        if less_losses(bound, at_block[0], at_block[1], block, losses) < out_best[3]:
+            continue
         points = Placed(blocks.inside[a, : blocks.counts[a]], cells[a, blocks.counts[a] :], half)
         count += descend(out_best, levels, points, at_block, (pull, pull * 0.5 * off * off, a))
     return order.size
