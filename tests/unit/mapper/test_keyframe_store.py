@@ -8,7 +8,15 @@ from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import relax
-from trolley_mapper.slam.pose_graph import LOOP, ODOMETRY, SCAN_MATCH, Edge
+from trolley_mapper.slam.pose_graph import (
+    LOOP,
+    ODOMETRY,
+    SCAN_MATCH,
+    Edge,
+    between,
+    make_problem,
+    squared_errors,
+)
 from trolley_mapper.slam.serialization import State, pack, unpack
 from trolley_mapper.slices import whole
 
@@ -105,3 +113,46 @@ def test_a_corridor_is_as_long_after_a_restart() -> None:
     restored = unpack(pack(state)).store
     whole(relax(restored))
     assert restored.pose(10) == pytest.approx([10.5, 0.0, 0.0])
+
+
+def wander(keyframes: int, most: int) -> list[int]:
+    """Drive about in a room, and dissolve a keyframe where there are too many.
+
+    Returns:
+        The number of edges after each keyframe.
+    """
+    rng = np.random.default_rng(3)
+    store, counts = KeyframeStore(), list[int]()
+    for number in range(keyframes):
+        pose = np.array([*rng.uniform(0.0, 4.0, 2), 0.0])
+        away = np.hypot(*(store.poses[:, :2] - pose[:2]).T)
+        to = {store.keyframes[row].number for row in np.argsort(away)[:3].tolist()}
+        to |= {store.newest.number} if number else set()
+        edges = [
+            Edge(one, number, between(store.pose(one), pose), 1e3 * np.eye(3), SCAN_MATCH)
+            for one in sorted(to)
+        ]
+        store.add(keyframe(number), pose, edges)
+        if len(store) > most:
+            numbers = [one.number for one in store.keyframes]
+            store.dissolve(store.most_crowded(numbers[most // 4 : -most // 4], numbers))
+        counts.append(len(store.edges))
+    assert not store.loose.any()
+    assert np.all(squared_errors(store.poses, make_problem(store.edges, store.rows)) < 1e-6)
+    return counts
+
+
+def test_hours_in_one_room_leave_the_graph_as_large_as_it_was() -> None:
+    counts = wander(600, 60)
+    assert max(counts[300:]) < 1.1 * max(counts[:150])
+
+
+def test_what_only_a_dissolved_keyframe_tied_is_tied_however_many_edges_it_has() -> None:
+    """Two crowds, each well tied in itself, and one keyframe between them."""
+    store = KeyframeStore()
+    for number in range(17):
+        to = [3, 12] if number == 16 else range(0 if number < 8 else 8, number)
+        edges = [edge(one, number) for one in to]
+        store.add(keyframe(number), np.array([float(number), 0.0, 0.0]), edges)
+    store.dissolve(16)
+    assert store.part_of(0) == list(range(16))

@@ -39,6 +39,9 @@ class KeyframeStoreParams:
     """Distance that a turn by 1 rad between chosen keyframes counts as [m/rad]."""
     min_apart_m: float = 0.2
     """Least distance between chosen keyframes [m]."""
+    well_tied: int = 6
+    """Number of keyframes with an edge to one from which on what a dissolved keyframe said of it is
+    not kept: repeats of the same scans err as one."""
 
 
 PARAMS = KeyframeStoreParams()
@@ -177,16 +180,28 @@ class KeyframeStore:
         """Forget a keyframe, but keep what its edges say of the others.
 
         All its neighbours get edges from the one that its best edge leads to: a star in place of
-        the clique of a full marginalisation, so that the number of edges does not grow.
+        the clique of a full marginalisation, less what is well tied without, so that the number of
+        edges does not grow.
+
+        Source:
+            Carlevaris-Bianco, Kaess, Eustice, Generic Node Removal for Factor-Graph SLAM (2014), of
+            the sparse ones; dropping what is well tied is our own.
         """
         own = [e.settled(self.scale) for e in self.edges if number in (e.first, e.second)]
         away = [e if e.first == number else inverted(e) for e in own]
         if len(away) > 1:
             hub = max(away, key=lambda e: float(np.linalg.det(e.information)))
             for edge in away:
-                if edge.second != hub.second:
+                if edge.second != hub.second and not self._are_well_tied(hub.second, edge.second):
                     self._merge(chained(inverted(hub), edge))
         self.remove([number])
+
+    def _are_well_tied(self, one: int, other: int) -> bool:
+        """Say whether two keyframes have many edges, and a third one ties them to each other."""
+        near, far = self._neighbours[one], self._neighbours[other]
+        if other in near or min(len(near), len(far)) <= PARAMS.well_tied:
+            return False
+        return len(near.keys() & far.keys()) > 1
 
     def _merge(self, edge: Edge) -> None:
         """Add an edge, or average it with the one there is between the same keyframes."""
