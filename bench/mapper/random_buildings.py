@@ -87,6 +87,7 @@ def line(seed: int, one: Result) -> dict[str, Any]:
         "seed": seed,
         "wrong": revisits.wrong_share,
         "unsaid": one.unsaid_share,
+        "doubtful": one.num_doubtful,
         "worst_m": float(revisits.error_m.max()) if len(revisits.scans) else 0.0,
         "row": row(one),
     }
@@ -101,6 +102,13 @@ def summary(lines: Sequence[dict[str, Any]]) -> None:
         [
             at_least(f"{len(lines)} buildings, no revisit wrong", right, 95.0, "%", 0),
             at_most("buildings with one wrong and unsaid", unsaid, 0.0, "%", 0),
+            at_most(
+                "right maps that are doubted",
+                sum(one["doubtful"] > 0 and one["wrong"] == 0.0 for one in lines),
+                0.0,
+                "",
+                0,
+            ),
         ]
     )
 

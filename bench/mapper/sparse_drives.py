@@ -6,9 +6,10 @@ Recorded drives, all their scans and thinned to one a few decimetres (TROLLEY_DA
 folder), and drives through generated buildings of 500 to 5000 m², a scan a metre, 180°, 8 m of
 reach, odometry 5 % off. "Wrong" are revisits that the map shows more than 0.5 m from where they
 truly lie to what was seen there before, "unsaid" those of them at which the mapper said that all
-was well. "Loops" are those that close on the map, of those that were driven; "edges" the closures
-that the mapper found, joins among them; "step" and "slice" the 99th percentile and the greatest
-CPU time of one step and one slice of a search. "+MB" is what this process grew by at most; what a
+was well, "doubted" the places of the finished map of which it is said that they may be wrong.
+"Loops" are those that close on the map, of those that were driven; "edges" the closures that the
+mapper found, joins among them; "step" and "slice" the 99th percentile and the greatest CPU time of
+one step and one slice of a search. "+MB" is what this process grew by at most; what a
 drive before it left free counts too little, so measure it with one drive.
 Peers' figures stand where they are known, and are those of a drive of that kind, not the same one.
 """
@@ -91,6 +92,8 @@ class Result:
     grid: GridMap
     drive: MappedDrive
     edges: int
+    num_doubtful: int
+    """Places of the finished map of which it is said that they may be wrong."""
     grown_mb: float
     peer: str
     relations_m: float | None = None
@@ -133,7 +136,10 @@ def follow(
     mapper = Mapper(MapperConfig(), start, prior)
     drive = map_drive(mapper, (recording.scan(row) for row in range(len(recording.stamps))))
     grown_mb = memory_mb("VmHWM") - begin_mb
-    return Result(name, recording, mapper.grid(), drive, mapper.num_loops, grown_mb, peer)
+    num_doubtful = len(mapper.doubtful())
+    return Result(
+        name, recording, mapper.grid(), drive, mapper.num_loops, num_doubtful, grown_mb, peer
+    )
 
 
 def memory_mb(what: str) -> float:
@@ -190,8 +196,8 @@ def through_building(name: str, seed: int) -> Result:
 
 
 HEADS = [
-    "drive", "scans", "way m", "1-10 m", "wrong %", "unsaid %", "mean m", "max m", "loops",
-    "edges", "lost %", "CPU ms", "step ms", "slice ms", "+MB", "best peer",
+    "drive", "scans", "way m", "1-10 m", "wrong %", "unsaid %", "doubted", "mean m", "max m",
+    "loops", "edges", "lost %", "CPU ms", "step ms", "slice ms", "+MB", "best peer",
 ]  # fmt: skip
 
 
@@ -207,6 +213,7 @@ def row(one: Result) -> list[str]:
         f"{map_metrics.relative_error_m(one.found, truth):.3f}",
         f"{100.0 * revisits.wrong_share:.0f}",
         f"{100.0 * one.unsaid_share:.0f}",
+        str(one.num_doubtful),
         f"{errors_m.mean():.2f}",
         f"{errors_m.max():.2f}",
         f"{revisits.num_closed}/{revisits.num_loops}",
@@ -240,10 +247,16 @@ def figures(results: list[Result]) -> list[Figure]:
             at_least("buildings without a wrong revisit", 100.0 * right / len(drawn), 95.0, "%", 0),
             at_most("wrong and unsaid revisits, worst", unsaid, 0.0, "%", 1),
         ]
+    doubted_wrongly = sum(
+        one.num_doubtful > 0 and not one.revisits.is_wrong.any() for one in results
+    )
+    not_doubted = sum(one.num_doubtful == 0 and one.unsaid_share > 0.0 for one in results)
     step_s = max(float(np.quantile(one.drive.step_s, 0.99)) for one in results)
     slice_s = max(float(one.drive.slice_s.max()) for one in results)
     return [
         *found,
+        at_most("right maps that are doubted", doubted_wrongly, 0.0, "", 0),
+        at_most("maps wrong and unsaid that are not doubted", not_doubted, 0.0, "", 0),
         at_most("step, 99 of 100, worst drive", 1e3 * step_s, 50.0, "ms CPU", 0),
         at_most("slice of a search, longest of all", 1e3 * slice_s, 50.0, "ms CPU", 0),
         at_most("growth of memory, worst", max(one.grown_mb for one in results), 300.0, "MB", 0),

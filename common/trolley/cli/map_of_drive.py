@@ -70,6 +70,7 @@ def map_of_drive(name: str, source: Path, *, as_json: bool) -> None:
                 "unused": made.num_unused,
                 "lost": made.num_lost,
                 "loops": made.num_loops,
+                "doubt": made.doubt,
             }
         )
         return
@@ -82,6 +83,8 @@ def map_of_drive(name: str, source: Path, *, as_json: bool) -> None:
     if made.num_lost:
         share = 100.0 * made.num_lost / made.num_scans
         say(f"At {share:.0f} % of the scans it was lost: look at the map.", err=True, fg="yellow")
+    if made.doubt:
+        say(made.doubt, err=True, fg="yellow")
 
 
 def _maker() -> Callable[..., Any]:

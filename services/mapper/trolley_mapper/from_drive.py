@@ -8,6 +8,7 @@ from trolley.gridmap import GridMap
 from trolley.messages import Transform
 from trolley.recording.drive import Drive
 from trolley.scanning import Reject, assemble
+from trolley_mapper.slam import sentences
 from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.slices import whole
 
@@ -30,6 +31,8 @@ class Made:
     num_loops: int
     num_lost: int
     """Scans at which the mapper did not know where it was."""
+    doubt: str
+    """Where it may be wrong, in a sentence; empty if nowhere."""
 
 
 def make_map(drive: Drive, tell: Callable[[float], None]) -> Made:
@@ -60,7 +63,8 @@ def make_map(drive: Drive, tell: Callable[[float], None]) -> Made:
     if not mapper.num_keyframes:
         raise ValueError("none of its scans can be used")
     _do_jobs(mapper, LAST_JOBS)
-    return Made(mapper.grid(), len(drive.scans), num_unused, mapper.num_loops, num_lost)
+    doubt = sentences.doubtful(mapper.doubtful())
+    return Made(mapper.grid(), len(drive.scans), num_unused, mapper.num_loops, num_lost, doubt)
 
 
 def _do_jobs(mapper: Mapper, at_most: int) -> None:

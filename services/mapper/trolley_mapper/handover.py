@@ -19,6 +19,7 @@ from trolley_mapper.edit.map_versions import write_map
 from trolley_mapper.map_names import check_name_is_free, configured_name
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import ANSWER_NS, Mapping
+from trolley_mapper.slam import sentences
 from trolley_mapper.slices import do_aside
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
@@ -174,19 +175,23 @@ class MapSaver:
             return
         turned_deg = round(math.degrees(job.new_T_old.yaw), 2)
         self._service.log.info("Map saved", map=name, turned_deg=turned_deg)
-        self._mapping.saved(session, name, job)
-        self._handover = Handover(self._service, name, self._mapping.pose_now, self._handed_over)
+        doubt = sentences.doubtful(job.doubtful)
+        if doubt:
+            self._service.log.warning(doubt, map=name)
+        self._mapping.saved(session, name, job, doubt)
+        handed_over = partial(self._handed_over, doubt)
+        self._handover = Handover(self._service, name, self._mapping.pose_now, handed_over)
         self._answer()
         self._handover.ask()
 
-    def _handed_over(self, note: str) -> None:
+    def _handed_over(self, doubt: str, note: str) -> None:
         self._handover = None
         session = self._mapping.session
         wishes: list[_Wish] = []
         if session is not None and session.name == session.extends:
             wishes += [(requests.ZONES_DELETE, Named(name=n)) for n in session.zones.deleted]
             wishes += [(requests.ZONES_PUT, zone) for zone in session.zones.drawn]
-        self._hand_zones_over(wishes, note)
+        self._hand_zones_over(wishes, f"{note} {doubt}".rstrip())
 
     def _hand_zones_over(self, wishes: list[_Wish], note: str) -> None:
         """Let the localizer store what has become of an extended map's zones, then end."""

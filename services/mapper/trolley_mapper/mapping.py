@@ -233,8 +233,15 @@ class Mapping:
         self.phase = "paused" if paused else "mapping"
         return self.announce(problem)
 
-    def saved(self, session: MapSession, name: str, job: "FinishJob") -> None:
-        """Turn the session and its places as the map was, and give them the name it has now."""
+    def saved(self, session: MapSession, name: str, job: "FinishJob", doubt: str) -> None:
+        """Turn the session and its places as the map was, and give them the name it has now.
+
+        Args:
+            session: whose map was saved.
+            name: of the map.
+            job: that made it ready.
+            doubt: where it may be wrong, in a sentence; empty if nowhere.
+        """
         if job.new_T_old.yaw != 0.0:
             # A goal under way is a pose on the map as it lay before. A refusal means there is none.
             self._service.request(requests.GOAL_CANCEL, WhichGoal(), lambda _: None)
@@ -244,7 +251,7 @@ class Mapping:
             self._places.store_moved(name)
         session.rename(name)
         self.publish_zones(session)
-        self._note = f"The map {name} is saved; the localizer takes over."
+        self._note = f"The map {name} is saved; the localizer takes over. {doubt}".rstrip()
 
     # Scans.
 

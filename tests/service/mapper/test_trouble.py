@@ -5,14 +5,24 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
+import numpy as np
 import pytest
+from support.flatland import Flatland
 
 from trolley import codes, requests, topics
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import MapError
 from trolley.messages.request_params import MapNamed, SaveMap
+from trolley.scan_matching.sweep import read_sweep
+from trolley.scanning import ScanInput
 from trolley_mapper import checkpoint
 from trolley_mapper.edit.map_versions import MapVersions
+from trolley_mapper.slam.anchors import Anchors
+from trolley_mapper.slam.keyframe import Keyframe
+from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between
+from trolley_mapper.slam.serialization import State, pack
 
 from .conftest import Stage
 
@@ -207,3 +217,43 @@ def test_a_broken_working_file_is_kept_aside_and_said(stage: Stage) -> None:
     assert "kept as mapping.bin.broken" in stage.status.message
     assert list(file.parent.glob("mapping.bin.broken-*"))
     assert stage.ask(requests.MAP_NEW, MapNamed(name="again")).state == "starting"
+
+
+def unfinished_map(world: Flatland, off_m: float) -> bytes:
+    """A map of laps round one place as a mapper keeps it; the later laps lie beside the others."""
+    store, begin = KeyframeStore(), world.map_T_base.inverse()
+    for number in range(64):
+        world.drive(Twist2D(0.4, 0.0, 0.8), 1.0)
+        scan = world.scan(number + 1)
+        entered = ScanInput(
+            number + 1, world.ranges(), scan.angle_min, scan.angle_increment, scan.range_min,
+            scan.range_max, world.base_T_laser, world.odom_T_base, world.odom_T_base,
+        )  # fmt: skip
+        keyframe = Keyframe.of(number, number + 1, read_sweep(entered, 10.0))
+        pose = (begin @ world.map_T_base).as_array()
+        pose[0] += off_m if number >= 32 else 0.0
+        before = store.poses[-1] if number else pose
+        edge = Edge(number - 1, number, between(before, pose), np.eye(3), ODOMETRY)
+        store.add(keyframe, pose, [edge] if number else [])
+    at = Pose2D.from_array(store.poses[-1])
+    core = pack(State(store, Anchors(), None, at, len(store), 0))
+    return msgspec.msgpack.encode(checkpoint.Checkpoint(name="home", core=core))
+
+
+@pytest.mark.parametrize(("off_m", "is_doubted"), [(0.0, False), (0.5, True)])
+def test_a_map_that_contradicts_itself_is_saved_and_said_to_be_doubtful(
+    make_stage: MakeStage, off_m: float, is_doubted: bool
+) -> None:
+    stage = make_stage("localizer")
+    folder = stage.bus.state / "trolley"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / checkpoint.FILE).write_bytes(unfinished_map(stage.world, off_m))
+    stage.begin("mapper")
+    stage.bus.run(2.0)
+    assert stage.status.scans > 60
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(3.0)
+    assert stage.status.state == "idle"
+    assert "in use" in stage.status.message
+    assert stage.ask(requests.MAP_LIST) == ["home"]
+    assert ("contradict each other" in stage.status.message) == is_doubted

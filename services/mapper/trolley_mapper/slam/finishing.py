@@ -1,4 +1,4 @@
-"""The map as it is saved: its walls along the axes, and without stray floor."""
+"""The map as it is saved: its walls along the axes, without stray floor, and checked."""
 
 import math
 from dataclasses import dataclass, field
@@ -11,6 +11,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM, GridMap
 from trolley.map_editing import angle_of_walls
 from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.map_check import contradictions
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import compose
 from trolley_mapper.slam.tidying import tidied
@@ -31,6 +32,7 @@ class FinishJob:
         grid: the map as it is; afterwards as it is to be saved.
         new_T_old: the motion by which it was turned.
         occupancy: what it was drawn from, if it was turned.
+        doubtful: places x, y [m] on it where it may be wrong, the worst first.
     """
 
     store: KeyframeStore
@@ -39,6 +41,9 @@ class FinishJob:
     grid: GridMap
     new_T_old: Pose2D = field(default_factory=Pose2D.identity, init=False)
     occupancy: LogOddsGrid | None = field(default=None, init=False)
+    doubtful: list[tuple[float, float]] = field(
+        default_factory=list[tuple[float, float]], init=False
+    )
 
     def run(self) -> "FinishJob":
         """Do all slices at once; returns itself."""
@@ -46,12 +51,13 @@ class FinishJob:
         return self
 
     def slices(self) -> Slices[None]:
-        """Straighten and tidy."""
+        """Straighten, check and tidy."""
         if self.prior is None:
             angle = yield from self._angle()
             if angle is not None and abs(angle) >= MIN_TURN_RAD:
                 yield from self._turn(angle)
         store = self.store
+        self.doubtful = yield from contradictions(store)
         floor = [store.poses[~store.loose, :2]]
         if self.prior is not None:
             prior = store.keyframes[0].floor

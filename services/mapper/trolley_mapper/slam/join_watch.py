@@ -5,21 +5,17 @@ lift, and from the door other floors look alike.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
-from trolley.scan_matching.layout import Cloud
-from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
-from trolley.scan_matching.sweep import Sweep
 from trolley_mapper.slam import sentences
+from trolley_mapper.slam.agreement import count_explained
 from trolley_mapper.slam.joining import PARAMS as JOINS
 from trolley_mapper.slam.joining import Joint
 from trolley_mapper.slam.keyframe_store import KeyframeStore
-from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.loop_closure import Closure, relax
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between, compose
@@ -145,33 +141,11 @@ class JoinWatch:
             (here, map_side),
             (store.choose_near(before, pose, PARAMS.num_compared), part_side),
         ):
-            one, other = _classified(store, shown, by, pose)
+            one, other = count_explained(
+                store, shown, by, store.newest.number, JOINS.checked_near_m, JOINS.reach_m
+            )
             known, explained = known + one, explained + other
         return known, explained
-
-
-def _classified(
-    store: KeyframeStore, shown: list[int], by: list[int], pose: NDArray[np.float64]
-) -> tuple[int, int]:
-    """Return how many points of some keyframes others know, and how many of these they explain."""
-    if not shown or not by:
-        return 0, 0
-    local = LocalMap(
-        [store.keyframes[store.rows[n]] for n in by],
-        np.array([store.pose(n) for n in by]),
-        pose[:2],
-        JOINS.reach_m,
-    )
-    known, explained = 0, 0
-    for number in shown:
-        one = store.keyframes[store.rows[number]]
-        sweep = Sweep(one.cloud(), one.laser.astype(np.float64), is_blind=False)
-        cloud = Cloud(sweep.cloud.points, np.zeros_like(sweep.cloud.normals))
-        without_sides = replace(sweep, cloud=cloud)
-        classes = local.classify(store.pose(number), without_sides, JOINS.checked_near_m)
-        known += int(np.count_nonzero(classes != UNKNOWN))
-        explained += int(np.count_nonzero(classes == EXPLAINED))
-    return known, explained
 
 
 @dataclass(eq=False)

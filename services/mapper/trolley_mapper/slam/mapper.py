@@ -31,12 +31,14 @@ from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_map import KeyframeMap
 from trolley_mapper.slam.local_map import LocalMap, Neighbourhood
 from trolley_mapper.slam.loop_closure import LoopJob
+from trolley_mapper.slam.map_check import contradictions
 from trolley_mapper.slam.motion_model import motion_covariance
 from trolley_mapper.slam.odometry_model import OdometryModel
 from trolley_mapper.slam.pose_graph import Edge, between, compose, to_frame
 from trolley_mapper.slam.scan_matcher import MatchQuality, ScanMatch, ScanMatcher
 from trolley_mapper.slam.serialization import State, unpack
 from trolley_mapper.slam.tracking_state import TrackingState
+from trolley_mapper.slices import whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -373,6 +375,10 @@ class Mapper:
         """Return the work of making the map ready to be saved; run it anywhere."""
         store = self._map.store.copy()
         return FinishJob(store, self._config, self._map.prior, self.grid())
+
+    def doubtful(self) -> list[tuple[float, float]]:
+        """Return places x, y [m] where the map may be wrong, the worst first; takes long."""
+        return whole(contradictions(self._map.store))
 
     def turn(self, job: FinishJob) -> Pose2D:
         """Turn the map and all that lies on it as `job` has, if it has.

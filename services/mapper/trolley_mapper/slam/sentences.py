@@ -1,5 +1,7 @@
 """Sentences for people about what is the matter with the pose or the map."""
 
+from collections.abc import Sequence
+
 BLIND = "the lidar sees too little"
 PAUSED = "paused: the map does not grow"
 LOST = (
@@ -16,3 +18,20 @@ OTHER_FLOOR = (
 )
 UNSURE = "checking the pose: drive on a little, then the map grows again"
 SLIPS = "the wheels slip: they turn farther than the robot moves"
+
+
+def doubtful(places: Sequence[tuple[float, float]]) -> str:
+    """Say where a finished map may be wrong; empty if it is right as far as its scans tell.
+
+    Args:
+        places: x, y [m], the worst first.
+    """
+    if not places:
+        return ""
+    x, y = places[0]
+    more = len(places) - 1
+    elsewhere = f" and in {more} other places" if more > 1 else " and in 1 other place"
+    return (
+        f"At ({x:.1f}, {y:.1f}){elsewhere if more else ''} scans taken at different times "
+        "contradict each other: look at the map there, it may be wrong."
+    )

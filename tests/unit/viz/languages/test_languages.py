@@ -284,6 +284,13 @@ def test_languages_are_known_by_their_tags(tag: str, code: str) -> None:
             "Home, because the battery was low. 2 of 3 stops reached.",
             "Zu Hause, weil der Akku fast leer war. 2 von 3 Halten erreicht.",
         ),
+        (
+            "The map home is saved and in use. At (3.1, -4.0) and in 2 other places scans taken at "
+            "different times contradict each other: look at the map there, it may be wrong.",
+            "Die Karte „home“ ist gespeichert und in Gebrauch. Bei (3.1, -4.0) und an 2 weiteren "
+            "Stellen widersprechen sich Messungen verschiedener Zeiten: dort die Karte ansehen, "
+            "sie kann falsch sein.",
+        ),
         ("Remove 08:30 Mon–Wed, Fri", "08:30 Mo–Mi, Fr entfernen"),
         ("The robot cannot drive: zorp.", "Der Roboter kann nicht fahren: zorp."),
         ("Nobody has ever said so.", "Nobody has ever said so."),
