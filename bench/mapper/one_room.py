@@ -125,6 +125,7 @@ def main() -> None:
             at_most("walls of the map are off, 95 of 100", last[1], 0.15, "m", 2),
             at_most("pose is off at most", far_m, 0.2, "m"),
             at_most("scans at which it was not mapping", not_mapping, 0.0, "", 0),
+            at_most("places of the map that are doubted", len(mapper.doubtful()), 0.0, "", 0),
             at_most("more cells beside walls than after ten minutes", last[2] / first[2], 1.1),
             at_most("more edges for each keyframe", last[4] / last[3] * first[3] / first[4], 1.1),
             at_most("growth of the map since then", last[5] - first[5], 1.0, "MB"),
