@@ -17,9 +17,10 @@ from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley.messages import BaseState, GoalState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
 from trolley_mapper.explore import sentences
-from trolley_mapper.explore.exploration_goal import Action, Cancel, Limits, Scene, Send
+from trolley_mapper.explore.exploration_goal import Action, Cancel, Limits, Scene, Send, Survey
 from trolley_mapper.explore.explorer import PARAMS, Explorer
-from trolley_mapper.explore.frontiers import Frontier
+from trolley_mapper.explore.frontiers import Frontier, FrontierReport
+from trolley_mapper.explore.traversable_area import lay_out_area
 
 EDGE = 0.05
 START = Pose2D(1.0, 1.0, 0.0)
@@ -343,3 +344,21 @@ def test_a_corner_that_is_small_and_far_is_left_out_and_said() -> None:
     assert not replace(near, distance_m=9.0).is_worth_the_way
     assert replace(near, distance_m=9.0, gain_m2=2.0).is_worth_the_way
     assert "1 small corner left out" in sentences.explored(84.0, 0, sentences.AT_HOME, 1)
+
+
+@pytest.mark.parametrize(("step_m", "is_driven_to"), [(0.1, True), (0.6, False)])
+def test_frontiers_that_move_about_while_the_robot_hardly_does_are_no_sign_of_a_mirror(
+    step_m: float, is_driven_to: bool
+) -> None:
+    """From a doorway floor is seen bit by bit: the frontiers in it move, and none adds much."""
+    explorer, grid = make_explorer(), two_rooms()
+    for number in range(3):
+        here = Pose2D(1.0 + number * step_m, 1.0, 0.0)
+        scene = Scene(grid, here, False, False, (), START)
+        area = lay_out_area(grid, (), here, CLEARANCE.passing_m, (START, LIMITS.radius_m))
+        frontier = Frontier(3.0, 1.0 + 0.7 * number, Pose2D(2.5, 1.0, 0.0), 1.5, 4.0)
+        report = FrontierReport([frontier], [], 14.0, can_move=True)
+        explorer.step(scene, Survey(area, report), 2.0 * number)
+    last = [one for one in explorer.take_actions() if isinstance(one, Send)][-1].goal
+    assert explorer.state == ("exploring" if is_driven_to else "homing")
+    assert (last.pose == START) is not is_driven_to

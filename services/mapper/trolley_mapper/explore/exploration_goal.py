@@ -83,6 +83,8 @@ class ExplorationGoal:
     goal: SendGoal
     frontier: Frontier | None
     """The frontier that the goal is to show; None on the way home."""
+    set_off: Pose2D
+    """Where the robot was when the goal was chosen (`map_T_base`)."""
     sent_s: float
     """When the goal was chosen, robot time [s]."""
     limit_s: float

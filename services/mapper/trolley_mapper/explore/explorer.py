@@ -60,6 +60,9 @@ class ExplorerParams:
     [m^2]."""
     growth_m2: float = 0.5
     """Floor that a goal must add not to be barren [m^2]."""
+    tried_m: float = 0.5
+    """Distance that the robot must have driven for a frontier before its vanishing says that there
+    is no floor: from a doorway frontiers move as the floor behind it is seen [m]."""
     max_barren: int = 12
     """Number of barren goals in a row after which exploring ends."""
     max_failed: int = 5
@@ -393,7 +396,7 @@ class Explorer:
             self._set("homing", "", said)
             self._go_home(survey.area, scene, now_s)
         else:
-            self._send(best.goal, best, best.distance_m, now_s)
+            self._send(best.goal, best, scene.pose, best.distance_m, now_s)
             self._set("exploring", "", sentences.exploring(self.area_m2, len(report.frontiers)))
 
     def _count_unreachable(self, report: FrontierReport) -> int:
@@ -438,19 +441,27 @@ class Explorer:
         if not left:
             self._progress.num_failed_in_row = 0
             self._goal = None  # the next goal replaces this one
+            if goal.set_off.distance_to(scene.pose) < PARAMS.tried_m:
+                self._last = None
             self._choose(scene, survey, now_s)
             return
         now = max(left, key=lambda one: one.worth)
         has_grown = report.area_m2 > goal.area_m2 + PARAMS.better_growth_m2
         if best is not None and has_grown and best.worth > PARAMS.better * now.worth:
-            self._send(best.goal, best, best.distance_m, now_s)
+            self._send(best.goal, best, scene.pose, best.distance_m, now_s)
 
     def _go_home(self, area: TraversableArea, scene: Scene, now_s: float) -> None:
         distance_m = path_length_to(area, scene.pose, scene.home, self.clearance)
-        self._send(scene.home, None, PARAMS.home_m if distance_m is None else distance_m, now_s)
+        length_m = PARAMS.home_m if distance_m is None else distance_m
+        self._send(scene.home, None, scene.pose, length_m, now_s)
 
     def _send(
-        self, pose: Pose2D, frontier: Frontier | None, distance_m: float, now_s: float
+        self,
+        pose: Pose2D,
+        frontier: Frontier | None,
+        here: Pose2D,
+        distance_m: float,
+        now_s: float,
     ) -> None:
         self._progress.num_sent += 1
         self._progress.num_barren += frontier is not None
@@ -464,7 +475,7 @@ class Explorer:
             speed=self._speed_mps,
         )
         limit_s = PARAMS.goal_s + PARAMS.goal_s_per_m * distance_m
-        self._goal = ExplorationGoal(goal, frontier, now_s, limit_s, self.area_m2, now_s)
+        self._goal = ExplorationGoal(goal, frontier, here, now_s, limit_s, self.area_m2, now_s)
         self._actions.append(Send(goal))
 
     def _yaw_tolerance(self, frontier: Frontier | None) -> float:
