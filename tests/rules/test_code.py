@@ -124,6 +124,21 @@ def with_arrays(sources: list["Source"]) -> set[str]:
     return found
 
 
+def test_lean_kernels_compile_whatever_was_compiled_before(sources: list["Source"]) -> None:
+    # numba finds an array's extremes by an iterator that counts references: a lean kernel can be
+    # compiled with it only where another kernel was before it, in the same process.
+    wrong = [
+        f"{kernel.name}: {ast.unparse(call.func)}"
+        for source in sources
+        for kernel in source.nodes(ast.FunctionDef)
+        if "lean_kernel" in names_in(*kernel.decorator_list)
+        for call in ast.walk(kernel)
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute)
+        if call.func.attr in {"min", "max", "argmin", "argmax"}
+    ]
+    assert wrong == []
+
+
 def test_lean_kernels_are_given_no_array_by_what_they_call(sources: list["Source"]) -> None:
     # They count no references, so nobody would ever free it; numba refuses only arrays that a
     # lean kernel makes itself.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trolley.gridmap.kernels import begin_march, disc_box, is_in_disc
 from trolley.jit import kernel, lean_kernel
 from trolley.sight import SIGHT
-from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y, inside_polygon
+from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y, box_of, inside_polygon
 
 
 class ObstacleParams(NamedTuple):
@@ -289,14 +289,9 @@ def clear_inside_robot(
     let it back up to there. `now` is the number of the scan and its time, in `OBSTACLES.tick_s`.
     """
     rows, cols = grid.evidence.shape
-    for row in range(
-        max(0, math.floor(polygon_cells[:, 1].min())),
-        min(rows, math.ceil(polygon_cells[:, 1].max())),
-    ):
-        for col in range(
-            max(0, math.floor(polygon_cells[:, 0].min())),
-            min(cols, math.ceil(polygon_cells[:, 0].max())),
-        ):
+    low_x, low_y, high_x, high_y = box_of(polygon_cells)
+    for row in range(max(0, math.floor(low_y)), min(rows, math.ceil(high_y))):
+        for col in range(max(0, math.floor(low_x)), min(cols, math.ceil(high_x))):
             if inside_polygon(polygon_cells, col + 0.5, row + 0.5):
                 if grid.observed[row, col] == 0:
                     mark_dirty(grid.dirty, row, col)

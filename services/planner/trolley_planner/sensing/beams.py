@@ -70,6 +70,16 @@ def inside_polygon(polygon: NDArray[np.float64], x: float, y: float) -> bool:
 
 
 @lean_kernel
+def box_of(polygon: NDArray[np.float64]) -> tuple[float, float, float, float]:
+    """Return the least x and y of some points (n, 2), and the greatest."""
+    low_x, low_y, high_x, high_y = math.inf, math.inf, -math.inf, -math.inf
+    for index in range(polygon.shape[0]):
+        low_x, high_x = min(low_x, polygon[index, 0]), max(high_x, polygon[index, 0])
+        low_y, high_y = min(low_y, polygon[index, 1]), max(high_y, polygon[index, 1])
+    return low_x, low_y, high_x, high_y
+
+
+@lean_kernel
 def smooth_ranges_into(
     out_m: NDArray[np.float32], ranges_m: NDArray[np.float32], angle_increment: float
 ) -> None:

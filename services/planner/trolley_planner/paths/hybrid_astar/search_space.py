@@ -16,7 +16,7 @@ from trolley_planner.paths.hybrid_astar.footprint_spans import (
     is_near_edge,
 )
 from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, CELL_M, FORWARDS
-from trolley_planner.sensing.beams import inside_polygon
+from trolley_planner.sensing.beams import box_of, inside_polygon
 
 
 class TraversalCosts(NamedTuple):
@@ -143,10 +143,10 @@ def count_into(
         out_counts[BLOCKED, row, cols], out_counts[NEAR, row, cols] = blocked, near
         out_counts[BESIDE, row, cols], out_counts[TOUCHING, row, cols] = beside, touching
         out_counts[UNSEEN, row, cols], out_counts[HIDDEN, row, cols] = unseen, hidden
-    first_row = max(math.floor(outline[:, 1].min()) - 1, 0)
-    first_col = max(math.floor(outline[:, 0].min()) - 1, 0)
-    last_col = min(math.ceil(outline[:, 0].max()) + 1, cols)
-    for row in range(first_row, min(math.ceil(outline[:, 1].max()) + 1, rows)):
+    low_x, low_y, high_x, high_y = box_of(outline)
+    first_row, first_col = max(math.floor(low_y) - 1, 0), max(math.floor(low_x) - 1, 0)
+    last_col = min(math.ceil(high_x) + 1, cols)
+    for row in range(first_row, min(math.ceil(high_y) + 1, rows)):
         taken = np.uint16(0)
         for col in range(first_col, cols):
             is_occupied = mask[row, col] != 0 and col < last_col
