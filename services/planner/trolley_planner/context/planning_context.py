@@ -27,6 +27,7 @@ from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clear
 from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.paths.hybrid_astar.centering import centered
 from trolley_planner.paths.hybrid_astar.motion_primitives import Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, Task
 from trolley_planner.sensing.beams import ScanShape, Sweep
@@ -165,7 +166,8 @@ class PlanningContext:
         grid.update(first, size)
         unseen = self.local_costmap.known_floor.in_fine_cells(grid, first)
         closed = np.zeros_like(unseen)
-        return self.pose_search.find(grid, unseen, closed, task, POSE_SEARCH.driving_states)
+        found = self.pose_search.find(grid, unseen, closed, task, POSE_SEARCH.driving_states)
+        return None if found is None else centered(found, grid, unseen, self.footprint.body)
 
 
 def half_window_m(footprint: Footprint, config: PlannerConfig, max_speed: float) -> float:

@@ -1,0 +1,131 @@
+"""Maneuvers bent to the middle of narrow places."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.all_poses import box
+from support.flatland import empty_room, two_rooms
+
+from trolley.config import PlannerConfig
+from trolley.gridmap import GridMap
+from trolley_planner.costmap.costmap import Costmap
+from trolley_planner.costmap.fine_grid import FINE, FineGrid
+from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
+from trolley_planner.paths.hybrid_astar.centering import centered
+from trolley_planner.paths.hybrid_astar.motion_primitives import (
+    BACKWARDS,
+    FORWARDS,
+    TURNING,
+    Maneuver,
+)
+from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, NEVER_SEEN
+
+HOBBY = Footprint.from_polygon(box(0.35, 0.30, 0.175))
+DOOR = 4.0, 2.975
+"""Middle of a door of 0.35 m between the two rooms [m]."""
+
+
+def fine_grid(grid: GridMap) -> FineGrid:
+    costmap = Costmap(grid, HOBBY, PlannerConfig(), False)
+    fine = FineGrid(costmap, FINE.finest_m, 1.0)
+    fine.update((0, 0), costmap.shape)
+    return fine
+
+
+def straight(aside_m: float, yaw: float = 0.0, motion: int = FORWARDS) -> Maneuver:
+    """Through the door from left to right, this far beside its middle."""
+    along = np.arange(-0.8, 0.8, 0.025)
+    poses = np.column_stack([
+        DOOR[0] + along * math.cos(yaw),
+        DOOR[1] + aside_m + along * math.sin(yaw),
+        np.full(len(along), yaw if motion == FORWARDS else yaw + math.pi),
+    ])  # fmt: skip
+    return Maneuver(poses, np.full(len(poses), motion, dtype=np.int8))
+
+
+def bent(
+    maneuver: Maneuver, grid: GridMap, unseen: NDArray[np.uint8] | None = None
+) -> NDArray[np.float64]:
+    fine = fine_grid(grid)
+    known = np.full(fine.mask.shape, IN_SIGHT, np.uint8) if unseen is None else unseen
+    found = centered(maneuver, fine, known, HOBBY.body)
+    assert np.array_equal(found.motions, maneuver.motions)
+    return found.poses
+
+
+def in_door(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    return poses[np.abs(poses[:, 0] - DOOR[0]) < 0.15]
+
+
+def least_clearance(poses: NDArray[np.float64], grid: GridMap) -> float:
+    fine = fine_grid(grid)
+    field = Field(
+        fine.distance_m, NO_LIMITS, NO_LIMITS, fine.x, fine.y, fine.fine_m, 1.0, grid.resolution
+    )
+    return min(clearance_at(field, HOBBY.body, x, y, yaw, 1.0) for x, y, yaw in poses.tolist())
+
+
+@pytest.mark.parametrize("motion", [FORWARDS, BACKWARDS])
+@pytest.mark.parametrize("aside_m", [-0.015, 0.02])
+def test_a_door_is_passed_in_its_middle(aside_m: float, motion: int) -> None:
+    poses = bent(straight(aside_m, motion=motion), two_rooms(0.35))
+    assert np.abs(in_door(poses)[:, 1] - DOOR[1]).max() < 0.008
+
+
+def test_a_door_is_passed_straighter_than_the_search_led_through_it() -> None:
+    poses = bent(straight(0.0, yaw=0.1), two_rooms(0.35))
+    assert np.abs(in_door(poses)[:, 2]).max() < 0.075
+
+
+def test_a_drive_begins_and_ends_where_it_did() -> None:
+    before = straight(0.02)
+    poses = bent(before, two_rooms(0.35))
+    assert np.allclose(poses[[0, -1]], before.poses[[0, -1]])
+
+
+def test_headings_follow_the_path() -> None:
+    for motion in (FORWARDS, BACKWARDS):
+        poses = bent(straight(0.02, motion=motion), two_rooms(0.35))
+        steps = motion * np.diff(poses[:, :2], axis=0)
+        middle = 0.5 * (poses[1:, 2] + poses[:-1, 2])
+        off = np.arctan2(steps[:, 1], steps[:, 0]) - middle
+        assert np.abs((off + math.pi) % (2.0 * math.pi) - math.pi).max() < 0.02
+
+
+def test_turns_on_the_spot_stay_where_they_are() -> None:
+    before = straight(0.02)
+    yaws = np.linspace(0.0, 1.0, 10)[1:, None]
+    turn = np.column_stack([np.repeat(before.poses[-1:, :2], len(yaws), axis=0), yaws])
+    whole = Maneuver(
+        np.concatenate([before.poses, turn]),
+        np.concatenate([before.motions, np.full(len(turn), TURNING, np.int8)]),
+    )
+    assert np.allclose(bent(whole, two_rooms(0.35))[len(before.poses) :], turn)
+
+
+def test_in_open_floor_nothing_is_bent() -> None:
+    before = straight(0.02)
+    assert np.array_equal(bent(before, empty_room()), before.poses)
+
+
+def test_nothing_is_bent_onto_floor_that_was_never_seen() -> None:
+    before, grid = straight(0.015, motion=BACKWARDS), two_rooms(0.35)
+    fine = fine_grid(grid)
+    unseen = np.full(fine.mask.shape, IN_SIGHT, np.uint8)
+    unseen[: math.floor((DOOR[1] + 0.015 - 0.152) / fine.fine_m)] = NEVER_SEEN
+    assert np.array_equal(bent(before, grid, unseen), before.poses)
+
+
+def test_what_was_free_stays_free() -> None:
+    rng = np.random.default_rng(3)
+    num_free = 0
+    for width_m in (0.35, 0.4, 0.45, 0.6):
+        grid = two_rooms(width_m)
+        for _ in range(8):
+            before = straight(float(rng.uniform(-0.06, 0.08)), float(rng.uniform(-0.2, 0.2)))
+            if least_clearance(before.poses, grid) >= 0.0:
+                num_free += 1
+                assert least_clearance(bent(before, grid), grid) >= 0.0
+    assert num_free > 10
