@@ -16,7 +16,8 @@ from trolley.messages import Scan
 from trolley_planner.control.controller import Motion, limited_change, limits_of
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
-from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, TURNING, Maneuver
+from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, OUT_OF_SIGHT
 
 HOBBY = box(0.35, 0.30, 0.175)
 ARM = box(0.65, 0.30, 0.175)
@@ -30,6 +31,14 @@ class HalfBlind(Flatland):
         around = np.roll(self.ranges(), BEAMS // 4)[: BEAMS // 2 + 1].copy()
         ahead = {"angle_min": -0.5 * math.pi, "angle_increment": 2.0 * math.pi / BEAMS}
         return msgspec.structs.replace(scan_message(around, stamp_ns), **ahead)
+
+
+def test_a_turn_needs_its_clearance_where_the_robot_stands() -> None:
+    yaws = np.linspace(0.0, 2.0, 20)
+    poses = np.column_stack([np.full(20, 3.0), np.full(20, 1.0), yaws])
+    follower = ManeuverFollower(Maneuver(poses, np.full(20, TURNING, np.int8)))
+    beside = follower.poses_from(Pose2D(3.01, 0.99, 0.0), 0.5)
+    assert np.allclose(beside, np.column_stack([np.full(20, 3.01), np.full(20, 0.99), yaws]))
 
 
 def lane(width_m: float) -> GridMap:
@@ -52,6 +61,36 @@ def test_half_blind_it_leaves_a_dead_end_as_it_came_however_long_it_stood_there(
     assert status.state == "arrived"
     assert status.recoveries == 0
     assert world.touches == 0
+
+
+@pytest.mark.drives
+def test_half_blind_it_turns_exactly_on_the_spot_to_what_lies_behind_it(ride) -> None:
+    # `base` lets its sides come to floor that was not seen at 1 cm/s only while it drives as well.
+    drive = ride(HalfBlind(empty_room(), Pose2D(4.0, 3.0, 0.2), footprint=HOBBY))
+    drive.send(Pose2D(2.0, 3.0, 0.0))
+    first = len(drive.commands)
+    drive.step(14)
+    turning = [twist for twist in drive.commands[first:] if abs(twist.wz) > 0.4]
+    assert len(turning) > 10
+    assert {twist.vx for twist in turning} == {0.0}
+
+
+@pytest.mark.drives
+def test_half_blind_it_knows_that_it_will_not_see_what_it_backs_over(ride) -> None:
+    # `base` lets it creep there only: 13 s backwards into a dead end that it may turn in instead.
+    drive = ride(HalfBlind(empty_room(), Pose2D(3.0, 3.0, 0.0), footprint=HOBBY))
+    drive.step(4)
+    context = drive.navigator.costmap_manager.context
+    grid = FineGrid(context.costmap, FINE.finest_m, 1.0)
+    grid.update((0, 0), context.costmap.shape)
+    known_floor, here = context.local_costmap.known_floor, context.costmap.to_grid(drive.world.pose)
+    known = known_floor.in_fine_cells(grid, (0, 0), here)
+
+    def seen_at(ahead_m: float) -> int:
+        return int(known[round(here.y / grid.fine_m), round((here.x + ahead_m) / grid.fine_m)])
+
+    assert seen_at(0.4) == IN_SIGHT
+    assert seen_at(1.0) == OUT_OF_SIGHT
 
 
 @pytest.mark.drives

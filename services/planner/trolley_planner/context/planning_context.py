@@ -164,7 +164,7 @@ class PlanningContext:
         )
         first, size = (row - half, col - half), (2 * half, 2 * half)
         grid.update(first, size)
-        unseen = self.local_costmap.known_floor.in_fine_cells(grid, first)
+        unseen = self.local_costmap.known_floor.in_fine_cells(grid, first, task.start)
         closed = np.zeros_like(unseen)
         found = self.pose_search.find(grid, unseen, closed, task, POSE_SEARCH.driving_states)
         return None if found is None else centered(found, grid, unseen, self.footprint.body)

@@ -19,6 +19,9 @@ BACK_STEPS_M = (0.05, 0.1, 0.15)
 """Distances behind the robot at which the floor must be known before it backs up [m]."""
 FAR_STEPS_M = (*BACK_STEPS_M, 0.2, 0.25, 0.3)
 """The same before it backs up as fast as it drives: it brakes from 0.5 m/s within these."""
+STILL_SEEN_M = 0.4
+"""What lies farther off is out of sight before the robot has backed there, unless its lidar looks
+all round [m]."""
 MIDDLE_CELLS = 0.25
 """Distance from a cell's centre, along both axes, within which a point is in its middle [cells]."""
 
@@ -34,6 +37,7 @@ class KnownFloor:
     def __init__(self, costmap: Costmap, footprint: Footprint) -> None:
         self._costmap = costmap
         self._edge = footprint.edge_points
+        self._radius_m = footprint.circumscribed_m
         self._behind = _points_behind(footprint, BACK_STEPS_M)
         self._far_behind = _points_behind(footprint, FAR_STEPS_M)
 
@@ -64,18 +68,25 @@ class KnownFloor:
         off = np.abs(points / self._costmap.resolution_m % 1.0 - 0.5)
         return self._knows(points[(off <= MIDDLE_CELLS).all(axis=1)])
 
-    def in_fine_cells(self, grid: FineGrid, first: tuple[int, int]) -> NDArray[np.uint8]:
+    def in_fine_cells(
+        self, grid: FineGrid, first: tuple[int, int], place: Pose2D
+    ) -> NDArray[np.uint8]:
         """Return how the floor of each fine cell is known: IN_SIGHT, OUT_OF_SIGHT or NEVER_SEEN.
 
         Args:
             grid: of the fine cells.
             first: row and column of the costmap at its corner.
+            place: of the robot in `grid`.
         """
         num_rows, num_cols = (size // grid.parts for size in grid.mask.shape)
         rows, cols = np.indices((num_rows, num_cols))
         rows, cols = rows + first[0], cols + first[1]
         known = self._is_known(rows, cols, OBSTACLES.recent_s)
         is_in_sight = known & self._is_fresh(rows, cols)
+        if not self._costmap.obstacle_layer.looks_all_round:
+            cell_m = self._costmap.resolution_m
+            away_m = np.hypot((cols + 0.5) * cell_m - place.x, (rows + 0.5) * cell_m - place.y)
+            is_in_sight &= away_m < STILL_SEEN_M + self._radius_m
         unseen = grid.divided(np.where(is_in_sight, IN_SIGHT, OUT_OF_SIGHT))
         middle = {(grid.parts - 1) // 2, grid.parts // 2}
         for row, col in itertools.product(middle, repeat=2):

@@ -1,12 +1,12 @@
 """Driving to one goal: along the route, onto the goal, with recovery where the path is blocked."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from trolley import codes
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D, Twist2D
+from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import HURRIED_REVERSE, Motion, limited_change, safe_command
@@ -26,6 +26,21 @@ BESIDE_ROUTE = Tolerances(0.12, math.pi)
 """How near to a place beside the route is near enough."""
 OUT_OF_THE_WAY = Tolerances(0.06, math.pi)
 """The same where people pass within centimetres of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpotParams:
+    """What counts as a turn on the spot; by hand."""
+
+    steps: int = 10
+    """Number of steps of the controller's trajectory that are looked at: 1 s."""
+    least_rad: float = 0.4
+    """Angle that it turns by at least."""
+    most_m: float = 0.1
+    """Distance that it drives at most."""
+
+
+SPOT = SpotParams()
 
 
 class GoalExecution:
@@ -172,8 +187,19 @@ class GoalExecution:
         local_costmap.update_moving(now.obeyed_ns)
         if found is None:
             return Twist2D.zero()
+        if not context.costmap.obstacle_layer.looks_all_round and self._turns_on_the_spot():
+            # `base` lets the sides turn over floor that was not seen, but hardly drive over it.
+            found = Twist2D(0.0, 0.0, found.wz)
         closer_m = ROLLOUT.same_clearance_m
         return safe_command(now.motion, found, local_costmap, limits, closer_m)
+
+    def _turns_on_the_spot(self) -> bool:
+        """Say whether the controller turns within the next second, and hardly drives."""
+        ahead = self.context.controller.trajectory[: SPOT.steps + 1]
+        if len(ahead) < 2:
+            return False
+        turn = abs(wrap_angle(float(ahead[-1, 2]) - float(ahead[0, 2])))
+        return turn > SPOT.least_rad and math.dist(ahead[-1, :2], ahead[0, :2]) < SPOT.most_m
 
     # What is known of it.
 

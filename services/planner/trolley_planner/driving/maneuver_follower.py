@@ -93,6 +93,13 @@ class ManeuverFollower:
         end = int(np.searchsorted(self._along, wanted_m, side="right"))
         return self._poses[self._index : max(end, self._index + 1)]
 
+    def poses_from(self, pose: Pose2D, length_m: float) -> NDArray[np.float64]:
+        """Return the same, a turn on the spot where the robot stands: it turns there."""
+        ahead = self.poses_ahead(length_m)
+        if int(self._motions[self._run_end]) != TURNING:
+            return ahead
+        return ahead + np.array([pose.x - ahead[0, 0], pose.y - ahead[0, 1], 0.0])
+
     def run_ahead(self, length_m: float) -> NDArray[np.float64]:
         """Return the poses (n, 3) of this length of it, no farther than its next change."""
         ahead = self.poses_ahead(length_m)

@@ -71,7 +71,7 @@ class ManeuverParams:
     """Time from the decision to the start of the braking."""
     lead_step_m: float = 0.025
     """Greatest distance between two poses of the way to where the robot will have stopped."""
-    brisk: float = 1.3
+    brisk: float = 2.0
     """Factor on the speed beside obstacles where the maneuver keeps the wanted clearance: it is
     known how near they come."""
     wary: float = 0.5
@@ -178,7 +178,7 @@ class Maneuvering:
             return Twist2D.zero()
         pose, local_costmap = now.motion.pose, context.local_costmap
         # As much clearance as the place has, as far as it is wanted.
-        least_m = context.least_clearance(follower.poses_ahead(MANEUVER.begin_m), 0.1)
+        least_m = context.least_clearance(follower.poses_from(pose, MANEUVER.begin_m), 0.1)
         floor_m = min(now.limits.clearance_m, max(least_m - TIGHT_CLEARANCE_M, 0.0))
         limits = now.limits._replace(clearance_m=floor_m)
         if least_m >= now.limits.clearance_m:

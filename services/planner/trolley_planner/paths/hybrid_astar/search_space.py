@@ -38,6 +38,9 @@ class TraversalCosts(NamedTuple):
     creep: float = 4.0
     """Extra cost of a metre backwards, or of a turn, over floor that is out of sight: `base` lets
     the robot creep there only, at a fifth of its speed."""
+    arrived_m: float = 0.5
+    """Distance from the robot beyond which it will have seen the floor that it turns over: it looks
+    the way it drives."""
 
 
 TRAVERSAL = TraversalCosts()
@@ -70,6 +73,8 @@ class SearchSpace(NamedTuple):
     """Clearance from which on nothing costs more."""
     state_cols: int
     """Cells of states in a row."""
+    own: tuple[float, float]
+    """Place of the robot."""
 
 
 def make_search_space(
@@ -105,6 +110,7 @@ def make_search_space(
         footprint=spans,
         wanted_m=wanted_m,
         state_cols=math.ceil(counts.shape[2] * grid.fine_m / CELL_M),
+        own=(own.x, own.y),
     )
 
 
@@ -169,6 +175,12 @@ def can_turn(space: SearchSpace, place: tuple[float, float], more_m: float) -> b
 
 
 @lean_kernel
+def has_arrived(space: SearchSpace, place: tuple[float, float]) -> bool:
+    """Say whether the robot drives so far to a place that it will have seen the floor there."""
+    return math.hypot(place[0] - space.own[0], place[1] - space.own[1]) > TRAVERSAL.arrived_m
+
+
+@lean_kernel
 def cost_per_metre(
     space: SearchSpace, place: tuple[float, float], angle: int, motion: int
 ) -> float:
@@ -190,7 +202,8 @@ def cost_per_metre(
         if not is_free(space.unknown, space.footprint, place, angle):
             return math.inf
         price += TRAVERSAL.reverse
-    if motion != FORWARDS and not is_free(space.hidden, space.footprint, place, angle):
+    has_seen = motion == FORWARDS or (motion != BACKWARDS and has_arrived(space, place))
+    if not has_seen and not is_free(space.hidden, space.footprint, place, angle):
         price += TRAVERSAL.creep
     if not has_room and not is_free(space.near, space.footprint, place, angle):
         price += TRAVERSAL.near
