@@ -1,7 +1,7 @@
 """How well the robot drives at home: doors, corners, corridors, dead ends and people.
 
     python -m bench.planner.home [--row door wall] [--seeds 3] [--full] [--lidar 360] [--each]
-        [--stop-field] [--localizer] [--off-grid] [--draw-all] [--knows tracks]
+        [--stop-field] [--localizer] [--off-grid] [--turned] [--draw-all] [--knows tracks]
         [--recording FILE ...] [--per-second 1]
 
 Base (simulated) and planner run in lock-step; map and true pose are given to the planner, so that
@@ -10,7 +10,8 @@ off, unless `--stop-field` is given: the planner must not need it. Unless a row 
 robot is 0.35 x 0.30 m with its axle in the middle, and drives at up to 0.5 m/s and turns at up to
 1.5 rad/s on a map of 5 cm cells, with the settings of a fresh robot.toml. Goals are kept to 5 cm
 and 3 degrees. Walls lie on borders of the map's cells; `--off-grid` moves the cells by a random
-part of one, as they lie on a map that a robot has made. The seed draws where things and robot are,
+part of one, as they lie on a map that a robot has made, `--turned` turns them as well: every wall
+and door is then at an angle. The seed draws where things and robot are,
 and the errors of wheels and lidar.
 
 Places (`situations.py`):
@@ -18,6 +19,9 @@ Places (`situations.py`):
     group     row                         what it is
     door      door +5, +10, +15 cm        two rooms of 3 x 3 m and a door so much wider than the
                                           robot; to a random pose in the other room, and back
+    doors     door +10 cm in a corner     one side of the door is the wall of both rooms
+              after a corridor            0.9 m wide and 1.5 m long, the door off its middle
+              axle at the rear            robot 0.60 x 0.42 m, axle 0.10 m from its back
     square    0.60 x 0.60, door 0.70      the same with a robot of 0.60 x 0.60 m
     wall      2-5 cm beside a wall        a goal so near to a wall, along it; and away again
     corner    corner, 5 cm                front and side 5 cm from walls; and away again
@@ -104,19 +108,19 @@ def rows_of(given: argparse.Namespace) -> list[Row]:
     return [row for row in rows if not given.row or row.group in given.row]
 
 
-def scene_of(row: Row, seed: int, *, is_off_grid: bool) -> Scene:
+def scene_of(row: Row, seed: int, *, is_off_grid: bool, is_turned: bool = False) -> Scene:
     """The scene of a row and a seed."""
-    scene = row.scene(seed)
-    if not is_off_grid:
-        return scene
-    x, y = np.random.default_rng((10, seed)).uniform(0.0, CELL_M, 2).tolist()
-    return replace(scene, grid_shift=(x, y))
+    scene, rng = row.scene(seed), np.random.default_rng((10, seed))
+    x, y = rng.uniform(0.0, CELL_M, 2).tolist()
+    turn = float(rng.uniform(0.1, 0.5 * math.pi - 0.1)) if is_turned else 0.0
+    shift = (x, y) if is_off_grid or is_turned else (0.0, 0.0)
+    return replace(scene, grid_shift=shift, grid_turn=turn)
 
 
 def run(name: str, seed: int, given: argparse.Namespace) -> Visit:
     """Drive one scene, and draw it if it failed."""
     row = next(row for row in rows_of(given) if row.name == name)
-    scene = scene_of(row, seed, is_off_grid=given.off_grid)
+    scene = scene_of(row, seed, is_off_grid=given.off_grid, is_turned=given.turned)
     setting = Setting(given.lidar, given.stop_field, given.localizer, given.knows)
     visit = drive(scene, seed, setting)
     if row in STATIC:
@@ -160,6 +164,7 @@ def main() -> None:
     where = [f"lidar {given.lidar}", f"stop field {'on' if given.stop_field else 'off'}"]
     where += [] if given.knows == "tracks" else [f"knows the people's {given.knows}"]
     where += ["with the localizer"] * given.localizer + ["off the grid"] * given.off_grid
+    where += ["turned against the grid"] * given.turned
     print(f"{', '.join(where)}, {count} seeds")
     for heads, cells, is_asked in (
         (PLACE_HEADS, place_cells, lambda row: row in STATIC),
@@ -191,6 +196,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--knows", choices=get_args(Knows), default="tracks", help="of people")
     parser.add_argument("--localizer", action="store_true", help="it finds the pose")
     parser.add_argument("--off-grid", action="store_true", help="walls off the map's cells")
+    parser.add_argument("--turned", action="store_true", help="walls askew to the map's cells")
     parser.add_argument("--recording", type=Path, nargs="*", default=[], help="t id x y")
     parser.add_argument("--per-second", type=float, default=1.0, help="how much t grows")
     parser.add_argument("--draw-all", action="store_true", help="pictures of successes, too")

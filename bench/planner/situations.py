@@ -69,6 +69,8 @@ class Scene:
     frame: Literal["map", "odom"] = "map"
     grid_shift: tuple[float, float] = (0.0, 0.0)
     """How far the map's cells lie off the walls [m]."""
+    grid_turn: float = 0.0
+    """Angle by which the map's cells are turned against the walls [rad]."""
     things: tuple[Box, ...] = ()
     """As solid as the boxes, but not on the map."""
     crowd: Callable[[], Crowd] | None = None
@@ -99,18 +101,23 @@ class Scene:
     def map(self) -> GridMap:
         """The map: a cell is occupied where its centre lies in something solid."""
         rows = np.array(self.boxes)
-        low = (rows[:, :2] - 0.5 * rows[:, 2:]).min(axis=0) - self.grid_shift
-        high = (rows[:, :2] + 0.5 * rows[:, 2:]).max(axis=0)
-        cols, lines = np.ceil((high - low) / CELL_M - 1e-6).astype(int).tolist()
-        x = low[0] + CELL_M * (np.arange(cols) + 0.5)
-        y = low[1] + CELL_M * (np.arange(lines) + 0.5)
+        low, high = rows[:, :2] - 0.5 * rows[:, 2:], rows[:, :2] + 0.5 * rows[:, 2:]
+        (left, down), (right, up) = low.min(axis=0), high.max(axis=0)
+        turned = Pose2D(0.0, 0.0, self.grid_turn)
+        ends = np.array([(left, down), (right, down), (left, up), (right, up)])
+        within = turned.inverse().transform_points(ends)
+        corner = within.min(axis=0) - self.grid_shift
+        cols, lines = np.ceil((within.max(axis=0) - corner) / CELL_M - 1e-6).astype(int).tolist()
+        x, y = corner.tolist()
+        origin = turned @ Pose2D(x, y, 0.0)
+        col, line = np.meshgrid(np.arange(cols), np.arange(lines))
+        centres = CELL_M * (np.stack([col, line], axis=-1).reshape(-1, 2) + 0.5)
+        places = origin.transform_points(centres).reshape(lines, cols, 1, 2)
         cells = np.full((lines, cols), FREE, dtype=np.int8)
-        outside = (x < low[0] + self.grid_shift[0], y < low[1] + self.grid_shift[1])
-        cells[:, outside[0]] = cells[outside[1]] = UNKNOWN
-        for cx, cy, length, width in self.boxes:
-            inside = np.outer(np.abs(y - cy) < 0.5 * width, np.abs(x - cx) < 0.5 * length)
-            cells[inside] = OCCUPIED
-        return GridMap("home", CELL_M, Pose2D(float(low[0]), float(low[1]), 0.0), cells)
+        is_inside = (places[:, :, 0] > (left, down)) & (places[:, :, 0] < (right, up))
+        cells[~is_inside.all(axis=-1)] = UNKNOWN
+        cells[((places > low) & (places < high)).all(axis=-1).any(axis=-1)] = OCCUPIED
+        return GridMap("home", CELL_M, origin, cells)
 
 
 @dataclass(frozen=True)
@@ -176,6 +183,30 @@ def door(seed: int, width_m: float, body: Body = HOBBY) -> Scene:
         float(rng.uniform(4.3, 5.4)), float(rng.uniform(0.7, 2.3)), float(rng.uniform(-3.1, 3.1))
     )
     return Scene("door", boxes, start, (goal, start), body)
+
+
+def corner_door(seed: int, width_m: float) -> Scene:
+    """Two rooms with a door whose one side is the wall of both."""
+    scene, side = door(seed, width_m), 3.0
+    wall = between((3.0, width_m), (3.0 + WALL_M, side))
+    return replace(scene, boxes=(*scene.boxes[:-2], wall))
+
+
+def corridor_door(seed: int, width_m: float) -> Scene:
+    """A door at the end of a corridor 0.9 m wide and 1.5 m long, off its middle."""
+    scene, side, long = door(seed, width_m), 3.0, 1.5
+    middle = door_of(scene)[1]
+    off = float(np.random.default_rng((17, seed)).uniform(-0.2, 0.2))
+    low, high = on_cells(middle + off - 0.45), on_cells(middle + off + 0.45)
+    walls = (
+        between((3.0 - long, 0.0), (3.0, low)),
+        between((3.0 - long, high), (3.0, side)),
+    )
+    start = Pose2D(0.7, scene.start.y, scene.start.yaw)
+    return replace(
+        scene, boxes=(*scene.boxes[:-2], *walls, *scene.boxes[-2:]), start=start,
+        goals=(scene.goals[0], start),
+    )  # fmt: skip
 
 
 def door_of(scene: Scene) -> tuple[float, float]:
@@ -289,6 +320,9 @@ STATIC = (
     Row("door +5 cm", "door", lambda seed: door(seed, 0.35), 2.0),
     Row("door +10 cm", "door", lambda seed: door(seed, 0.40), 2.0),
     Row("door +15 cm", "door", lambda seed: door(seed, 0.45), 2.0),
+    Row("door +10 cm in a corner", "doors", lambda seed: corner_door(seed, 0.40), 2.0),
+    Row("door +10 cm after a corridor", "doors", lambda seed: corridor_door(seed, 0.40), 2.0),
+    Row("door +10 cm, axle at the rear", "doors", lambda seed: door(seed, 0.52, REAR), 2.0),
     Row("0.60 x 0.60, door 0.70", "square", lambda seed: door(seed, 0.70, SQUARE), 2.0),
     Row("goal in a door +20 cm", "odd", goal_in_door, 2.0),
     Row("arm ahead, door +15 cm", "odd", lambda seed: door(seed, 0.45, ARM), 2.0),

@@ -304,8 +304,13 @@ def config_of(scene: Scene, seed: int, lidar: str, folder: Path) -> RobotConfig:
     What is solid stands there exactly, not in the cells of the map that the planner gets.
     """
     grid = scene.map()
-    cells = np.zeros((grid.rows // 5 + 40, grid.cols // 5 + 40), dtype=np.int8)
-    corner = Pose2D(grid.origin.x - 5.0, grid.origin.y - 5.0, 0.0)
+    width, height = grid.size_m
+    ends = np.array([(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)])
+    ends = grid.origin.transform_points(ends)
+    cols, rows = ((ends.max(axis=0) - ends.min(axis=0)) // 0.25).astype(int).tolist()
+    cells = np.zeros((rows + 40, cols + 40), dtype=np.int8)
+    x, y = (ends.min(axis=0) - 5.0).tolist()
+    corner = Pose2D(x, y, 0.0)
     save_map(GridMap("floor", 0.25, corner, cells), folder / "floor.yaml")
     start = scene.start
     text = _WORLD.format(x=start.x, y=start.y, yaw=start.yaw, lidar=LIDARS[lidar])
