@@ -211,6 +211,18 @@ def test_what_did_not_follow_before_a_cut_follows_at_the_next_start(
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))
 
 
+def test_an_edit_after_which_the_robot_stands_in_a_wall_is_not_repeated_later(home: Home) -> None:
+    reply = home.edit(DrawWall(points=[(START.x, START.y)], width=0.8), as_name="walled")
+    assert "walled is stored as version 1. The robot stands in an obstacle" in reply.message
+    assert home.poses[-1].map == "walled"
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+    home.ask(requests.MAP_LOAD, LoadMap(name="flat", pose=START))
+    home.bus.kill("mapper")
+    home.begin("mapper")
+    home.bus.run(3.0)
+    assert home.poses[-1].map == "flat"
+
+
 def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
     home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:

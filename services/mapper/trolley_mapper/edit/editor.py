@@ -176,7 +176,7 @@ class MapEditor:
         self._service.get(topics.POSE, then=lambda found: switch.begin(found.get(())))
 
     def _switched(self, task: EditTask, reply: MapEdited, problem: str) -> None:
-        message = reply.message if not problem else f"{reply.message} But: {problem}"
+        message = reply.message if not problem else f"{reply.message} {problem}"
         self._finish(task, msgspec.structs.replace(reply, message=message))
 
     def _finish(self, task: EditTask, result: MapEdited | Refused) -> None:

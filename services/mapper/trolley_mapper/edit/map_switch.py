@@ -26,6 +26,9 @@ MAX_TRIES = 5
 """Number of requests without an answer after which a service counts as absent."""
 KNOWN = ("localized", "unsure")
 """States of a pose that the new map's localization can start from."""
+STANDS_IN_OBSTACLE = (
+    "The robot stands in an obstacle of this map, or outside it, and now searches for its position."
+)
 NO_ROOM = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP)
 """Refusals of a pose, not of the map."""
 LATE = (codes.TIMEOUT, codes.NOT_READY)
@@ -117,11 +120,12 @@ class MapSwitch:
 
     Args:
         plan: what they are to be told.
-        done: called at the end, with what did not go through, in a sentence; empty if all did.
+        done: called at the end, with what people have to know of it, in a sentence, or nothing.
     """
 
     def __init__(self, service: Service, plan: SwitchPlan, done: Callable[[str], None]) -> None:
         self._service, self._plan, self._done = service, plan, done
+        self._remark = ""
         self._problems: list[str] = []
         self._todo: list[tuple[requests.Request[Any, Any], Any]] = []
         self._num_tries = 0
@@ -162,7 +166,7 @@ class MapSwitch:
         elif result.code == codes.TIMEOUT:
             self._waits_until_ns = self._service.monotonic_ns + LOAD_NS
         elif result.code in NO_ROOM and pose is not None:
-            self._problems.append("on the new map the robot would stand in an obstacle.")
+            self._remark = STANDS_IN_OBSTACLE
             self._ask_to_load(None)
         else:
             self._problems.append(result.message)
@@ -178,7 +182,7 @@ class MapSwitch:
             self._next()
         elif self._service.monotonic_ns > self._waits_until_ns:
             self._waits_until_ns = None
-            self._problems.append(f"the localizer has not loaded {self._plan.map}.")
+            self._problems.append(f"The localizer has not loaded {self._plan.map}.")
             self._next()
 
     # What lies on it.
@@ -192,7 +196,7 @@ class MapSwitch:
             self._service.work(partial(forget_plan, self._service.state.path), self._forgotten)
         for problem in self._problems:
             self._service.log.error("A change of the map did not go through", why=problem)
-        self._done(self._problems[0] if self._problems else "")
+        self._done(self._problems[0] if self._problems else self._remark)
 
     def _forgotten(self, problem: str | None) -> None:
         if problem is not None:
