@@ -6,7 +6,7 @@ import click
 
 from trolley.cli import SuggestingGroup
 from trolley.cli.options import json_option, where_options
-from trolley.cli.printing import say
+from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import print_json, print_table
 from trolley.config.changeable_settings import all_keys, parse_value
@@ -55,7 +55,7 @@ def get(name: str | None, as_json: bool) -> None:
     if as_json:
         print_json(settings)
     elif name is not None and len(settings) == 1:
-        say(_in_full(settings[0]))
+        say_block(_in_full(settings[0]))
     else:
         rows = [
             (_name_of(one), _value(one.value), one.unit, FROM[one.source], _counts(one))

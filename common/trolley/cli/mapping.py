@@ -196,7 +196,8 @@ def status_text(status: MappingStatus) -> str:
     """How a map in the making goes, for a person."""
     if status.state == "idle":
         return status.message or "No map is being made."
-    text = f"{status.state}: {status.name}, {seconds_text(status.seconds)}, {status.scans} scans"
+    scans = "1 scan" if status.scans == 1 else f"{status.scans} scans"
+    text = f"{status.state}: {status.name}, {seconds_text(status.seconds)}, {scans}"
     if status.loops:
         text += f", {status.loops} loops closed"
     if status.loose:

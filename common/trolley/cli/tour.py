@@ -170,7 +170,8 @@ def show_tour(name: str, as_json: bool) -> None:
     if as_json:
         print_json(tour)
         return
-    say(f"{tour.name}: {_laps(tour)}" + (f", {_times(tour)}" if tour.schedule else ""))
+    starts = f"; starts {_times(tour)}" if tour.schedule else ""
+    say(f"{tour.name}, laps: {_laps(tour)}{starts}")
     rows = [_stop_row(index, stop) for index, stop in enumerate(tour.stops)]
     print_table(("STOP", "PLACE", "VIA", "STAY", "IF IT FAILS"), rows)
 

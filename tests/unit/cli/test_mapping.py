@@ -46,5 +46,10 @@ def test_the_status_counts_what_hangs_loose(loose: int, said: str) -> None:
     assert said in mapping.status_text(replace(MAKING, loose=loose))
 
 
+@pytest.mark.parametrize(("scans", "said"), [(1, ", 1 scan"), (2, ", 2 scans")])
+def test_the_status_counts_the_scans(scans: int, said: str) -> None:
+    assert mapping.status_text(replace(MAKING, scans=scans)).endswith(said)
+
+
 def test_a_map_of_which_nothing_is_heard_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "Discard the map that is being made?" in cancel(monkeypatch, None, "n\n")
