@@ -216,7 +216,7 @@ def publish_topic(
 ) -> None:
     """Publish JSON on TOPIC.
 
-    Such as: trolley topic pub cmd_vel/me '{"twist": {"vx": 0.1, "vy": 0, "wz": 0}, …}'
+    Such as: trolley topic pub cmd_vel/teleop '{"twist": {"vx": 0.1, "vy": 0, "wz": 0}, …}'
 
     Arrays may be lists of numbers. The stamp is robot time unless it is given.
     """

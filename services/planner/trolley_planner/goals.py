@@ -393,8 +393,10 @@ class StatusBoard:
         Raises:
             Refused: `not_current`.
         """
-        goal = self.goal
-        if goal is None or not self.is_active or (goal_id is not None and goal_id != goal.id):
+        goal = self.goal if self.is_active else None
+        if goal is None and goal_id is None:
+            raise codes.Refused(codes.NOT_CURRENT, "The robot has no goal now.")
+        if goal is None or (goal_id is not None and goal_id != goal.id):
             raise codes.Refused(codes.NOT_CURRENT)
 
 

@@ -168,6 +168,7 @@ def test_a_late_cancel_touches_no_newer_goal(ride) -> None:
     with pytest.raises(Refused) as refusal:
         drive.navigator.requests.cancel(WhichGoal(), drive.now_ns)
     assert refusal.value.code == codes.NOT_CURRENT
+    assert refusal.value.message == "The robot has no goal now."
 
 
 def test_only_the_last_32_goals_are_known(ride) -> None:
