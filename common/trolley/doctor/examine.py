@@ -28,9 +28,9 @@ from trolley.doctor.finding import Finding, looked_at, note, problem
 from trolley.doctor.robot import check_robot
 from trolley.doctor.robot_facts import listen
 from trolley.gridmap import GridMap
-from trolley.messages import SavedPose, Zone
 from trolley.runtime.state import state_root
 from trolley.security.host_keys import KEY
+from trolley.zones import ZoneFile
 
 UNIT_STATE = Path("/var/lib/trolley")
 SERVICE_USER = "trolley"
@@ -178,10 +178,10 @@ def _check_map(place: Place) -> list[Finding]:
 
 
 def _check_saved(state: Path, grid: GridMap, file: Path) -> list[Finding]:
-    poses = settings.read_list(state / "poses.toml", "poses", SavedPose)
+    poses = settings.read_list(state / "poses.toml", settings.PlaceFile, "poses")
     stored = state / "zones" / f"{grid.name}.toml"
     seeds = file.with_name(f"{file.stem}.zones.toml")
-    zones = settings.read_list(stored if stored.exists() else seeds, "zones", Zone)
+    zones = settings.read_list(stored if stored.exists() else seeds, ZoneFile, "zones")
     return [
         *([poses] if isinstance(poses, Finding) else settings.check_places(grid, poses)),
         *([zones] if isinstance(zones, Finding) else settings.check_zones(grid, zones)),

@@ -6,8 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
+from msgspec import Struct
 
 from trolley.config.describe import to_toml
 from trolley.config.kept_settings import KEPT_FILE, load_with_kept
@@ -26,6 +26,12 @@ LARGE_CELLS = 25_000_000
 LEAST_FLOOR_M2 = 1.0
 """A map with less free floor leaves a robot nowhere to go, however large its canvas is."""
 MOST_NAMED = 5
+
+
+class PlaceFile(Struct, frozen=True, kw_only=True):
+    """`poses.toml`, as the service `tour` writes it."""
+
+    poses: list[SavedPose]
 
 
 def check_file(path: Path | None) -> list[Finding]:
@@ -251,11 +257,10 @@ def _listed(names: list[str]) -> str:
     return some if len(names) <= MOST_NAMED else f"{some} and {len(names) - MOST_NAMED} more"
 
 
-def read_list(file: Path, field: str, kind: type[Any]) -> list[Any] | Finding:
-    """What a state file lists, or why it cannot be read; [] where there is none yet."""
+def read_list(file: Path, kind: type[Struct], field: str) -> list[Any] | Finding:
+    """What a state file lists in a field, or why it cannot be read; [] where there is none yet."""
     try:
-        content = parse(read_file(file), msgspec.defstruct("Listed", [(field, list[kind])]))
-        return getattr(content, field)
+        return getattr(parse(read_file(file), kind), field)
     except FileNotFoundError:
         return []
     except (Unreadable, OSError) as error:

@@ -10,6 +10,7 @@ from trolley.config import load_config
 from trolley.config.problems import find_problems
 from trolley.doctor import Finding, Level
 from trolley.doctor.settings import (
+    PlaceFile,
     check_file,
     check_kept,
     check_kept_aside,
@@ -26,6 +27,9 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.gridmap.io import save_map
 from trolley.messages import SavedPose, Zone
+from trolley.state_file import render
+from trolley.zones import ZoneFile
+from trolley_tour.stored.checks import PosesFile
 
 WRONG = """\
 zap = 1
@@ -193,14 +197,23 @@ def test_zones_lie_on_the_map(room: GridMap) -> None:
 
 def test_what_is_saved_is_read_or_it_is_said_why_not(tmp_path: Path) -> None:
     file = tmp_path / "poses.toml"
-    assert read_list(file, "poses", SavedPose) == []
+    assert read_list(file, PlaceFile, "poses") == []
     file.write_text(
         '[[poses]]\nname = "kitchen"\nmap = "room"\npose = { x = 1.0, y = 2.0, yaw = 0.0 }\n'
     )
-    assert read_list(file, "poses", SavedPose) == [place("kitchen", 1.0)]
+    assert read_list(file, PlaceFile, "poses") == [place("kitchen", 1.0)]
     for text in ("poses = 3", "[[poses", '[[poses]]\nname = "a"\n', "\x00"):
         file.write_text(text)
-        assert isinstance(read_list(file, "poses", SavedPose), Finding), text
+        assert isinstance(read_list(file, PlaceFile, "poses"), Finding), text
+
+
+def test_files_are_read_as_their_services_write_them(tmp_path: Path) -> None:
+    zone = Zone(name="mirror", kind="mirror", points=[(1.0, 1.0), (2.0, 1.0)])
+    file = tmp_path / "home.toml"
+    file.write_bytes(render(ZoneFile(zones=[zone])))
+    assert read_list(file, ZoneFile, "zones") == [zone]
+    file.write_bytes(render(PosesFile(poses=[place("kitchen", 1.0)])))
+    assert read_list(file, PlaceFile, "poses") == [place("kitchen", 1.0)]
 
 
 def test_files_that_were_kept_aside_are_named(tmp_path: Path) -> None:
