@@ -21,11 +21,11 @@ class BatteryConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """`[base.simulated.battery]`: a battery for a simulated robot; without it there is none."""
 
     fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
-    """Its charge when base starts."""
+    """The battery's charge when base starts."""
     minutes: Annotated[float, Meta(gt=0.0, le=100_000.0)]
     """How long a full battery lasts [min]; it charges four times as fast."""
     charger: PoseConfig | None = None
-    """Where it is charged, within 0.3 m; nowhere if not given."""
+    """Where the battery is charged, within 0.3 m; nowhere if not given."""
 
 
 class SimulatedConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -77,7 +77,7 @@ class ExtraSensorConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """`[base.scans.NAME]`: an extra sensor, published as `scan/NAME` by a program or the board."""
 
     pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
-    """Its pose in `base_link`: x forward, y left, yaw counter-clockwise to angle 0."""
+    """The sensor's pose in `base_link`: x forward, y left, yaw counter-clockwise to angle 0."""
     z_m: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.2
     """Height above the floor."""
     uses: Annotated[list[SensorUse], Meta(min_length=1)] = field(

@@ -32,7 +32,7 @@ class LidarConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """How an RPLIDAR measures; `auto` is what the sensor calls typical, with an A1 the express
     scan if it has it; only an A1 has `express`."""
     pose: PoseConfig = PoseConfig(x=0.0, y=0.0, yaw=0.0)
-    """Its pose in `base_link`: x forward, y left, yaw counter-clockwise to angle 0."""
+    """The lidar's pose in `base_link`: x forward, y left, yaw counter-clockwise to angle 0."""
     z_m: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.2
     """Height above the floor."""
     upside_down: bool = False
@@ -135,8 +135,9 @@ class ChassisConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     measured it; 0.35 s if not given. The stop field brakes that much earlier; the shorter it is,
     the sooner an ignored stop is found."""
     usual_delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
-    """Usual time until then, if you have measured it; `delay_s` if not given. The planner steers
-    from where the robot will be by then."""
+    """Usual time from a command until odometry shows that the wheels follow it, if you have
+    measured it; `delay_s` if not given. The planner steers from where the robot will be by
+    then."""
     use_imu: bool = True
     """Fuse the turn rate of the board's gyro, if it has one."""
     imu_axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
@@ -166,7 +167,7 @@ class ImuConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     bus: Annotated[int, Meta(ge=0, le=255)] = 1
     """The number of the bus: 1 is /dev/i2c-1, on the pins 3 and 5 of a Raspberry Pi."""
     address: Annotated[int, Meta(ge=0x08, le=0x77)] | None = None
-    """Its address on the bus; the chip's usual one if not given."""
+    """The chip's address on the bus; its usual one if not given."""
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
     """The axes of the chip that point forward, left and up; `-y` is opposite to y."""
 

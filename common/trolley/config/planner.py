@@ -79,10 +79,11 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     progress_distance_m: Distance = 0.15
     """Progress that the robot must make within `progress_s` (or turn half a radian) [m]."""
     progress_s: Seconds = 6.0
-    """Time without that progress after which the robot tries to free itself."""
+    """Time without progress by `progress_distance_m` after which the robot tries to free itself."""
     patience_s: Seconds = 5.0
-    """How long it waits at a blocked path before it takes another one or tries to free itself."""
+    """How long the robot waits at a blocked path before it takes another one or tries to free
+    itself."""
     back_up_m: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.4
-    """How far it backs up along its own path to free itself [m]."""
+    """How far the robot backs up along its own path to free itself [m]."""
     give_up_s: Seconds = 60.0
-    """How long it tries to free itself, or waits for its pose, before the goal fails."""
+    """How long the robot tries to free itself, or waits for its pose, before the goal fails."""

@@ -19,7 +19,7 @@ class Ros2Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     distro: Literal["jazzy", "humble"] = "jazzy"
     """The nodes' release of ROS 2: `humble`, or `jazzy` for every newer one."""
     domain: Annotated[int, Meta(ge=0, le=232)] = 0
-    """Their ROS_DOMAIN_ID."""
+    """The ROS_DOMAIN_ID of the nodes."""
     namespace: Namespace = ""
     """Where the robot's topics are, such as `/kiwi`, or `/`; the robot's name if empty."""
     router: str = ""

@@ -30,7 +30,7 @@ class WebhookConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Web addresses that are sent a POST with JSON when something has happened."""
 
     urls: Annotated[list[str], Meta(max_length=MAX_URLS)] = []
-    """Where to send it, such as `https://house.example/robot`; empty for nowhere."""
+    """Where to send the events, such as `https://house.example/robot`; empty for nowhere."""
     events: list[EventType] = []
     """What to send; everything if empty."""
     token_file: str = ""
