@@ -146,6 +146,11 @@ def _message(health: Health) -> str:
     return health.message or "it does not say why."
 
 
+def _why(message: str) -> str:
+    """What the localizer says, which is no sentence, as one; nothing where it says nothing."""
+    return f" {message[:1].upper()}{message[1:].rstrip('.')}." if message else ""
+
+
 def check_base(facts: RobotFacts) -> list[Finding]:
     """What keeps the robot from driving: stop, hardware, battery."""
     base = facts.base
@@ -198,11 +203,11 @@ def check_pose(facts: RobotFacts) -> list[Finding]:
         ]
     help_it = "Show it where it is, in the viewer, or run `trolley pose find`."
     if pose.state == "lost":
-        return [problem("localizer", f"The robot is lost. {pose.message}".strip(), help_it)]
+        return [problem("localizer", f"The robot is lost.{_why(pose.message)}", help_it)]
     if pose.state in ("searching", "unsure"):
         is_searching = pose.state == "searching"
         text = "is working out where it is" if is_searching else "is unsure where it is"
-        return [warning("localizer", f"The robot {text}. {pose.message}".strip(), help_it)]
+        return [warning("localizer", f"The robot {text}.{_why(pose.message)}", help_it)]
     return [
         ok(
             "localizer",

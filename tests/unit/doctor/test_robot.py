@@ -40,6 +40,10 @@ def flowing(hz: float) -> Flow:
     return Flow(hz, 100.0 * hz, 0.1)
 
 
+def searching(message: str) -> PoseEstimate:
+    return msgspec.structs.replace(pose("searching"), message=message)
+
+
 def pose(state: Any = "localized") -> PoseEstimate:
     return PoseEstimate(
         stamp_ns=1,
@@ -149,6 +153,11 @@ CASES: dict[str, tuple[RobotFacts, Level, str]] = {
         replace(GOOD, pose=pose("searching")),
         Level.WARNING,
         "is working out where it is",
+    ),
+    "several places": (
+        replace(GOOD, pose=searching("several places look alike")),
+        Level.WARNING,
+        "is working out where it is. Several places look alike.",
     ),
     "unsure": (replace(GOOD, pose=pose("unsure")), Level.WARNING, "unsure where it is"),
     "tyre": (
