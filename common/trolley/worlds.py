@@ -30,13 +30,17 @@ def folder() -> Path:
 def find(name: str | Path, beside: Path | None = None) -> Path:
     """A world or map file: absolute, else in the folder `beside`, else one that ships with Trolley.
 
+    A world that ships may be named without its `.toml`.
+
     Raises:
         FileNotFoundError: It is in none of these places.
     """
     path = Path(name).expanduser()
     places = [path] if path.is_absolute() else [(beside or Path.cwd()) / path, folder() / path]
+    if not path.suffix and not path.is_absolute():
+        places.append(folder() / f"{path}.toml")
     for place in places:
         if place.is_file():
             return place
-    tried = " and ".join(map(str, places))
+    tried = ", ".join(map(str, places))
     raise FileNotFoundError(f"there is no file {name} (looked for {tried})")
