@@ -15,6 +15,7 @@ from trolley.cli import exits
 from trolley.cli.demo_recording import with_recorded
 from trolley.cli.demo_robot import (
     NAME,
+    PORTS,
     TOUR_NAME,
     Choices,
     emulator_command,
@@ -28,6 +29,7 @@ from trolley.cli.demo_run import (
     play_recording,
     store_places,
     wait_for_localized,
+    wait_for_ports,
     wait_for_services,
 )
 from trolley.cli.options import robot_name_option
@@ -215,8 +217,7 @@ def _run(
         modules.pop(VIEWER, None)
     settings = load_config(config)
     say(f"Starting robot {choices.name}: {', '.join(modules)} ...")
-    # A recording does not wait for anybody, so it begins when everybody listens.
-    held = ["base"] if choices.recording is not None else []
+    held = ["base"] if choices.recording is not None or choices.devices is not None else []
     children: dict[str, str | Sequence[str]] = {**modules}
     if choices.devices is not None:
         children["emulator"] = emulator_command(choices, config)
@@ -231,7 +232,7 @@ def _run(
             robot = Robot.over(connection, choices.name)
             assert settings.map.file is not None
             for name in held:
-                wait_for_services(robot, set(modules) - set(held))
+                _wait_for_what_it_needs(choices, config, robot, set(modules) - {name})
                 supervisor.release(name)
             code = _show(choices, robot, Path(settings.map.file).stem, started_s, tour=tour)
             if code is not None:
@@ -245,6 +246,18 @@ def _run(
             say(f"Start the tour in the viewer, or: trolley tour start {TOUR_NAME}{at}")
         say("Ctrl-C ends the demo.")
         wait_for_interrupt()
+
+
+def _wait_for_what_it_needs(choices: Choices, config: Path, robot: Robot, others: set[str]) -> None:
+    """Wait until base may begin.
+
+    Emulated devices are plugged in first: it would warn of ports that are not there. A recording
+    does not wait for anybody, so it begins when all others listen.
+    """
+    if choices.devices is not None:
+        wait_for_ports([config.parent / PORTS / name for name in choices.devices])
+    else:
+        wait_for_services(robot, others)
 
 
 def _show(

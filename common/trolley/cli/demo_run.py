@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -82,6 +82,13 @@ def wait_for_services(robot: Robot, names: set[str], limit_s: float = SERVICE_WI
         ready = {parts[0].partition("-")[0] for parts in robot.get(topics.HEALTH)}
         if names <= ready:
             return
+        time.sleep(RETRY_S)
+
+
+def wait_for_ports(ports: Sequence[Path], limit_s: float = SERVICE_WITHIN_S) -> None:
+    """Wait until these emulated ports are there, or for `limit_s` at most."""
+    deadline_s = time.monotonic() + limit_s
+    while time.monotonic() < deadline_s and not all(port.exists() for port in ports):
         time.sleep(RETRY_S)
 
 
