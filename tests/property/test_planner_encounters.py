@@ -59,5 +59,12 @@ def test_two_legs_are_one_person() -> None:
 
 
 def test_who_walk_towards_each_other_do() -> None:
-    towards = np.array([[0.0, 0.0, 1.0, 0.0], [5.0, 0.0, -1.0, 0.0], [0.0, 9.0, 0.0, 1.0]])
-    assert times_of_encounters(towards).tolist() == [2.0, 2.0, math.inf]
+    towards = np.array([[0.0, 0.0, 1.0, 0.0], [5.0, 0.0, -1.0, 0.0]])
+    assert times_of_encounters(towards).tolist() == [2.0, 2.0]
+
+
+def test_in_a_crowd_everybody_comes_upon_somebody_and_two_legs_are_no_crowd() -> None:
+    apart = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 5.0, 1.0, 0.0], [0.0, 9.0, 0.0, 1.0]])
+    assert times_of_encounters(apart).tolist() == [ENCOUNTER.crowd_s] * 3
+    legs = np.vstack([apart[:2], [[0.2, 0.2, 0.6, 0.0]]])
+    assert np.isinf(times_of_encounters(legs)).all()

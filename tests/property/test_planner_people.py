@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -28,6 +29,12 @@ BODY = FOOTPRINT.body
 LIMITS = limits_of(PlannerConfig(), 0.5, 1.5, 1.0)
 COARSE_M = 0.02
 """The few points of the outline find a gap so well."""
+SURE_MPS = 0.06
+"""And the speed of the nearest so well."""
+CORNERS = np.array(FOOTPRINT.polygon)
+EDGE = np.concatenate(
+    [np.linspace(one, other, 500) for one, other in pairwise([*CORNERS, CORNERS[0]])]
+)
 
 poses = st.builds(Pose2D, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-3.1, 3.1))
 walking = st.tuples(
@@ -68,10 +75,18 @@ def test_the_gap_is_that_of_the_outline(pose: Pose2D, x: float, y: float, radius
 
 
 def is_to_blame(pose: Pose2D, v: float, x: float, y: float) -> bool:
-    """Whether the robot is no bystander: it moves, and not away from them."""
+    """Whether the robot is no bystander: it comes nearer by itself."""
     ahead = pose.inverse().transform_points(np.array([[x, y]]))[0]
-    cosine = math.copysign(1.0, v) * ahead[0] / max(math.hypot(*ahead), 1e-9)
-    return abs(v) >= PROXIMITY.standing_mps and cosine > PROXIMITY.leaving
+    return v * ahead[0] > PROXIMITY.closing_mps * math.hypot(*ahead)
+
+
+def closing_mps(pose: Pose2D, moves: tuple[float, float], x: float, y: float) -> float:
+    """Speed of the outline's point that is nearest to a place, towards it, by two poses of it."""
+    there = pose.inverse().transform_points(np.array([[x, y]]))[0]
+    nearest = EDGE[np.hypot(*(EDGE - there).T).argmin()]
+    moved = integrate_twist(Pose2D(0.0, 0.0, 0.0), Twist2D(moves[0], 0.0, moves[1]), 1e-4)
+    velocity = (moved.transform_points(nearest[None])[0] - nearest) / 1e-4
+    return float(velocity @ there) / max(math.hypot(*there), 1e-9)
 
 
 def plain_cost(gap: float, v: float) -> float:
@@ -87,7 +102,8 @@ def test_company_counts_everybody_where_they_are_then(
     crowd: NDArray[np.float64], pose: Pose2D, v: float, time_s: float
 ) -> None:
     body = BODY.edge_points, BODY.inscribed_m, BODY.circumscribed_m
-    found = people_proximity_cost(crowd, body, (pose.x, pose.y), facing(pose), v, time_s)
+    among = np.column_stack([crowd, np.full(len(crowd), 1.0)])  # who come upon others
+    found = people_proximity_cost(among, body, (pose.x, pose.y), facing(pose), v, time_s)
     low, high, hits, may_hit = 0.0, 0.0, False, False
     for x, y, vx, vy, radius, growth in crowd:
         there = x + time_s * vx, y + time_s * vy
@@ -95,7 +111,8 @@ def test_company_counts_everybody_where_they_are_then(
         blamed = time_s <= PROXIMITY.sure_s and is_to_blame(pose, v, *there)
         may_hit |= blamed and gap < PROXIMITY.meet_m
         hits |= blamed and -radius < gap < PROXIMITY.meet_m - COARSE_M
-        near, nearer = (plain_cost(one, v) for one in (gap + COARSE_M, gap))
+        left = math.exp(-time_s / PROXIMITY.fades_s)
+        near, nearer = (left * plain_cost(one, v) for one in (gap + COARSE_M, gap))
         low, high = low + near, high + nearer
     assert not hits or found == math.inf
     assert may_hit or found < math.inf
@@ -122,13 +139,16 @@ def test_braking_for_somebody_is_seen_in_time(
             w *= slower / speed
             speed = slower
         pose = integrate_twist(pose, Twist2D(speed, 0.0, w), 0.05)
+        swerve_m = 0.5 * PROXIMITY.swerve_mps2 * (0.05 * step) ** 2
         for x, y, vx, vy, radius, _ in crowd:
             for time_s in (0.0, 0.05 * step):
                 there = x + time_s * vx, y + time_s * vy
-                gap = plain_gap(pose, *there, radius)
-                blamed = is_to_blame(pose, speed, *there)
-                meets |= blamed and -radius < gap < PROXIMITY.meet_m - COARSE_M
-                nearly |= is_to_blame(pose, speed, *there) and gap < PROXIMITY.meet_m + COARSE_M
+                gap = plain_gap(pose, *there, radius + swerve_m)
+                closing = closing_mps(pose, (speed, w), *there) - PROXIMITY.closing_mps
+                is_outside = gap > -radius - swerve_m
+                meets |= closing > SURE_MPS and is_outside and gap < PROXIMITY.meet_m - COARSE_M
+                nearly |= closing > -SURE_MPS and gap < PROXIMITY.meet_m + COARSE_M
+                nearly |= not is_outside
     assert found or not meets
     assert nearly or not found
 
@@ -161,9 +181,42 @@ def test_standing_is_no_excuse_for_being_in_the_way() -> None:
     assert standing_at(0.0, 0.0, [5.0, 0.0, 0.0, 0.0, 0.25, 0.05]) == 0.0
 
 
+def test_who_comes_later_counts_less_since_nobody_knows_whether_they_will() -> None:
+    soon, later, much_later = (
+        standing_at(0.0, 0.0, [x, 0.0, -0.8, 0.0, 0.25, 0.02], alone_s=9.0) for x in (2.7, 3.9, 6.3)
+    )
+    assert later == pytest.approx(soon * math.exp(-1.2 / 0.8 / PROXIMITY.fades_s), rel=0.1)
+    assert 0.0 < much_later < 0.1 * soon
+    # Who comes upon nobody walks on.
+    assert standing_at(0.0, 0.0, [6.3, 0.0, -0.8, 0.0, 0.25, 0.02]) > 0.4 * soon
+
+
 def test_who_comes_upon_somebody_else_before_hardly_counts() -> None:
     comes = [5.0, 0.0, -0.8, 0.0, 0.25, 0.05]
     in_the_way = standing_at(0.0, 0.0, comes)
-    assert standing_at(0.0, 0.0, comes, alone_s=7.0) == in_the_way, "they pass before"
-    assert 0.0 < standing_at(0.0, 0.0, comes, alone_s=5.0) < 0.2 * in_the_way
+    assert standing_at(0.0, 0.0, comes, alone_s=7.0) < in_the_way
+    assert 0.0 < standing_at(0.0, 0.0, comes, alone_s=5.0) < 0.01 * in_the_way
     assert standing_at(0.0, 0.0, comes, alone_s=0.0) < 1e-3 * in_the_way
+
+
+def test_who_comes_from_beside_does_not_stop_a_robot_that_does_not_drive_at_them() -> None:
+    beside = np.array([[0.0, 0.9, 0.0, -1.2, 0.25, 0.1]])
+    ahead_of_it = np.array([[0.5, 0.6, 0.0, -1.2, 0.25, 0.1]])
+    start = np.array([0.0, 0.0, 0.0, 0.5, 0.0])
+    assert not would_meet_people(start, beside, BODY, 0.9, 0.15)
+    assert would_meet_people(start, ahead_of_it, BODY, 0.9, 0.15)
+
+
+def test_somebody_who_may_swerve_into_the_robots_way_is_braked_for() -> None:
+    """Passing 0.14 m from its side they would walk by, unless they turn."""
+    passes = np.array([[1.1, 0.56, -0.9, 0.0, 0.22, 0.1]])
+    fast, slow = (np.array([0.0, 0.0, 0.0, v, 0.0]) for v in (0.5, 0.1))
+    assert would_meet_people(fast, passes, BODY, 0.9, 0.15)
+    assert not would_meet_people(slow, passes, BODY, 0.9, 0.15)
+
+
+def test_a_robot_that_turns_into_somebody_is_to_blame_as_well() -> None:
+    beside = np.array([[0.28, -0.38, 0.0, 0.0, 0.22, 0.1]])
+    turns, turns_away = (np.array([0.0, 0.0, 0.0, 0.06, w]) for w in (-1.0, 1.0))
+    assert would_meet_people(turns, beside, BODY, 0.9, 0.15)
+    assert not would_meet_people(turns_away, beside, BODY, 0.9, 0.15)

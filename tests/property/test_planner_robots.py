@@ -33,10 +33,13 @@ def start(v: float, w: float = 0.0) -> np.ndarray:
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(0.1, 0.5))
-def test_one_that_stands_is_met_as_a_walker_who_stands(x: float, y: float, v: float) -> None:
+def test_who_meets_one_that_stands_meets_a_walker_there_as_well(
+    x: float, y: float, v: float
+) -> None:
+    """And farther off, too, since a walker may swerve."""
     walker = np.array([[x, y, 0.0, 0.0, 0.2]])
-    expected = would_meet_people(start(v), walker, BODY, DECELERATION, DELAY_S)
-    assert would_meet_robots(start(v), track(x, y), BODY, DECELERATION, DELAY_S) == expected
+    meets_robot = would_meet_robots(start(v), track(x, y), BODY, DECELERATION, DELAY_S)
+    assert would_meet_people(start(v), walker, BODY, DECELERATION, DELAY_S) or not meets_robot
 
 
 def test_who_stands_meets_nobody_and_nobody_is_met_where_there_is_none() -> None:

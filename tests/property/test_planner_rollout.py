@@ -177,7 +177,7 @@ def test_getting_out_of_the_way_early_costs_less_than_late() -> None:
     local = room.local_costmap
     local.update(3.0, 3.0)
     local.compute_cost_to_go(np.array([[3.0, 3.0], [6.0, 3.0]]), np.array([3.0, 0.0]))
-    comes = np.array([[7.5, 3.0, -0.8, 0.0, 0.25, 0.05, np.inf]])
+    comes = np.array([[5.5, 3.0, -0.8, 0.0, 0.25, 0.05, np.inf]])
     scene = Scene(
         local.field._replace(walkers=comes), local.body, limits_of(CONFIG, 0.5, 1.5, 0.9),
         Target(6.5, 3.0, 0.2, True),

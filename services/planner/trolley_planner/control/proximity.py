@@ -39,10 +39,9 @@ class ProximityParams(NamedTuple):
     near_m: float = 0.4
     """Gap below which being near has a cost, which grows as the gap closes [m]."""
     standing_mps: float = 0.05
-    """Speed below which the robot is not to blame for a collision [m/s]."""
-    leaving: float = -0.5
-    """Cosine of the angle between course and disc below which the robot drives away and is not to
-    blame."""
+    """Speed below which the robot stands [m/s]."""
+    closing_mps: float = 0.06
+    """Speed of the robot towards a disc above which it is to blame for a collision [m/s]."""
     touch_m: float = 0.18
     """Gap below which being in the way costs more, weighted by `touch` [m]."""
     touch: float = 120.0
@@ -56,10 +55,19 @@ class ProximityParams(NamedTuple):
     right_m: float = 0.05
     """Distance that a walking person is taken to keep to their right by then, so that of two equal
     sides the robot chooses the one that people expect [m]."""
+    fades_s: float = 1.5
+    """Time ahead after which being near people counts 1/e as much who come upon others: nobody can
+    tell where they will be by then [s]."""
     sure_later_s: float = 8.0
-    """Time after which a person who comes later counts 1/e as much [s]."""
+    """Time after which who comes upon nobody, as in a corridor, counts 1/e as much where they come
+    later than the robot stands [s]."""
     astray_s: float = 0.5
     """Time after coming upon somebody else from which on a person counts 1/e as much [s]."""
+    swerve_mps2: float = 1.0
+    """Acceleration with which people may leave their course while the robot brakes; their velocity
+    is known some tenths of a second late [m/s^2]."""
+    forgotten: float = 7.0
+    """Who counts for less than e to the minus this is not looked at."""
     brake_dt_s: float = 0.05
     """Time step of the braking check [s]."""
     longest_brake_s: float = 10.0
@@ -101,11 +109,9 @@ def disc_gap(
 
 @kernel
 def is_to_blame(v: float, away: tuple[float, float], turned: tuple[float, float]) -> bool:
-    """Say whether a robot at speed v has a part in a collision with what is `away` from it."""
-    if abs(v) < PROXIMITY.standing_mps:
-        return False
-    along = math.copysign(1.0, v) * (turned[0] * away[0] + turned[1] * away[1])
-    return along > PROXIMITY.leaving * math.hypot(away[0], away[1])
+    """Say whether a robot at speed v comes nearer by itself to what is `away` from it."""
+    closing = v * (turned[0] * away[0] + turned[1] * away[1])
+    return closing > PROXIMITY.closing_mps * math.hypot(away[0], away[1])
 
 
 @kernel
@@ -122,6 +128,17 @@ def with_gap_cost(total: float, gap_m: float, v: float) -> float:
 
 
 @kernel
+def fading(time_s: float, alone_s: float) -> float:
+    """Return the logarithm by which the cost of being near a person falls, so long from now.
+
+    Args:
+        time_s: from now.
+        alone_s: until they come upon somebody else; infinite if they do not: they walk on as now.
+    """
+    return 0.0 if math.isinf(alone_s) else time_s / PROXIMITY.fades_s
+
+
+@kernel
 def people_proximity_cost(
     walkers: NDArray[np.float64],
     body: tuple[NDArray[np.float64], float, float],
@@ -130,7 +147,7 @@ def people_proximity_cost(
     v: float,
     time_s: float,
 ) -> float:
-    """Return the cost of being near people: 0 far away, more than 1 touching.
+    """Return the cost of being near people: 0 far away, more than 1 touching them now.
 
     It is infinite for a collision that the robot is to blame for.
 
@@ -155,7 +172,8 @@ def people_proximity_cost(
         gap = disc_gap(outline, inscribed, away, turned, radius)
         if gap < PROXIMITY.meet_m and time_s <= PROXIMITY.sure_s and is_to_blame(v, away, turned):
             return math.inf
-        total = with_gap_cost(total, gap, v)
+        left = math.exp(-fading(time_s, walkers[index, 6]))
+        total += left * with_gap_cost(0.0, gap, v)
     return total
 
 
@@ -189,12 +207,17 @@ def standing_cost(
         away_x = walkers[index, 0] + time_s * vx - place[0]
         away_y = walkers[index, 1] + time_s * vy - place[1]
         later = min(max(-(away_x * vx + away_y * vy) / squared, 0.0), PROXIMITY.stand_s)
+        alone_s = walkers[index, 6]
+        astray = max(time_s + later - alone_s, 0.0) / PROXIMITY.astray_s
+        if math.isinf(alone_s):
+            astray = later / PROXIMITY.sure_later_s
+        if fading(time_s + later, alone_s) + astray > PROXIMITY.forgotten:
+            continue
         right = PROXIMITY.right_m / math.sqrt(squared)
         there = place[0] - right * vy, place[1] + right * vx
         one = walkers[index : index + 1]
         near = people_proximity_cost(one, body, there, turned, 0.0, time_s + later)
-        astray = max(time_s + later - walkers[index, 6], 0.0) / PROXIMITY.astray_s
-        total += near * math.exp(-later / PROXIMITY.sure_later_s - astray)
+        total += near * math.exp(-astray)
     return total * PROXIMITY.pass_s
 
 
@@ -230,22 +253,52 @@ def brake_on(
 
 @kernel
 def runs_into(
-    body: Body, away: tuple[float, float], turned: tuple[float, float], radius_m: float, v: float
+    body: Body,
+    away: tuple[float, float],
+    turned: tuple[float, float],
+    radius_m: float,
+    moves: tuple[float, float],
 ) -> bool:
-    """Say whether a robot hits a disc, and is to blame for it.
+    """Say whether a robot hits a disc, and is to blame for it: its nearest point comes nearer.
 
     Args:
         body: the outline.
         away: from the robot's origin to the disc's centre.
         turned: cosine and sine of the robot's heading.
         radius_m: of the disc.
-        v: the robot's speed.
+        moves: the robot's speed and turn rate.
     """
     reach = radius_m + PROXIMITY.meet_m + body.circumscribed_m
     if away[0] * away[0] + away[1] * away[1] >= reach * reach:
         return False
-    gap = disc_gap(body.edge_points, body.inscribed_m, away, turned, radius_m)
-    return gap < PROXIMITY.meet_m and is_to_blame(v, away, turned)
+    if disc_gap(body.edge_points, body.inscribed_m, away, turned, radius_m) >= PROXIMITY.meet_m:
+        return False
+    return closing_speed(body.edge_points, away, turned, moves) > PROXIMITY.closing_mps
+
+
+@kernel
+def closing_speed(
+    outline: NDArray[np.float64],
+    away: tuple[float, float],
+    turned: tuple[float, float],
+    moves: tuple[float, float],
+) -> float:
+    """Return the robot's own speed towards a point of that of its points which is nearest [m/s].
+
+    Args:
+        outline: (n, 2) points of its edge in `base_link`.
+        away: from the robot's origin to the point.
+        turned: cosine and sine of the robot's heading.
+        moves: the robot's speed and turn rate.
+    """
+    x, y = turned[0] * away[0] + turned[1] * away[1], turned[0] * away[1] - turned[1] * away[0]
+    nearest, arm_x, arm_y = math.inf, 0.0, 0.0
+    for index in range(outline.shape[0]):
+        dx, dy = outline[index, 0] - x, outline[index, 1] - y
+        if dx * dx + dy * dy < nearest:
+            nearest, arm_x, arm_y = dx * dx + dy * dy, outline[index, 0], outline[index, 1]
+    v, w = moves
+    return ((v - w * arm_y) * x + w * arm_x * y) / max(math.hypot(x, y), 1e-9)
 
 
 @kernel
@@ -257,6 +310,9 @@ def would_meet_people(
     delay_s: float,
 ) -> bool:
     """Say whether a robot that brakes after a delay still hits people who walk on, or who stop.
+
+    The last word on each command, so that the robot is never the one that closes in: by the time
+    that it stands nobody is in its reach who could have come there, swerving as people do.
 
     Args:
         start: (5,) with the velocity that is about to be commanded.
@@ -272,13 +328,15 @@ def would_meet_people(
         elapsed += PROXIMITY.brake_dt_s
         state = brake_on(state, elapsed, delay_s, deceleration)
         turned = math.cos(state[2]), math.sin(state[2])
+        swerve_m = 0.5 * PROXIMITY.swerve_mps2 * elapsed * elapsed
         for index in range(walkers.shape[0]):
-            for moves in (0.0, elapsed):
+            for walked_s in (0.0, elapsed):
                 away = (
-                    walkers[index, 0] + moves * walkers[index, 2] - state[0],
-                    walkers[index, 1] + moves * walkers[index, 3] - state[1],
+                    walkers[index, 0] + walked_s * walkers[index, 2] - state[0],
+                    walkers[index, 1] + walked_s * walkers[index, 3] - state[1],
                 )
-                if runs_into(body, away, turned, walkers[index, 4], state[3]):
+                radius_m = walkers[index, 4] + swerve_m
+                if runs_into(body, away, turned, radius_m, (state[3], state[4])):
                     return True
     return False
 
@@ -311,6 +369,6 @@ def would_meet_robots(
         for index in range(robots.shape[0]):
             for step in (0, later):
                 away = robots[index, step, 0] - state[0], robots[index, step, 1] - state[1]
-                if runs_into(body, away, turned, robots[index, step, 2], state[3]):
+                if runs_into(body, away, turned, robots[index, step, 2], (state[3], state[4])):
                     return True
     return False

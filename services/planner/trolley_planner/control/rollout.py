@@ -21,6 +21,7 @@ from trolley_planner.control.critics import (
 from trolley_planner.control.look_ups import LookUps, look_up, make_look_ups
 from trolley_planner.control.proximity import (
     PROXIMITY,
+    fading,
     is_to_blame,
     standing_cost,
     with_gap_cost,
@@ -301,12 +302,13 @@ def look_for_others(lanes: Lanes, count: int, time_s: float, scene: Scene) -> No
         x = walkers[number, 0] + time_s * walkers[number, 2]
         y = walkers[number, 1] + time_s * walkers[number, 3]
         spread = min(walkers[number, 5] * time_s, PROXIMITY.most_spread_m)
+        left = math.exp(-fading(time_s, walkers[number, 6]))
         num_close = find_gaps(lanes, count, (x, y, walkers[number, 4] + spread), scene.body)
         for index in range(num_close):
             lane, gap = int(lanes.close[index]), float(least[index])
             if is_sure and gap < PROXIMITY.meet_m and meets(lanes, lane, (x, y)):
                 near[lane] = math.inf
-            near[lane] = with_gap_cost(near[lane], gap, lanes.v[lane])
+            near[lane] += left * with_gap_cost(0.0, gap, lanes.v[lane])
     if robots.shape[0] == 0:
         return
     nearest = lanes.scratch

@@ -18,6 +18,10 @@ class EncounterParams(NamedTuple):
     """Distance below which two are one person, seen as two legs, or walk together."""
     together_mps: float = 0.5
     """Difference of their velocities below which they walk together, or one behind the other."""
+    crowd: int = 3
+    """Number of people from which on each of them comes upon another, though perhaps unseen."""
+    crowd_s: float = 60.0
+    """Time within which they do, at the latest [s]."""
 
 
 ENCOUNTER = EncounterParams()
@@ -27,6 +31,8 @@ ENCOUNTER = EncounterParams()
 def times_of_encounters(walkers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return when each first comes near somebody else [s], infinite where nobody is in the way.
 
+    In a crowd nobody walks on for ever: there it is never infinite.
+
     Args:
         walkers: (n, 4 or more) x, y [m], velocity [m/s].
 
@@ -35,13 +41,15 @@ def times_of_encounters(walkers: NDArray[np.float64]) -> NDArray[np.float64]:
         disasters (2011): people look for the time at which they would collide as they walk now.
     """
     count = walkers.shape[0]
-    times = np.full(count, np.inf)
+    times, num_people = np.full(count, np.inf), 0
     for one in range(count):
+        is_another = True
         for other in range(one):
             x, y = walkers[other, 0] - walkers[one, 0], walkers[other, 1] - walkers[one, 1]
             vx, vy = walkers[other, 2] - walkers[one, 2], walkers[other, 3] - walkers[one, 3]
             squared, closing = vx * vx + vy * vy, -(x * vx + y * vy)
             apart = x * x + y * y
+            is_another &= apart >= ENCOUNTER.one_m**2
             if squared < ENCOUNTER.together_mps**2 or closing <= 0.0 or apart < ENCOUNTER.one_m**2:
                 continue
             root = closing * closing - squared * (apart - ENCOUNTER.near_m**2)
@@ -49,4 +57,8 @@ def times_of_encounters(walkers: NDArray[np.float64]) -> NDArray[np.float64]:
                 continue
             seconds = max((closing - math.sqrt(root)) / squared, 0.0)
             times[one], times[other] = min(times[one], seconds), min(times[other], seconds)
+        num_people += is_another
+    if num_people >= ENCOUNTER.crowd:
+        for one in range(count):
+            times[one] = min(times[one], ENCOUNTER.crowd_s)
     return times
