@@ -16,6 +16,7 @@ from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.kernels.resting import count_same
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 from trolley_localizer.matching.map_matcher import BeamSet, read_beams
+from trolley_localizer.matching.seen_surface import SeenSurface
 
 
 @functools.cache
@@ -53,9 +54,10 @@ def warm_up() -> None:
             localizer.finish(job.run())
         if number == 0:
             localizer.set_pose(Pose2D(2.0, 1.5, 0.0))
-    # Only a robot that knows where it is looks for mirrors.
+    # Only a robot that knows where it is looks for mirrors, and one without a pose for proofs.
     field = localizer.field
     beams = read_beams(scans[0], field.resolution, 60.0)
+    SeenSurface(field).add(np.array([40.0, 30.0, 0.0]), beams)
     no_lines = Lines(*(np.empty(0) for _ in range(4)))
     MirrorDetector(field).update(np.array([40.0, 30.0, 0.0]), beams, beams.classes, no_lines)
     _watch_for_changes(field, beams)
