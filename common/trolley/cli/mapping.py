@@ -18,7 +18,7 @@ from trolley.cli.options import (
 )
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
-from trolley.cli.show import Progress, print_json, seconds_text
+from trolley.cli.show import Progress, counted, print_json, seconds_text
 from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.messages import MappingStatus, request_params
@@ -196,7 +196,7 @@ def status_text(status: MappingStatus) -> str:
     """How a map in the making goes, for a person."""
     if status.state == "idle":
         return status.message or "No map is being made."
-    scans = "1 scan" if status.scans == 1 else f"{status.scans} scans"
+    scans = counted(status.scans, "scan")
     text = f"{status.state}: {status.name}, {seconds_text(status.seconds)}, {scans}"
     if status.loops:
         text += f", {status.loops} loops closed"

@@ -115,8 +115,9 @@ def is_to_blame(v: float, away: tuple[float, float], turned: tuple[float, float]
 
 
 @kernel
-def with_gap_cost(total: float, gap_m: float, v: float) -> float:
-    """Return a cost with that of a gap to a person added, for a robot at speed v."""
+def gap_cost(gap_m: float, v: float) -> float:
+    """Return the cost of a gap to a person, for a robot at speed v."""
+    total = 0.0
     if gap_m < PROXIMITY.near_m:
         near = min(1.0 - gap_m / PROXIMITY.near_m, PROXIMITY.most_cost)
         total += near * near
@@ -173,7 +174,7 @@ def people_proximity_cost(
         if gap < PROXIMITY.meet_m and time_s <= PROXIMITY.sure_s and is_to_blame(v, away, turned):
             return math.inf
         left = math.exp(-fading(time_s, walkers[index, 6]))
-        total += left * with_gap_cost(0.0, gap, v)
+        total += left * gap_cost(gap, v)
     return total
 
 

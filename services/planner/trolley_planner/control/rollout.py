@@ -22,9 +22,9 @@ from trolley_planner.control.look_ups import LookUps, look_up, make_look_ups
 from trolley_planner.control.proximity import (
     PROXIMITY,
     fading,
+    gap_cost,
     is_to_blame,
     standing_cost,
-    with_gap_cost,
 )
 from trolley_planner.control.robot_motion import Limits, caution_speed, followed, moved, zone_speed
 from trolley_planner.costmap.footprint import FEW_DO_M, Body, Field, clearance_turned
@@ -308,7 +308,7 @@ def look_for_others(lanes: Lanes, count: int, time_s: float, scene: Scene) -> No
             lane, gap = int(lanes.close[index]), float(least[index])
             if is_sure and gap < PROXIMITY.meet_m and meets(lanes, lane, (x, y)):
                 near[lane] = math.inf
-            near[lane] += left * with_gap_cost(0.0, gap, lanes.v[lane])
+            near[lane] += left * gap_cost(gap, lanes.v[lane])
     if robots.shape[0] == 0:
         return
     nearest = lanes.scratch

@@ -49,8 +49,9 @@ def times_of_encounters(walkers: NDArray[np.float64]) -> NDArray[np.float64]:
             vx, vy = walkers[other, 2] - walkers[one, 2], walkers[other, 3] - walkers[one, 3]
             squared, closing = vx * vx + vy * vy, -(x * vx + y * vy)
             apart = x * x + y * y
-            is_another &= apart >= ENCOUNTER.one_m**2
-            if squared < ENCOUNTER.together_mps**2 or closing <= 0.0 or apart < ENCOUNTER.one_m**2:
+            is_one = apart < ENCOUNTER.one_m**2
+            is_another &= not is_one
+            if is_one or squared < ENCOUNTER.together_mps**2 or closing <= 0.0:
                 continue
             root = closing * closing - squared * (apart - ENCOUNTER.near_m**2)
             if root < 0.0:
