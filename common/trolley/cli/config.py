@@ -58,7 +58,7 @@ def get(name: str | None, as_json: bool) -> None:
         say_block(_in_full(settings[0]))
     else:
         rows = [
-            (_name_of(one), _value(one.value), one.unit, FROM[one.source], _counts(one))
+            (_name_of(one), _values(one), one.unit, FROM[one.source], _counts(one))
             for one in settings
         ]
         print_table(("SETTING", "VALUE", "UNIT", "FROM", "A CHANGE COUNTS"), rows)
@@ -119,6 +119,12 @@ def _name_of(one: Setting) -> str:
 
 def _value(value: Any) -> str:
     return NOTHING if value is None else to_toml(value)
+
+
+def _values(one: Setting) -> str:
+    """What it is, and what it will be if a restart changes that."""
+    now = _value(one.value)
+    return now if one.next == one.value else f"{now}, then {_value(one.next)}"
 
 
 def _counts(one: Setting) -> str:

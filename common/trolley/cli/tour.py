@@ -11,7 +11,7 @@ from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, print_table, seconds_text
-from trolley.client import Robot
+from trolley.client import TRIP_ENDS, Robot
 from trolley.codes import Refused
 from trolley.config import ConfigError
 from trolley.files import why_not_written, write_atomically
@@ -62,7 +62,7 @@ def all_reached(status: TourStatus) -> bool:
 
 
 def follow_trip(robot: Robot, trip: str | None, *, quiet: bool = False) -> TourStatus:
-    """Show how a trip goes, a line for each stop that is over, until it has ended."""
+    """Show how a trip goes, a line for each stop that is over; return how it ended."""
     progress = Progress()
     last: TourStatus | None = None
     shown = 0
@@ -74,7 +74,8 @@ def follow_trip(robot: Robot, trip: str | None, *, quiet: bool = False) -> TourS
                 for result in status.results[shown:]:
                     say(result_text(result))
             shown = len(status.results)
-            progress.show(_summary(status), f"{status.state} {status.reason} {status.stop}")
+            if status.state not in TRIP_ENDS:  # the caller says how it ended
+                progress.show(_summary(status), f"{status.state} {status.reason} {status.stop}")
     finally:
         progress.clear()
     assert last is not None

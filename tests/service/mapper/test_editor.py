@@ -223,6 +223,27 @@ def test_an_edit_after_which_the_robot_stands_in_a_wall_is_not_repeated_later(ho
     assert home.poses[-1].map == "flat"
 
 
+def test_a_switch_that_failed_does_not_take_the_robot_off_a_map_loaded_since(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(editor.MapSwitch, "begin", lambda *_: None)
+        home.ask(requests.MAP_EDIT, EditMap(name="flat", ops=[Turn(angle=0.5)]))
+    home.bus.kill("mapper")
+    home.put_map("attic")
+    home.ask(requests.MAP_LOAD, LoadMap(name="attic", pose=START))
+    home.begin("mapper")
+    home.bus.run(3.0)
+    assert home.poses[-1].map == "attic"
+    home.ask(requests.MAP_LOAD, LoadMap(name="flat", pose=START))
+    home.bus.kill("mapper")
+    home.begin("mapper")
+    home.bus.run(3.0)
+    wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
+    np.testing.assert_allclose(home.zones[-1].zones[0].points, wanted, atol=1e-9)
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+
+
 def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
     home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,6 +29,7 @@ KNOWN = ("localized", "unsure")
 STANDS_IN_OBSTACLE = (
     "The robot stands in an obstacle of this map, or outside it, and now searches for its position."
 )
+OTHER_MAP = "The robot is on another map by now."
 NO_ROOM = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP)
 """Refusals of a pose, not of the map."""
 LATE = (codes.TIMEOUT, codes.NOT_READY)
@@ -154,7 +155,14 @@ class MapSwitch:
 
     def _load(self, pose: Pose2D | None, found: dict[tuple[str, ...], Zones]) -> None:
         self._zones_before = found.get(())
-        self._ask_to_load(pose)
+        if self._zones_before is None or self._zones_before.map in (self._plan.of, self._plan.map):
+            self._ask_to_load(pose)
+            return
+        self._service.log.warning(
+            "Zones, places and tours of an edited map follow once the mapper starts on that map",
+            map=self._plan.map,
+        )
+        self._done(OTHER_MAP)
 
     def _ask_to_load(self, pose: Pose2D | None) -> None:
         params = LoadMap(name=self._plan.map, pose=pose)
