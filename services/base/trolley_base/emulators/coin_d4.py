@@ -1,4 +1,4 @@
-"""COIN-D4 (LDS-03): waits until it is told to scan, then sends up to 40 points a packet.
+"""COIN-D4 (LDS-03): waits until it is told to scan, then sends up to 25 points a packet.
 
 A time-of-flight sensor: 5000 points a second, 10 turns. The packet that begins a turn says how fast
 the last one was.
@@ -17,7 +17,7 @@ from trolley_base.world import LidarSpec
 FACTS = LidarFacts(
     baud=230400, turns_hz=10.0, range_min_m=0.1, range_max_m=8.0, sample_s=1.0 / 5000.0
 )
-POINTS = 40
+POINTS = 25
 INTENSITY = 150
 LONGEST = 4
 

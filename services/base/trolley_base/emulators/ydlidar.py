@@ -134,7 +134,7 @@ class Ydlidar(SpinningLidar):
             elif command == 0x90:
                 info = bytes([self._model.number, *FIRMWARE]) + SERIAL
                 self._send(now_ns, descriptor(len(info), 0x04) + info)
-            elif command == 0x92:
+            elif command in (0x91, 0x92):  # the manual's, and the maker's SDK's
                 self._send(now_ns, descriptor(3, 0x06) + bytes(3))
             elif command == 0xD1 and self._model is G4:
                 rate = RATES[round(1.0 / (self.facts.sample_s or 1.0))]
