@@ -99,6 +99,7 @@ class Hall:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)  # ten simulated minutes, on a busy machine
 @pytest.mark.parametrize(
     ("minutes", "goals"),
     [(0.5, [EAST, WEST]), (10.0, GOALS)],
