@@ -288,7 +288,7 @@ def interpolate(start: Pose2D, end: Pose2D, fraction: float) -> Pose2D:
         end: returned as it is (yaw wrapped) at fraction 1.
         fraction: between 0 and 1; beyond, the motion goes on along the same arc.
     """
-    if fraction == 0.0:
+    if fraction == 0.0 or start == end:
         return start.wrapped()
     if fraction == 1.0:
         return end.wrapped()

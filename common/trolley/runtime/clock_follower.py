@@ -38,8 +38,10 @@ class ClockFollower:
         """Take in a message of a robot, at once or when its base has answered."""
         followed = self._context.clocks.followed(robot)
         if followed.follows(clock, arrived_ns):
+            before_ns = followed.now(arrived_ns)
             followed.update(clock, arrived_ns)  # of the epoch that is known
-            self._context.timers.look_again()
+            if followed.now(arrived_ns) != before_ns:
+                self._context.timers.look_again()
         elif robot in self._asking:
             return
         elif arrived_ns - self._wrong_ns.get(robot, arrived_ns - ASK_AGAIN_NS) < ASK_AGAIN_NS:

@@ -1,9 +1,10 @@
 """The queue between the bus's threads and the one thread that calls a service's methods."""
 
-import dataclasses
 import threading
 from collections import deque
 from collections.abc import Callable, Hashable
+
+import msgspec
 
 Task = Callable[[int], None]
 """What to do about an arrival; its argument is the local monotonic time at which it came [ns]."""
@@ -15,8 +16,7 @@ MAX_WAITING_BYTES = 96 << 20
 """How many bytes a flood may hold in memory: three of the largest maps."""
 
 
-@dataclasses.dataclass(slots=True)
-class _Entry:
+class _Entry(msgspec.Struct):
     task: Task
     arrived_ns: int
     slot: Hashable
@@ -73,25 +73,25 @@ class Inbox:
         """
         arrived_ns = self.now_ns()
         with self._lock:
-            waiting = self._slots.get(slot) if slot is not None else None
+            waiting = None if slot is None else self._slots.get(slot)
             if waiting is not None:
                 waiting.task, waiting.arrived_ns = task, arrived_ns
                 self._bytes += size - waiting.size
                 waiting.size = size
                 self.replaced += 1
-                if wakes:
-                    self._ring()
-                return True
-            queue = self._urgent if urgent else self._queue
-            if not own and (len(queue) >= MAX_WAITING or self._is_heavy(size)):
-                self.dropped += 1
-                return False
-            entry = _Entry(task, arrived_ns, slot, size)
-            if slot is not None:
-                self._slots[slot] = entry
-            self._bytes += size
-            queue.append(entry)
-            if wakes or len(queue) >= MOST_QUIET:
+            else:
+                queue = self._urgent if urgent else self._queue
+                is_heavy = size > 0 and self._bytes > 0 and self._bytes + size > MAX_WAITING_BYTES
+                if not own and (is_heavy or len(queue) >= MAX_WAITING):
+                    self.dropped += 1
+                    return False
+                entry = _Entry(task, arrived_ns, slot, size)
+                if slot is not None:
+                    self._slots[slot] = entry
+                self._bytes += size
+                queue.append(entry)
+                wakes = wakes or len(queue) >= MOST_QUIET
+            if wakes:
                 self._ring()
             return True
 
@@ -137,6 +137,3 @@ class Inbox:
             self._is_waiting = False
             if self._bell.locked():
                 self._bell.release()
-
-    def _is_heavy(self, size: int) -> bool:
-        return size > 0 and self._bytes > 0 and self._bytes + size > MAX_WAITING_BYTES

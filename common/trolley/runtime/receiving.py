@@ -4,6 +4,7 @@ import dataclasses
 import unicodedata
 from collections import deque
 from collections.abc import Callable, Collection
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 import msgspec
@@ -155,17 +156,17 @@ class Receiver:
         """Subscribe, then read what is there already."""
         context, topic = self._context, feed.watch.topic
         newest_only = topic.qos is not Qos.STATE and not feed.watch.keeps_history
+        push, take, watch = context.inbox.push, self._receive, feed.watch
 
         def receive(sample: Sample) -> None:
-            slot = (id(feed), sample.key) if newest_only else None
-            size = len(sample.payload)
+            size = kept = len(sample.payload)
             if size > topic.max_bytes:  # only its size is worth keeping
-                sample = msgspec.structs.replace(sample, payload=b"")
-            context.inbox.push(
-                lambda arrived_ns: self._receive(feed, sample, size, arrived_ns),
-                slot,
-                size=len(sample.payload),
-                wakes=feed.watch.wakes,
+                sample, kept = msgspec.structs.replace(sample, payload=b""), 0
+            push(
+                partial(take, feed, sample, size),
+                (feed, sample.key) if newest_only else None,
+                size=kept,
+                wakes=watch.wakes,
             )
 
         key = topic.key(feed.robot or context.robot, *feed.parts)

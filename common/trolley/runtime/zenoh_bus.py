@@ -308,8 +308,8 @@ class ZenohBus:
         """Call back, on one of Zenoh's threads, for each put and delete that matches."""
 
         def receive(sample: zenoh.Sample) -> None:
-            is_delete = sample.kind == zenoh.SampleKind.DELETE
-            payload = b"" if is_delete else _read(sample.payload)
+            payload = _read(sample.payload)
+            is_delete = not payload and sample.kind == zenoh.SampleKind.DELETE
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
 
         handler = _handler(receive, None, is_direct=self._puts_directly)

@@ -1,9 +1,10 @@
 """What the localizer says after each scan."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,8 +34,7 @@ class CandidatePose:
     """Share of beams that the map explains from there, 0 ... 1."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class Estimate(msgspec.Struct, frozen=True, eq=False):
     """Where the robot was at the stamp of a scan."""
 
     stamp_ns: int
@@ -52,7 +52,7 @@ class Estimate:
     """Root mean square distance of the hypotheses from their mean [m]."""
     beam_classes: NDArray[np.uint8]
     """(n,) 0 explained, 1 not on the map, 2 behind mirror or glass, 3 suspected, 4 unused."""
-    candidates: list[CandidatePose] = field(default_factory=list[CandidatePose])
+    candidates: list[CandidatePose] = []
     """The places between which the scans cannot decide yet, best first."""
     wants_turn: bool = False
     """Whether a turn in place would help to tell the candidates apart."""
@@ -67,7 +67,7 @@ class Estimate:
         """Return the same at the stamp of a later scan, which told nothing new."""
         known = self.map_T_odom
         pose = None if known is None else (known @ scan.odom_T_base).wrapped()
-        return replace(self, stamp_ns=scan.stamp_ns, map_T_base=pose, is_held=True)
+        return msgspec.structs.replace(self, stamp_ns=scan.stamp_ns, map_T_base=pose, is_held=True)
 
 
 class EstimateReporter:

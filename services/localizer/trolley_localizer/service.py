@@ -80,8 +80,9 @@ class LocalizerService(Service):
         """Locate by a scan as soon as the odometry of its last beam is there."""
         if not self._lease.is_held:
             self._assembler.add(scan, self.monotonic_ns)
-            self._overdue.set(MAX_WAIT_S / self.time_of(self.robot).rate + LATER_S)
             self._locate_if_due()
+            if self._assembler.is_waiting:
+                self._overdue.set(MAX_WAIT_S / self.time_of(self.robot).rate + LATER_S)
 
     def _odometry_came(self, _: Odometry) -> None:
         if self._assembler.is_waiting:

@@ -7,7 +7,7 @@ from msgspec import Struct
 
 from trolley import topics
 from trolley.config.robot import StartSection
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, angle_difference
 from trolley.messages import PoseEstimate, SavedPoses
 from trolley.runtime.service import Service, Watch, every
 from trolley_localizer.map_server import LoadedMap
@@ -70,7 +70,7 @@ class LastPoseStore:
             saved is not None
             and (saved.map, saved.epoch_ns) == (latest.map, self._service.epoch_ns)
             and saved.pose.distance_to(latest.pose) < SAVE_AFTER_M
-            and abs((saved.pose.inverse() @ latest.pose).yaw) < SAVE_AFTER_RAD
+            and abs(angle_difference(latest.pose.yaw, saved.pose.yaw)) < SAVE_AFTER_RAD
         ):
             return
         self.saved = LastPose(
