@@ -31,8 +31,8 @@ from trolley_viz.server.links import links_of
 from trolley_viz.server.messages import Said
 from trolley_viz.server.photos import Photos
 from trolley_viz.server.web_server import PortTaken, WebServer, close_scene, open_scene
+from trolley_viz.session.browser_store import BrowserStore
 from trolley_viz.session.hub import Hub
-from trolley_viz.session.memory import Memory
 from trolley_viz.session.robot_scene import RobotScenes
 
 TICK_S = teleop.PERIOD_S
@@ -75,8 +75,8 @@ class VizService(Service):
     # Life.
     def start(self) -> None:
         """Open the web page."""
-        memory = Memory(self)
-        people = People(Names(memory.names, memory.save_names, self._robot_titles))
+        browsers = BrowserStore(self)
+        people = People(Names(browsers.names, browsers.save_names, self._robot_titles))
         self.joystick = Teleop(self, self._robots, people.driver_name)
         tokens = self._tokens()
         self._scene = open_scene()
@@ -100,7 +100,7 @@ class VizService(Service):
             robots=self._robots,
             stops=StopPresses(self._ask_stop),
             scenes=RobotScenes(self, self._scene, self._robots),
-            memory=memory,
+            browsers=browsers,
             let_go=self.joystick.let_go,
             people=people,
             links=links_of(self._config, tokens),

@@ -63,7 +63,7 @@ class OpenPages:
         page = self.by_name.get(_page_of(line))
         if page is None:
             visitor = line.visitor
-            choices = self.hub.memory.choices_of(visitor.browser)
+            choices = self.hub.browsers.choices_of(visitor.browser)
             page = Page(next(self._numbers), line.key, visitor, choices, self.hub, self._shared)
             self.by_name[_page_of(line)] = page
         page.connect(line, self.hub.service.monotonic_ns)

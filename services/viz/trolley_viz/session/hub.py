@@ -13,7 +13,7 @@ from trolley_viz.robots.fleet import Robots
 from trolley_viz.robots.stop_presses import StopPresses
 from trolley_viz.server.links import Links
 from trolley_viz.server.visitors import Visitor
-from trolley_viz.session.memory import Memory
+from trolley_viz.session.browser_store import BrowserStore
 from trolley_viz.session.robot_scene import RobotScenes
 
 
@@ -31,7 +31,7 @@ class Hub:
     """The presses of Stop that are not answered yet."""
     scenes: RobotScenes
     """What is drawn of the robots."""
-    memory: Memory
+    browsers: BrowserStore
     """What was chosen in each browser."""
     let_go: Callable[[int], None]
     """Takes the joystick out of a page's hand."""

@@ -65,7 +65,7 @@ class Session:
         self._hub = hub
         service = hub.service
         self.preferences = Preferences(
-            choices, lambda chosen: hub.memory.remember(page.visitor.browser, chosen)
+            choices, lambda chosen: hub.browsers.remember(page.visitor.browser, chosen)
         )
         """What its person has chosen."""
         self._robot = choices.robot or hub.robots.own

@@ -6,7 +6,7 @@ from trolley.runtime.service import Service
 from trolley_viz.session.browser_choices import FILE, Choices, ViewerSettings
 
 
-class Memory:
+class BrowserStore:
     """The choices of each browser, and what people call theirs."""
 
     def __init__(self, service: Service) -> None:
