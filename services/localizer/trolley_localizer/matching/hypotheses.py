@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, Self, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -369,11 +369,6 @@ class Hypothesis:
     match: float
     """Share of explained beams in the newest scan."""
 
-    @classmethod
-    def at(cls, place: Place) -> Self:
-        """Begin to follow a place that a search has found."""
-        return cls(place.pose.copy(), Votes(place.support.value), place.support.match)
-
     @property
     def mean(self) -> float:
         """Mean support over the views."""
@@ -385,7 +380,21 @@ class Hypothesis:
         return min(self.votes.latest, self.votes.mean)
 
 
+def hypothesis_at(place: Place) -> Hypothesis:
+    """Begin to follow a place that a search has found."""
+    return Hypothesis(place.pose.copy(), Votes(place.support.value), place.support.match)
+
+
 Item = TypeVar("Item", bound=Hypothesis)
+
+
+class View(NamedTuple, Generic[Item]):
+    """What one scan was compared with."""
+
+    seen: list[Item]
+    """The places that it voted for."""
+    is_new: bool
+    """Whether it shows more than the scan before."""
 
 
 class Hypotheses(Generic[Item]):
@@ -433,23 +442,30 @@ class Hypotheses(Generic[Item]):
             before = Pose2D(float(item.pose[0]), float(item.pose[1]), float(item.pose[2]))
             item.pose = (before @ cells).as_array()
 
-    def update(self, beams: BeamSet) -> bool:
-        """Align all places with a scan and let it vote.
+    def update(self, beams: BeamSet) -> View[Item]:
+        """Align places with a scan and let it vote.
 
-        Returns:
-            Whether it was a new view.
+        A new view is compared with all places. A scan that shows what the one before has shown is
+        compared with the best two, between which `winner` decides, and with one other in turn.
         """
         self._scans_seen += 1
         is_new = _is_new_view(self._since_view)
-        for item in self.items:
-            item.pose, support = self._aligned(item.pose, beams)
-            item.votes.add(support.value, is_new_view=is_new)
-            item.match = support.match
         if is_new:
             self._since_view = Pose2D.identity()
-        self.items.sort(key=lambda item: -item.mean)
+        others = self.items[2:]
+        due = others if is_new else others[self._scans_seen % max(len(others), 1) :][:1]
+        due = [*self.items[:2], *due]
+        seen: list[Item] = []
+        while due:  # those that fell behind may have left the lead to what an old scan said
+            for item in due:
+                item.pose, support = self._aligned(item.pose, beams)
+                item.votes.add(support.value, is_new_view=is_new)
+                item.match = support.match
+            seen += due
+            self.items.sort(key=lambda item: -item.mean)
+            due = [item for item in self.items[:2] if all(item is not one for one in seen)]
         self._drop()
-        return is_new
+        return View(seen, is_new)
 
     def _aligned(
         self, pose: NDArray[np.float64], beams: BeamSet
@@ -599,9 +615,9 @@ class Rivals:
             pose: the estimate (3,) [cells, rad].
             own: support of the estimate, 0 ... 1.
         """
-        is_new = self._places.update(beams)
-        for rival in self._places.items:
-            rival.vote(own, is_new_view=is_new)
+        view = self._places.update(beams)
+        for rival in view.seen:
+            rival.vote(own, is_new_view=view.is_new)
         self._places.items = [
             rival
             for rival in self._places.items
@@ -617,11 +633,6 @@ class Rivals:
     def is_stale(self) -> bool:
         """Whether the robot has moved far since the last search."""
         return self._places.is_stale
-
-    @property
-    def lead(self) -> float:
-        """By how much the best is ahead of the estimate, summed over the views."""
-        return self._places.items[0].lead if self.exist else -math.inf
 
     @property
     def mean_lead(self) -> float:

@@ -15,6 +15,7 @@ from trolley_localizer.matching.hypotheses import (
     Rivals,
     Sight,
     evidence_of,
+    hypothesis_at,
 )
 from trolley_localizer.matching.map_matcher import MatchScore
 from trolley_localizer.tracking.tracking_state import TrackingMonitor
@@ -76,7 +77,7 @@ class Searching:
         """
         for item in self.places.items:
             item.votes.condense()
-        self.places.add([Hypothesis.at(place) for place in places])
+        self.places.add([hypothesis_at(place) for place in places])
         self.has_result = True
 
 
