@@ -93,6 +93,8 @@ def test_names_stand_raw_in_the_key(keeper: Process, bus: ZenohBus):
 
         wait_until(is_stored, f"{name} is stored")
     assert len(stored_names(bus)) == 4  # two ways to write one name
+    assert read(bus, "trolley/*/poses/Ku\u0308che") == []  # no answer may stand on such a key
+    assert len(stored_names(bus)) == 4
     assert keeper.is_running
 
 

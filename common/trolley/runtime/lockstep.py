@@ -78,6 +78,8 @@ class _MemoryQuery:
         self.on_done: Callable[[], None] = lambda: None
 
     def reply(self, key: str, payload: bytes, encoding: str) -> None:
+        if not _matches(self.key, key):  # Zenoh refuses it, too
+            raise ValueError(f"{key} is no answer to {self.key}")
         self.on_reply(Reply(key, payload, encoding))
 
     def refuse(self, payload: bytes, encoding: str) -> None:

@@ -197,7 +197,8 @@ class Server:
                 self._refuse(query, refused)
             query.finish()
             return
-        pattern = unicodedata.normalize("NFC", asked)
+        # Under a wildcard an answer must stand on a key that was asked for, letter by letter.
+        pattern = unicodedata.normalize("NFC", asked) if exact else asked
         answered = False
         for key, message in found.items():
             if matches(pattern, key):

@@ -384,6 +384,13 @@ def test_a_wildcard_read_is_answered_on_the_owners_keys(lockstep: Lockstep, owne
     assert reply.key == "trolley/trolley/poses/living room"
 
 
+def test_a_wildcard_read_of_a_name_in_another_form_ends_nobody(lockstep: Lockstep, owner: Owner):
+    assert lockstep.get(f"trolley/*/poses/{NFD}") == []  # Zenoh takes no answer on another key
+    assert lockstep.get(f"trolley/trolley/poses/{NFD}$*") == []
+    (reply,) = lockstep.get(f"trolley/*/poses/{NFC}")
+    assert reply.key == f"trolley/trolley/poses/{NFC}"
+
+
 def test_an_unknown_name_is_an_error_and_a_wildcard_leaves_it_out(lockstep: Lockstep, owner: Owner):
     assert code(lockstep, "poses/attic") == codes.UNKNOWN_NAME
     assert code(lockstep, "goal?id=unknown") == codes.UNKNOWN_NAME
