@@ -32,6 +32,11 @@ def is_network(name: str) -> bool:
     return name.startswith(SCHEMES)
 
 
+def names_a_host(text: str) -> bool:
+    """Whether a host's name or address can be looked up: Python raises no `OSError` over others."""
+    return all(0 < len(part) < 64 for part in text.removesuffix(".").split("."))
+
+
 def parse_address(name: str) -> Address:
     """Read a name.
 
@@ -40,14 +45,15 @@ def parse_address(name: str) -> Address:
     """
     match = ADDRESS.fullmatch(name)
     port = 0 if match is None else int(match["port"])
-    is_whole = match is not None and (match["host"] or match["kind"] == "udp")
+    host = "" if match is None else match["host"].strip("[]")
+    is_whole = names_a_host(host) or (match is not None and not host and match["kind"] == "udp")
     if match is None or not is_whole or not 0 < port <= MOST_PORT:
         raise ValueError(
             f"{name} is not an address: write tcp://HOST:PORT or udp://HOST:PORT, such as "
             "tcp://192.168.0.10:10940; for a device that sends to this computer, udp://:PORT"
         )
     kind: Literal["tcp", "udp"] = "tcp" if match["kind"] == "tcp" else "udp"
-    return Address(kind, match["host"].strip("[]"), port)
+    return Address(kind, host, port)
 
 
 def explain_network(name: str, error: OSError) -> str:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from trolley.network_ports import names_a_host
+
 PORT, TLS_PORT = 1883, 8883
 BROKER = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_.-]{1,253})(:(?P<port>[0-9]{1,5}))?")
 
@@ -63,6 +65,7 @@ def split_broker(text: str) -> tuple[str, int | None]:
     """
     found = BROKER.fullmatch(text)
     port = int(found["port"]) if found is not None and found["port"] else None
-    if found is None or port == 0 or (port or 0) > 65_535:
+    host = "" if found is None else found["host"].strip("[]")
+    if found is None or not names_a_host(host) or port == 0 or (port or 0) > 65_535:
         raise ValueError(f"{text!r} is not a broker: write host or host:port, such as 192.168.1.5")
-    return found["host"].strip("[]"), port
+    return host, port

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from trolley.network_ports import names_a_host
+
 MAX_URLS = 10
 MAX_URL = 2000
 _CHARACTERS = re.compile(r"[\x21-\x7e]+")
@@ -56,7 +58,8 @@ def _problem_of(url: str) -> str:
         port = parts.port
     except ValueError:
         return f"is not a web address: {example}"
-    if parts.scheme not in ("http", "https") or not parts.hostname or port == 0:
+    is_web = parts.scheme in ("http", "https")
+    if not is_web or port == 0 or not names_a_host(parts.hostname or ""):
         return f"is not a web address: {example}"
     if parts.username is not None:
         return "has a user name or password in it: use `token_file`"

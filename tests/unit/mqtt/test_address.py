@@ -18,7 +18,9 @@ def test_a_broker_is_a_host_and_perhaps_a_port(text: str, address: tuple[str, in
     assert MqttConfig(broker=text).address == address
 
 
-@pytest.mark.parametrize("text", ["mqtt://broker", "a b", "host:0", "host:70000", "fd00::1", ":1"])
+@pytest.mark.parametrize(
+    "text", ["mqtt://broker", "a b", "host:0", "host:70000", "fd00::1", ":1", "a..b"]
+)
 def test_what_is_no_broker_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="is not a broker"):
         split_broker(text)

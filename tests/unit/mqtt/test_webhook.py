@@ -234,6 +234,8 @@ def test_closing_does_not_wait_for_a_server_that_hangs(make_server: MakeServer) 
         "http://h:99999/",
         "http://häuser/",
         "http://[::1/",
+        "http://house..example/",
+        f"http://{64 * 'h'}.example/",
         "http://h/\n",
         f"http://u:{SECRET}@h/",
         "http://h/" * 300,

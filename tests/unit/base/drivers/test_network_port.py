@@ -41,6 +41,7 @@ def test_an_address_is_written_in_one_way() -> None:
         "udp://h:0",
         "udp://h:65536",
         "ftp://h:1",
+        "tcp://192.168..10:1",
     ):
         with pytest.raises(ValueError, match="write tcp://HOST:PORT"):
             parse_address(wrong)
