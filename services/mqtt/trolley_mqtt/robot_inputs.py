@@ -1,5 +1,6 @@
 """What the bridge hears from the robot's services."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from trolley import topics
@@ -45,12 +46,13 @@ class RobotInputs:
     def __init__(self, service: Service) -> None:
         self._service = service
 
-    def start(self) -> None:
-        """Watch everything."""
+    def start(self, on_drive: Callable[[], None]) -> None:
+        """Watch everything; `on_drive` is called for each state of goal and trip, however short."""
         self.base = self._service.watch(topics.BASE)
         self.pose = self._service.watch(topics.POSE)
-        self.goal = self._service.watch(topics.GOAL)
-        self.trip = self._service.watch(topics.TOUR)
+        self.goal = self._service.watch(topics.GOAL, then=lambda _: on_drive())
+        self.trip = self._service.watch(topics.TOUR, then=lambda _: on_drive())
+        self.goal.wakes = self.trip.wakes = False  # it is told within a second
         self.poses = self._service.watch(topics.POSES)
         self.zones = self._service.watch(topics.ZONES)
         self.tours = self._service.watch(topics.TOURS)

@@ -104,7 +104,7 @@ class MqttService(Service):
     def start(self) -> None:
         """Watch the robot, and begin to connect."""
         self._freshness.start(self.new_id())
-        self.robot_inputs.start()
+        self.robot_inputs.start(self._tell_news)
         subscriptions = [
             Subscription(self._outbox.topic("do", "+")),
             Subscription(self._outbox.topic("echo")),
@@ -185,6 +185,10 @@ class MqttService(Service):
         if self._outbox.is_open:
             self._speak()
             self._map_image.update()
+        self._tell_news()
+
+    def _tell_news(self) -> None:
+        """Say what has just happened."""
         for one in self._events.update(self.robot_inputs.view):
             self._tell(one)
 

@@ -5,6 +5,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import structs
 from PIL import Image
 
 from trolley import codes, topics
@@ -41,6 +42,19 @@ def test_each_end_is_told_once_with_its_reason(bridge: "Bridge") -> None:
     assert kinds(bridge) == ["arrived", "failed"]
     assert events(bridge)[1]["reason"] == codes.NO_PATH
     assert events(bridge)[1]["message"] == "The door is closed."
+
+
+def test_what_lasts_less_than_a_second_is_told_as_well(bridge: "Bridge") -> None:
+    """A tour whose stops are not stayed at goes on within half a second."""
+    for number in range(5):
+        goal = GoalStatus(stamp_ns=0, id=f"tour-t-{number}-1", state="driving")
+        bridge.robot.goal = goal
+        bridge.run(3.3)
+        end = "failed" if number == 3 else "arrived"
+        bridge.robot.goal = structs.replace(goal, state=end, reason=codes.BLOCKED)
+        bridge.run(0.2)
+    bridge.run(1.0)
+    assert kinds(bridge) == ["arrived", "arrived", "arrived", "failed", "arrived"]
 
 
 def test_a_tour_that_waits_for_somebody_or_is_done_is_told(bridge: "Bridge") -> None:
