@@ -57,8 +57,7 @@ def start_tour(name: str, no_wait: bool, as_json: bool) -> None:
 
 def all_reached(status: TourStatus) -> bool:
     """Whether a trip is done and no stop of it was skipped or failed."""
-    reached = [result.state == "reached" for result in status.results]
-    return status.state == "done" and all(reached) and bool(reached)
+    return status.state == "done" and status.num_missed == 0 and status.num_ended > 0
 
 
 def follow_trip(robot: Robot, trip: str | None, *, quiet: bool = False) -> TourStatus:
@@ -69,11 +68,11 @@ def follow_trip(robot: Robot, trip: str | None, *, quiet: bool = False) -> TourS
     try:
         for status in robot.follow_tour(trip):
             last = status
-            if shown < len(status.results) and not quiet:
+            num_new, shown = status.num_ended - shown, status.num_ended
+            if num_new > 0 and not quiet:
                 progress.clear()
-                for result in status.results[shown:]:
+                for result in status.results[-num_new:]:
                     say(result_text(result))
-            shown = len(status.results)
             if status.state not in TRIP_ENDS:  # the caller says how it ended
                 progress.show(_summary(status), f"{status.state} {status.reason} {status.stop}")
     finally:

@@ -140,7 +140,8 @@ class TourStatus(Struct, frozen=True, kw_only=True):
 
     `trip` is its id, `stop` the index of the stop that it is at or drives to; `lap` counts from 0.
     `seconds` is the robot time since it started, `tour` the tour as it was then (null if it has
-    over 300 points, which is too much to repeat).
+    over 300 points, which is too much to repeat). `results` of a long trip holds only the newest;
+    `reached` and `missed` count all stops that were reached or not.
     """
 
     stamp_ns: StampNs
@@ -154,6 +155,18 @@ class TourStatus(Struct, frozen=True, kw_only=True):
     results: list[StopResult] = []
     seconds: NonNegative = 0.0
     tour: Tour | None = None
+    reached: Count = 0
+    missed: Count = 0
+
+    @property
+    def num_missed(self) -> int:
+        """Stops that were not reached; a tour service that counts none tells its results."""
+        return max(self.missed, sum(one.state != "reached" for one in self.results))
+
+    @property
+    def num_ended(self) -> int:
+        """Stops that were reached or not."""
+        return max(self.reached + self.missed, len(self.results))
 
 
 class PastTrip(Struct, frozen=True, kw_only=True):

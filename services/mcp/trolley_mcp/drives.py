@@ -77,7 +77,7 @@ async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> Tou
             trip, sent_ns = status.trip, status.stamp_ns
             while status.state in TRIP_GOES and status.stamp_ns - sent_ns < LONGEST_WAIT_NS:
                 stops = None if status.tour is None else float(len(status.tour.stops))
-                await tell(float(len(status.results)), stops, status.message)
+                await tell(float(status.num_ended), stops, status.message)
                 heard = await _next(statuses)
                 if heard is None and (heard := await robot.latest(topics.TOUR)) is None:
                     raise Refused(codes.NOT_READY, "The tour service has fallen silent.")

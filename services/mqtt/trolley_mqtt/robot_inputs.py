@@ -48,10 +48,14 @@ class RobotInputs:
 
     def start(self, on_drive: Callable[[], None]) -> None:
         """Watch everything; `on_drive` is called for each state of goal and trip, however short."""
+
+        def take(_: GoalStatus | TourStatus) -> None:
+            on_drive()
+
         self.base = self._service.watch(topics.BASE)
         self.pose = self._service.watch(topics.POSE)
-        self.goal = self._service.watch(topics.GOAL, then=lambda _: on_drive())
-        self.trip = self._service.watch(topics.TOUR, then=lambda _: on_drive())
+        self.goal = self._service.watch(topics.GOAL, then=take)
+        self.trip = self._service.watch(topics.TOUR, then=take)
         self.goal.wakes = self.trip.wakes = False  # it is told within a second
         self.poses = self._service.watch(topics.POSES)
         self.zones = self._service.watch(topics.ZONES)

@@ -105,6 +105,7 @@ def test_failed_stop_is_tried_again_then_skipped(home: "Home", plan: "type[Plan]
     assert home.results() == [(0, "skipped", codes.BLOCKED), (1, "reached", "")]
     assert done.results[0].message == "Stop 1 (corridor): the way is blocked; skipped."
     assert done.message == "1 of 2 stops were reached."
+    assert (done.reached, done.missed) == (1, 1)
     assert home.planner.ids[:2] == [f"tour-{done.trip}-0-1", f"tour-{done.trip}-0-2"]
 
 

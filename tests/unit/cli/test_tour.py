@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
+from msgspec import structs
 
 from trolley.cli import tour
 from trolley.messages import StopResult, TourStatus
@@ -31,3 +32,25 @@ def test_how_a_trip_ended_is_printed_once(monkeypatch: pytest.MonkeyPatch) -> No
         "round: done",
     ]
     assert result.exit_code == 0
+
+
+def test_a_trip_so_long_that_its_first_results_are_left_out_is_told_to_its_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ends = [
+        StopResult(stop=0, name=f"n{i}", state="skipped" if i == 0 else "reached") for i in range(5)
+    ]
+    told = [
+        structs.replace(STARTED, results=ends[max(0, n - 2) : n], missed=1, reached=n - 1)
+        for n in range(1, 6)
+    ]
+    robot = SimpleNamespace(
+        ask=lambda request, params: STARTED,
+        follow_tour=lambda trip: iter((STARTED, *told, structs.replace(told[-1], state="done"))),
+    )
+    monkeypatch.setattr(tour, "one_robot", lambda: contextlib.nullcontext(robot))
+    result = CliRunner().invoke(tour.tour_command, ["start", "round"])
+    lines = result.output.splitlines()
+    shown = [line for line in lines if line.startswith("n")]
+    assert shown == ["n0: skipped after 0 s", *(f"n{i}: reached after 0 s" for i in range(1, 5))]
+    assert result.exit_code == 1, "one stop was skipped, however long ago"

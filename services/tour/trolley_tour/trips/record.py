@@ -216,6 +216,8 @@ class TripRecord(Struct, kw_only=True):
             results=self.results,
             seconds=self.seconds,
             tour=self.tour if self._num_points <= MAX_REPEATED_POINTS else None,
+            reached=self.reached,
+            missed=self.missed,
         )
 
     def past(self) -> PastTrip:

@@ -257,9 +257,9 @@ def _trip(known: RobotState) -> StatusLine | None:
         case "failed":
             return StatusLine(f"The tour was given up: {_reason_of(trip)}.", "bad")
         case "done":
-            missed = sum(one.state != "reached" for one in trip.results)
+            missed = trip.num_missed
             if missed:
-                count = len(trip.results)
+                count = trip.num_ended
                 return StatusLine(
                     f"The tour is over: {count - missed} of {count} places reached.", "warn"
                 )

@@ -220,11 +220,11 @@ def trip_line(trip: TourStatus | None, tour: Tour | None) -> StatusLine | None:
         case "paused":
             return StatusLine(f"{name} paused: {stop}", "warn", why)
         case "done":
-            return StatusLine(f"{name} done", "good", _count(trip.results))
+            return StatusLine(f"{name} done", "good", _count(trip))
         case "failed":
-            return StatusLine(f"{name} failed", "bad", _join(why, _count(trip.results)))
+            return StatusLine(f"{name} failed", "bad", _join(why, _count(trip)))
         case "stopped":
-            return StatusLine(f"{name} stopped", "idle", _join(why, _count(trip.results)))
+            return StatusLine(f"{name} stopped", "idle", _join(why, _count(trip)))
 
 
 def result_line(result: StopResult) -> StatusLine:
@@ -321,9 +321,9 @@ def _lap(trip: TourStatus, tour: Tour | None) -> str:
     return f"round {trip.lap + 1}" + (f" of {tour.repeat}" if tour.repeat else "")
 
 
-def _count(results: list[StopResult]) -> str:
-    reached = sum(one.state == "reached" for one in results)
-    return f"{reached} of {len(results)} stops reached." if results else ""
+def _count(trip: TourStatus) -> str:
+    ended = trip.num_ended
+    return f"{ended - trip.num_missed} of {ended} stops reached." if ended else ""
 
 
 def _join(*parts: str) -> str:
