@@ -54,6 +54,19 @@ def test_nobody_there_is_exit_code_3(endpoint: str, trolley: Callable) -> None:
     assert trolley("pose", "--connect", "tcp/127.0.0.1:1").returncode == 3
 
 
+def test_a_list_of_what_nobody_keeps_says_who_is_missing(
+    add_robot: Callable, endpoint: str, trolley: Callable
+) -> None:
+    add_robot("one")
+    for arguments, sentence in (
+        (["map", "status", "--robot", "one"], "The service mapper is not running. (not_ready)"),
+        (["zones", "--robot", "ones"], "no robot called ones is at"),
+    ):
+        done = trolley(*arguments, "--connect", endpoint)
+        assert (done.returncode, done.stdout) == (3, ""), done.stderr
+        assert done.stderr.startswith(sentence), arguments
+
+
 def test_go_follows_until_it_arrives(add_robot: Callable, endpoint: str, trolley: Callable) -> None:
     scripted = add_robot("one", DRIVES_ON)
     command = [sys.executable, "-m", "trolley.cli", "go", "-1.5", "-2", "90", "--deg"]

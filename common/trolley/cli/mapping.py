@@ -17,7 +17,7 @@ from trolley.cli.options import (
     where_options,
 )
 from trolley.cli.printing import say
-from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.robots import known, one_robot, reports_errors
 from trolley.cli.show import Progress, counted, print_json, seconds_text
 from trolley.client import Robot
 from trolley.codes import Refused
@@ -170,10 +170,10 @@ def cancel_map(yes: bool, as_json: bool) -> None:
     """Discard the map; the robot goes back to the previous map."""
     with one_robot() as robot:
         if not yes:
-            known = robot.latest(topics.MAPPING)
-            if known is not None and known.state == "idle":
+            now = robot.latest(topics.MAPPING)
+            if now is not None and now.state == "idle":
                 raise Refused(codes.NOT_MAPPING)  # and not asked: a map may be begun meanwhile
-            name = "that is being made" if known is None else known.name
+            name = "that is being made" if now is None else now.name
             click.confirm(f"Discard the map {name}?", abort=True, err=True)
         status = robot.ask(requests.MAP_CANCEL)
     _show(status, as_json=as_json, text=status.message)
@@ -186,9 +186,7 @@ def cancel_map(yes: bool, as_json: bool) -> None:
 def map_status(as_json: bool) -> None:
     """Show mapping progress."""
     with one_robot() as robot:
-        status = robot.latest(topics.MAPPING)
-    if status is None:
-        raise Refused(codes.NOT_READY, "The mapper is not running.")
+        status = known(robot, topics.MAPPING, "The mapper is still starting.")
     _show(status, as_json=as_json, text=status_text(status))
 
 

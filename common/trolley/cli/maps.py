@@ -5,15 +5,14 @@ import math
 import click
 import numpy as np
 
-from trolley import codes, requests, topics
+from trolley import requests, topics
 from trolley.cli import SuggestingGroup
 from trolley.cli.changes import map_changes
 from trolley.cli.mapping import add_commands
 from trolley.cli.options import NumbersCommand, json_option, where_options
 from trolley.cli.printing import say
-from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.robots import known, one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table
-from trolley.codes import Refused
 from trolley.gridmap import OCCUPIED_FROM
 from trolley.messages import OccupancyGrid, Zone
 from trolley.messages.arrays import arrays_of
@@ -48,9 +47,7 @@ map_command.add_command(map_changes)
 def map_info(as_json: bool) -> None:
     """Describe the map that the robot uses."""
     with one_robot() as robot:
-        grid = robot.latest(topics.MAP)
-    if grid is None:
-        raise Refused(codes.NOT_READY, "There is no map: the localizer has loaded none.")
+        grid = known(robot, topics.MAP, "There is no map: the localizer has loaded none.")
     cells = arrays_of(grid)["cells"]
     counts = {
         "free": int(np.count_nonzero((cells >= 0) & (cells < OCCUPIED_FROM))),
@@ -120,9 +117,8 @@ def load_map(name: str, at: tuple[float, float, float] | None, as_json: bool) ->
 def zones_command(as_json: bool) -> None:
     """List the zones of the map: mirrors, glass, keep-out and speed zones, rooms."""
     with one_robot() as robot:
-        zones = robot.latest(topics.ZONES)
-    if zones is None:
-        raise Refused(codes.NOT_READY, "There are no zones: the localizer has loaded no map.")
+        missing = "There are no zones: the localizer has loaded no map."
+        zones = known(robot, topics.ZONES, missing)
     if as_json:
         print_json(zones)
     elif not zones.zones:

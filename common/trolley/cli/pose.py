@@ -14,7 +14,7 @@ from trolley.cli.options import (
     where_options,
 )
 from trolley.cli.printing import say
-from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.robots import known, one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, print_table
 from trolley.client import Robot
 from trolley.codes import Refused
@@ -131,9 +131,7 @@ def save_pose(name: str, replace: bool, icon: str, as_json: bool) -> None:
 def list_poses(as_json: bool) -> None:
     """List the saved places."""
     with one_robot() as robot:
-        saved = robot.latest(topics.POSES)
-    if saved is None:
-        raise Refused(codes.NOT_READY, "The tour service is not running.", service="tour")
+        saved = known(robot, topics.POSES, "The tour service is still starting.")
     if as_json:
         print_json(saved.poses)
     elif not saved.poses:

@@ -5,6 +5,8 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
+import msgspec
+
 from trolley import codes
 from trolley.cli import exits
 from trolley.cli.options import given
@@ -20,7 +22,9 @@ from trolley.connection import (
     find_target,
     pick_robot,
 )
+from trolley.topics import Topic
 
+M = TypeVar("M", bound=msgspec.Struct)
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -41,6 +45,29 @@ def one_robot() -> Generator[Robot]:
     target = find_target(given("robot"), given("connect"), given("config"))
     with Connection(target.endpoints, keys=target.keys) as connection:
         yield Robot.over(connection, pick_robot(connection, target))
+
+
+def known(robot: Robot, topic: Topic[M], missing: str) -> M:
+    """The latest value of a topic of which its owner always keeps one.
+
+    Args:
+        robot: whose.
+        topic: which.
+        missing: a sentence about an owner that runs and has none.
+
+    Raises:
+        RobotUnreachable: There is no such robot.
+        Refused: `not_ready`: its owner is not running, or has none.
+    """
+    message = robot.latest(topic)
+    if message is not None:
+        return message
+    there, owner = robot.connection.services(robot.name), topic.first_owner
+    if not there:
+        raise robot.connection.unknown_robot(robot.name)
+    if (robot.name, owner) in there:
+        raise Refused(codes.NOT_READY, missing)
+    raise Refused(codes.NOT_READY, f"The service {owner} is not running.", service=owner)
 
 
 def exit_code_of(error: Exception) -> int:

@@ -9,7 +9,7 @@ from trolley import codes, requests, topics
 from trolley.cli import PluggedGroup, exits
 from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say
-from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.robots import known, one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, print_table, seconds_text
 from trolley.client import TRIP_ENDS, Robot
 from trolley.codes import Refused
@@ -122,10 +122,7 @@ _control("skip", requests.TOUR_SKIP, "Skip the current stop.")
 
 
 def _stored(robot: Robot) -> list[Tour]:
-    stored = robot.latest(topics.TOURS)
-    if stored is None:
-        raise Refused(codes.NOT_READY, "The tour service is not running.", service="tour")
-    return stored.tours
+    return known(robot, topics.TOURS, "The tour service is still starting.").tours
 
 
 @tour_command.command(name="list")
@@ -164,8 +161,8 @@ def show_tour(name: str, as_json: bool) -> None:
     with one_robot() as robot:
         tours = {tour.name: tour for tour in _stored(robot)}
     if name not in tours:
-        known = ", ".join(tours) or "none"
-        raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}; there are: {known}.")
+        there = ", ".join(tours) or "none"
+        raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}; there are: {there}.")
     tour = tours[name]
     if as_json:
         print_json(tour)

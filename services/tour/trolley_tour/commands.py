@@ -8,7 +8,7 @@ import click
 from trolley import codes, requests, topics
 from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say
-from trolley.cli.robots import one_robot, reports_errors
+from trolley.cli.robots import known, one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json
 from trolley.client import Robot
 from trolley.codes import Refused
@@ -18,6 +18,7 @@ from trolley.messages import SavedPose, Tour, name_problem
 from trolley_tour.goal_points import GoalPoint, GoalPointsError, read_goal_points, tour_of
 
 STANDARD_INPUT = Path("-")
+STARTING = "The tour service is still starting."
 SAME_M, SAME_RAD = 0.01, 0.01
 """A saved pose this near to an imported one is the same place."""
 
@@ -78,14 +79,12 @@ def _text(file: Path) -> str:
 
 def _refuse_taken(robot: Robot, points: list[GoalPoint], tour: Tour) -> None:
     """Refuse to overwrite other places, or a tour, of these names."""
-    saved, tours = robot.latest(topics.POSES), robot.latest(topics.TOURS)
-    if saved is None or tours is None:
-        raise Refused(codes.NOT_READY, "The tour service is not running.", service="tour")
-    known = {pose.name: pose.pose for pose in saved.poses}
+    saved, tours = known(robot, topics.POSES, STARTING), known(robot, topics.TOURS, STARTING)
+    places = {pose.name: pose.pose for pose in saved.poses}
     taken = [
         point.name
         for point in points
-        if (pose := known.get(point.name)) is not None
+        if (pose := places.get(point.name)) is not None
         and (
             pose.distance_to(point.pose) > SAME_M
             or abs(angle_difference(pose.yaw, point.pose.yaw)) > SAME_RAD
