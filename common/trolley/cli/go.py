@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from trolley import requests
+from trolley import codes, requests
 from trolley.cli import exits
 from trolley.cli.any_robot import ask_offers, in_order
 from trolley.cli.options import NumbersCommand, as_number, given, json_option, where_options
@@ -17,6 +17,7 @@ from trolley.cli.show import Progress, pose_text, print_json, seconds_text
 from trolley.client import Place, Robot, goal_to, person_at
 from trolley.codes import SENTENCES, Refused
 from trolley.messages import GoalStatus, request_params
+from trolley.requests import Request
 
 
 def _place(where: tuple[str, ...], *, deg: bool) -> Place:
@@ -78,9 +79,7 @@ def go_command(
         if preview:
             _preview(robot, goal, as_json=as_json)
             return
-        status = robot.ask(requests.GOAL_SEND, goal)
-        if not no_wait:
-            status = _follow(robot, status.id, timeout)
+        status = _drive(robot, requests.GOAL_SEND, goal, timeout, waits=not no_wait)
     if as_json:
         print_json(status)
     elif no_wait:
@@ -111,30 +110,38 @@ def _preview(robot: Robot, goal: request_params.SendGoal, *, as_json: bool) -> N
     say(f"{seconds_text((poses - 1) * path.dt)} by {poses} poses in {path.frame}")
 
 
-def _follow(robot: Robot, goal: str | None, timeout: float | None) -> GoalStatus:
-    """Show how a goal goes until it has ended; interrupted or too late, cancel it."""
+def _drive(
+    robot: Robot,
+    request: Request[Any, GoalStatus],
+    goal: request_params.SendGoal | request_params.FollowPerson,
+    timeout: float | None,
+    *,
+    waits: bool,
+) -> GoalStatus:
+    """Send a goal, and show how it goes until it has ended; interrupted or too late, cancel it."""
+    if not waits:
+        return robot.ask(request, goal)
     progress = Progress()
-    last: GoalStatus | None = None
     try:
-        for status in robot.follow(goal, timeout):
-            if status.warning and last is None:
-                say(f"Careful: {SENTENCES.get(status.warning, status.warning)}", err=True)
-            last = status
+        # An interrupt may come before the answer, when the robot has set off already.
+        status = robot.ask(request, goal)
+        if status.warning:
+            say(f"Careful: {SENTENCES.get(status.warning, status.warning)}", err=True)
+        for status in robot.follow(goal.id, timeout):
             progress.show(_progress_text(status), f"{status.state} {status.reason}")
     except (KeyboardInterrupt, Refused) as error:
         progress.clear()
-        if isinstance(error, Refused) and error.code != "timeout":
+        if isinstance(error, Refused) and error.code != codes.TIMEOUT:
             raise
         say("Canceling the goal ...", err=True)
         try:
-            robot.cancel(goal)
+            robot.cancel(goal.id)
         except Refused as refused:
             say(refused.message, err=True)
         raise
     finally:
         progress.clear()
-    assert last is not None
-    return last
+    return status
 
 
 def _progress_text(status: GoalStatus) -> str:
@@ -185,9 +192,8 @@ def follow_command(
         raise click.UsageError("give X Y, or nothing for the nearest person ahead")
     point = [as_number(text, name) for text, name in zip(where, ("X", "Y"), strict=False)]
     with one_robot() as robot:
-        status = robot.ask(requests.GOAL_FOLLOW, person_at(point or None, **options))
-        if not no_wait:
-            status = _follow(robot, status.id, timeout)
+        person = person_at(point or None, **options)
+        status = _drive(robot, requests.GOAL_FOLLOW, person, timeout, waits=not no_wait)
     if as_json:
         print_json(status)
     elif no_wait:
