@@ -31,6 +31,8 @@ MARGIN_M = 0.5
 """What is shown around the part of the map that is known [m]."""
 MIN_SIDE, MAX_SIDE = 64, 4096
 """What the longer side of a picture may be [pixels]."""
+FAR = 1e6
+"""What lies farther outside is drawn as far [pixels]: Pillow fails at coordinates that are huge."""
 NUM_COLOURS, MOST_BYTES = 64, 1_000_000
 """Of a PNG file; 64 colours are enough for what is drawn here."""
 
@@ -111,8 +113,10 @@ class _View:
 
     def pixels(self, points_map: NDArray[np.float64]) -> list[tuple[float, float]]:
         """Return points (k, 2) of the map as x, y in the picture, y down; others are left out."""
-        cells = self.grid.world_to_grid(points_map.reshape(-1, 2)) / self.grid.resolution
-        at = (cells[np.isfinite(cells).all(axis=1)] - self.low) * self.scale
+        with np.errstate(over="ignore"):
+            cells = self.grid.world_to_grid(points_map.reshape(-1, 2)) / self.grid.resolution
+            at = (cells[np.isfinite(cells).all(axis=1)] - self.low) * self.scale
+        at = np.clip(at, -FAR, FAR)
         return [(x, self.height - y) for x, y in at.tolist()]
 
 

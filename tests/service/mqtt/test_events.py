@@ -2,9 +2,11 @@
 
 import io
 import json
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 from msgspec import structs
 from PIL import Image
 
@@ -12,7 +14,15 @@ from trolley import codes, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.gridmap.wire import map_message
-from trolley.messages import BaseState, Battery, GoalStatus, TourStatus
+from trolley.messages import (
+    BaseState,
+    Battery,
+    GoalStatus,
+    OccupancyGrid,
+    SavedPose,
+    SavedPoses,
+    TourStatus,
+)
 
 if TYPE_CHECKING:
     from .conftest import Bridge
@@ -119,12 +129,24 @@ def pictures(bridge: "Bridge") -> list[bytes]:
     return [payload for name, payload in bridge.broker.published if name == topic]
 
 
-def test_the_map_is_a_picture_that_follows_the_robot(bridge: "Bridge") -> None:
+def room() -> OccupancyGrid:
     cells = np.zeros((80, 100), dtype=np.int8)
     cells[[0, -1]] = cells[:, [0, -1]] = 100
-    grid = GridMap("home", 0.05, Pose2D(0.0, 0.0, 0.0), cells)
+    return map_message(1, GridMap("home", 0.05, Pose2D(0.0, 0.0, 0.0), cells))
+
+
+@pytest.mark.parametrize("x", [1e7, 1e18, 1e300, sys.float_info.max])
+def test_a_place_on_the_moon_is_not_drawn_and_ends_nobody(bridge: "Bridge", x: float) -> None:
+    far = SavedPose(name="moon", map="home", pose=Pose2D(x, -x, 0.0))
+    bridge.robot.publish(topics.POSES, SavedPoses(stamp_ns=1, poses=[far]))
+    bridge.robot.publish(topics.MAP, room())
+    bridge.run(2.0)
+    assert len(pictures(bridge)) == 1
+
+
+def test_the_map_is_a_picture_that_follows_the_robot(bridge: "Bridge") -> None:
     assert pictures(bridge) == []
-    bridge.robot.publish(topics.MAP, map_message(1, grid))
+    bridge.robot.publish(topics.MAP, room())
     bridge.run(2.0)
     (first,) = pictures(bridge)
     image = Image.open(io.BytesIO(first))
