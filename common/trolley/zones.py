@@ -11,7 +11,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry.polygon import check_polygon, polygon_contains, signed_area
 from trolley.messages.mapping import PoseEstimate, Zone, ZoneKind, Zones
-from trolley.messages.types import name_problem
+from trolley.messages.types import fit_into_a_message, name_problem
 
 LINE_KINDS: Final[tuple[ZoneKind, ...]] = ("mirror", "glass")
 """These are lines, all others are areas."""
@@ -79,7 +79,10 @@ def with_zone(zones: list[Zone], zone: Zone) -> list[Zone]:
     kept = [one for one in zones if one.name != zone.name]
     if len(kept) >= MAX_ZONES:
         raise Refused(codes.TOO_LARGE, f"A map can have {MAX_ZONES} zones.")
-    return sorted([*kept, zone], key=lambda one: one.name)
+    changed = sorted([*kept, zone], key=lambda one: one.name)
+    if not fit_into_a_message(changed):
+        raise Refused(codes.TOO_LARGE, f"There is no room for {zone.name!r}; delete others first.")
+    return changed
 
 
 def without_zone(zones: list[Zone], name: str) -> tuple[list[Zone], Zone]:

@@ -1,10 +1,12 @@
 """Field types that messages share: stamps, finite numbers, names, numeric arrays as bytes."""
 
 import unicodedata
+from collections.abc import Sequence
 from typing import Annotated, Any
 
+import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from trolley.geometry.pose import Finite
@@ -37,6 +39,8 @@ Covariance = Annotated[list[Finite], Meta(min_length=9, max_length=9)]
 """3 x 3 row-major over x, y [m] and yaw [rad]."""
 
 MAX_NAME_LENGTH = 64
+MAX_LIST_BYTES = (1 << 20) - 4096
+"""Room for what people store of one kind: all of it travels in one message of at most 1 MiB."""
 
 _NAME_EXTRAS = "_-."
 
@@ -65,6 +69,15 @@ def name_problem(name: str) -> str | None:
                 "'.'"
             )
     return None
+
+
+def fit_into_a_message(values: Sequence[Struct]) -> bool:
+    """Whether all of these can be published as one list, as msgpack and as JSON.
+
+    Either may be the larger: short numbers are shorter as JSON, names of fields as msgpack.
+    """
+    sizes = len(msgspec.json.encode(values)), len(msgspec.msgpack.encode(values))
+    return max(sizes) <= MAX_LIST_BYTES
 
 
 def floats_to_bytes(values: NDArray[Any]) -> memoryview:

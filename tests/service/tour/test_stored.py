@@ -4,6 +4,7 @@ import json
 import unicodedata
 from typing import TYPE_CHECKING
 
+import msgspec
 import pytest
 
 from trolley import codes, requests, topics
@@ -213,8 +214,21 @@ def test_file_that_cannot_be_opened_is_kept_aside_too(empty: "Home"):
     assert path.is_file()
 
 
+def test_tours_never_outgrow_a_message_in_either_encoding(empty: "Home"):
+    via = [Pose2D(0.5, 1.5, 0.25)] * 1000  # 28 bytes each as JSON, 36 as msgpack
+    stops = [Stop(pose=PLACE.pose, via=via)] * 10
+    lists = empty.lockstep.record(topics.TOURS)
+    for name in ("t0", "t1"):
+        empty.lockstep.ask(requests.TOURS_PUT, Tour(name=name, stops=stops))
+    with pytest.raises(Refused) as caught:
+        empty.lockstep.ask(requests.TOURS_PUT, Tour(name="t2", stops=stops))
+    assert caught.value.code == codes.TOO_LARGE
+    assert len(msgspec.msgpack.encode(lists[-1])) <= topics.TOURS.max_bytes
+    assert [tour.name for tour in lists[-1].tours] == ["t0", "t1"]
+
+
 def test_list_never_outgrows_a_message(empty: "Home", monkeypatch):
-    monkeypatch.setattr("trolley_tour.stored.checks.MAX_LIST_BYTES", 3000)
+    monkeypatch.setattr("trolley.messages.types.MAX_LIST_BYTES", 3000)
     note = "n" * 1000
     for name in ("one", "two"):
         empty.lockstep.ask(

@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
-from trolley import codes
+from trolley import codes, topics
 from trolley.codes import Refused
-from trolley.messages import Zone
+from trolley.messages import Zone, Zones
 from trolley.zones import MAX_ZONES, check_zone, with_zone, without_zone
 from trolley_localizer.zone_rules import mirror_lines, read_seeds
 
@@ -54,6 +55,20 @@ def test_there_is_an_end_to_zones() -> None:
     with pytest.raises(Refused) as refused:
         with_zone(many, MIRROR)
     assert refused.value.code == codes.TOO_LARGE
+
+
+def test_zones_never_outgrow_the_message_that_tells_them() -> None:
+    """A planner drops a message that is too large, with all no-go areas in it."""
+    zones: list[Zone] = []
+    points = [(0.5, 1.5), (2.5, 1.5)] * 5000
+    mirrors = [Zone(name=f"m{i}", kind="mirror", points=points) for i in range(6)]
+    for mirror in mirrors[:5]:
+        zones = with_zone(zones, mirror)
+    with pytest.raises(Refused) as refused:
+        with_zone(zones, mirrors[5])
+    assert refused.value.code == codes.TOO_LARGE
+    message = Zones(stamp_ns=2**63 - 1, map="m" * 64, zones=zones)
+    assert len(msgspec.msgpack.encode(message)) <= topics.ZONES.max_bytes
 
 
 def test_mirrors_and_glass_are_lines_to_the_localizer() -> None:

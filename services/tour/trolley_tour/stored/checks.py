@@ -5,7 +5,6 @@ import unicodedata
 from collections.abc import Mapping
 from typing import TypeVar
 
-import msgspec
 from msgspec import Struct, structs
 
 from trolley import codes
@@ -13,12 +12,11 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, Stop, Tour, name_problem
 from trolley.messages.mapping import MAP_NAME
+from trolley.messages.types import fit_into_a_message
 from trolley.suggestions import did_you_mean
 
 T = TypeVar("T", SavedPose, Tour)
 
-MAX_LIST_BYTES = (1 << 20) - 4096
-"""All values travel as one list, and a message is at most 1 MiB."""
 MAX_VIA = 1000
 """Via points of one stop."""
 MAX_TEXT = 1000
@@ -131,7 +129,7 @@ def with_item(items: Mapping[str, T], item: T) -> dict[str, T]:
         Refused: All together would no longer fit into one message.
     """
     changed = {**items, item.name: item}
-    if len(msgspec.json.encode(list(changed.values()))) > MAX_LIST_BYTES:
+    if not fit_into_a_message(list(changed.values())):
         raise Refused(codes.TOO_LARGE, f"There is no room for {item.name!r}; delete others first.")
     return changed
 
