@@ -251,13 +251,25 @@ class Robot:
         return self._open().latest(self.name, topic, *parts)
 
     def subscribe(
-        self, topic: Topic[M], *parts: str, most_waiting: int = MOST_WAITING
+        self,
+        topic: Topic[M],
+        *parts: str,
+        most_waiting: int = MOST_WAITING,
+        with_latest: bool = True,
     ) -> Subscription[M]:
         """Listen, and get messages with their key, size and time of arrival.
 
         `with robot.subscribe(topics.HEALTH) as arrivals: arrival = arrivals.next(1.0)`.
+
+        Args:
+            topic: what to listen to.
+            parts: the chunks of its key that vary; those left out may be anything.
+            most_waiting: how many messages are kept that are not read yet.
+            with_latest: whether it begins with the latest value, however old.
         """
-        subscription = self._open().subscribe(self.name, topic, *parts, most_waiting=most_waiting)
+        subscription = self._open().subscribe(
+            self.name, topic, *parts, most_waiting=most_waiting, with_latest=with_latest
+        )
         self._begin(subscription)
         return subscription
 
@@ -378,8 +390,9 @@ class Robot:
         Raises:
             Refused: `not_localized` after `timeout` seconds, with what the localizer says.
         """
-        deadline, last = _deadline(timeout), None
-        with self.subscribe(topics.POSE, most_waiting=1) as estimates:
+        deadline, last = _deadline(timeout), self.latest(topics.POSE)
+        # The latest value may be left from before the lidar, or base, fell silent.
+        with self.subscribe(topics.POSE, most_waiting=1, with_latest=False) as estimates:
             while True:
                 arrival = self._next(estimates, _left(deadline))
                 if arrival is not None:
@@ -388,6 +401,8 @@ class Robot:
                         return last
                 if _left(deadline) <= 0.0:
                     said = "there is no pose" if last is None else last.message or last.state
+                    if last is not None and last.state == "localized":
+                        said = "its pose is old, since the localizer gets no scans"
                     why = f"Not localized after {timeout:g} s: {said}"
                     raise Refused(codes.NOT_LOCALIZED, f"{why.rstrip('.')}.")
 

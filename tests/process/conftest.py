@@ -54,6 +54,7 @@ class ScriptedRobot(Service):
         self._left: list[GoalStatus] = []
         self.current = GoalStatus(stamp_ns=0, id=None, state="idle")
         self.stopped = False
+        self.is_blind = False
         self.sent: list[SendGoal] = []
         self.canceled: list[str | None] = []
         self.is_up = threading.Event()
@@ -99,6 +100,8 @@ class ScriptedRobot(Service):
 
     @every(0.1, clock="local")
     def locate(self) -> None:
+        if self.is_blind:
+            return
         stamp_ns = time.time_ns()
         map_T_odom = Pose2D(0.0, 2.0, 0.0)
         self.publish(

@@ -9,7 +9,15 @@ import pytest
 from click.testing import CliRunner
 from support.waiting import PATIENCE_S, wait_until
 
-from trolley import Refused, Robot, RobotUnreachable, SeveralRobots, requests, topics
+from trolley import (
+    Refused,
+    Robot,
+    RobotUnreachable,
+    SeveralRobots,
+    codes,
+    requests,
+    topics,
+)
 from trolley.cli import cli, exits
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Marker, Overlay, request_params
@@ -44,6 +52,29 @@ def test_the_single_robot_is_found_and_says_where_it_is(add_robot: Callable, end
         estimate = robot.pose()
         assert estimate.state == "localized"
         assert estimate.pose == Pose2D(1.0, 2.0, 0.5)
+
+
+def test_a_pose_from_before_the_lidar_fell_silent_is_not_waited_for(
+    add_robot: Callable, endpoint: str
+) -> None:
+    scripted = add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        assert robot.wait_until_localized(PATIENCE_S).pose == Pose2D(1.0, 2.0, 0.5)
+        scripted.is_blind = True
+
+        def is_stale() -> bool:
+            try:
+                robot.pose()
+            except Refused as refused:
+                return refused.code == codes.STALE
+            return False
+
+        wait_until(is_stale, "the last pose is old")
+        with pytest.raises(Refused, match="its pose is old") as caught:
+            robot.wait_until_localized(0.3)
+        assert caught.value.code == codes.NOT_LOCALIZED
+        scripted.is_blind = False
+        assert robot.wait_until_localized(PATIENCE_S).state == "localized"
 
 
 def test_several_robots_have_to_be_named(add_robot: Callable, endpoint: str) -> None:
