@@ -47,7 +47,8 @@ finite; unknown values are `null`.
 requests: they begin with `@do`, which no wildcard matches.
 
 **Storing.** A `put` or `delete` on a stored key is a wish to its owner, which checks it, saves it
-and publishes the whole list. Names are 1 to 64 letters, digits, single spaces, `_`, `-`, `.`.
+and publishes the whole list; markers and overlays have no list and are kept in memory: subscribe to
+them, then `get` them. Names are 1 to 64 letters, digits, single spaces, `_`, `-`, `.`.
 
 **Asking.** A request is a `get` on `trolley/<robot>/@do/<request>` with its parameters as payload
 (JSON or msgpack), or in the selector: `…/@do/goal/send?name=living%20room`. The answer comes within

@@ -327,7 +327,7 @@ class Receiver:
     ) -> bool:
         if not topic.is_of_epoch(parts):
             return False
-        if message.stamp_ns >= self._context.clocks.of(robot).epoch:
+        if message.stamp_ns >= self._context.clocks.epoch_of(robot):
             return False
         self._context.count(f"{topic.chunks[0]}/earlier_run")
         return True

@@ -204,6 +204,13 @@ class RobotClocks:
             return self._own
         return self.followed(robot)
 
+    def epoch_of(self, robot: str) -> int:
+        """The epoch of a robot, 0 where its clock is not known: any name costs no memory."""
+        if robot == self._robot and self._own is not None:
+            return self._own.epoch
+        followed = self._followed.get(robot)
+        return 0 if followed is None else followed.epoch
+
     def followed(self, robot: str) -> FollowedTime:
         """The clock of a robot as heard on the wire."""
         if robot not in self._followed:
