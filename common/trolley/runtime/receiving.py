@@ -284,9 +284,11 @@ class Receiver:
         if topic.kind is not Kind.STORED:  # what is measured or said once would be lost for good
             self._drop(topic, "key", sample.key, "only what is stored can be deleted")
             return
-        if has_wildcard(key) and not topic.is_drawing:
+        # By its own name: one of everything would be understood by some, and not by others.
+        is_named = key.split("/")[2:3] == [topic.chunks[0]]
+        if has_wildcard(key) and not (topic.is_drawing and is_named):
             if feed.on_delete is not None:  # else somebody else counts it
-                why = "a wildcard delete is allowed for markers and overlays only"
+                why = "a wildcard delete is allowed below markers and overlays only"
                 self._drop(topic, "key", sample.key, why)
             return
         if feed.on_delete is not None:

@@ -47,6 +47,16 @@ def test_delete_clears_what_it_covers(drawn: "Home", pattern: str, left: list[st
     assert keys(drawn, "overlays/**") == ["overlays/greeting"]
 
 
+@pytest.mark.parametrize("pattern", ["**", "*/start/0", "*/**", "$*/*", "markers/**", "*/greeting"])
+def test_who_draws_and_who_keeps_agree_on_what_is_deleted(drawn: "Home", pattern: str):
+    seen = drawn.planner.watch(topics.MARKER), drawn.planner.watch(topics.OVERLAY)
+    drawn.lockstep.run(0.1)
+    drawn.lockstep.delete(f"trolley/trolley/{pattern}")
+    markers, overlays = [sorted("/".join(parts) for parts in one.by_parts) for one in seen]
+    assert [f"markers/{one}" for one in markers] == keys(drawn, "markers/**")
+    assert [f"overlays/{one}" for one in overlays] == keys(drawn, "overlays/**")
+
+
 def test_overlays_are_deleted_too(drawn: "Home"):
     drawn.lockstep.delete("trolley/trolley/overlays/**")
     assert keys(drawn, "overlays/**") == []
