@@ -1,5 +1,6 @@
 """`trolley tour`: trips through several places. `import` comes with the tour service."""
 
+import unicodedata
 from itertools import repeat
 from pathlib import Path
 
@@ -160,6 +161,7 @@ def show_tour(name: str, as_json: bool) -> None:
     """Show the stops of the tour NAME."""
     with one_robot() as robot:
         tours = {tour.name: tour for tour in _stored(robot)}
+    name = unicodedata.normalize("NFC", name)
     if name not in tours:
         there = ", ".join(tours) or "none"
         raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}; there are: {there}.")

@@ -1,5 +1,6 @@
 """Where the robot may stand when it is switched on: the last pose, or the configured one."""
 
+import unicodedata
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
@@ -196,6 +197,7 @@ def find_saved(poses: SavedPoses | None, name: str, map_name: str) -> Pose2D | N
     """Return a saved pose of a map by its name, or None."""
     if poses is None:
         return None
+    name = unicodedata.normalize("NFC", name)
     for saved in poses.poses:
         if saved.name == name and saved.map == map_name:
             return saved.pose

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import unicodedata
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Literal
 
@@ -418,10 +419,11 @@ def _find(places: list[SavedPose], name: str) -> SavedPose:
     Raises:
         Refused: `unknown_name`.
     """
+    name = unicodedata.normalize("NFC", name.strip())
     for one in places:
         if one.name == name:
             return one
-    alike = [one for one in places if one.name.casefold() == name.strip().casefold()]
+    alike = [one for one in places if one.name.casefold() == name.casefold()]
     if len(alike) == 1:
         return alike[0]
     known = ", ".join(one.name for one in places[:20]) or "none"

@@ -87,6 +87,7 @@ def order_of(
     """
     places, tours = names
     goal, trip = known
+    start_tour = unicodedata.normalize("NFC", start_tour)
     if verb == START:
         verb, name = (RESUME, "") if _is_paused(goal, trip) else (TOUR, start_tour or _only(tours))
     if verb in (GO, RETURN):

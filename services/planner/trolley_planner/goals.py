@@ -1,6 +1,7 @@
 """Goals: what they are, whether they can be driven to, and what became of them."""
 
 import math
+import unicodedata
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -153,8 +154,9 @@ def goal_pose(params: SendGoal, inputs: Inputs) -> Pose2D:
         raise Refused(codes.WRONG_FRAME, "Saved poses belong to a map, and this planner has none.")
     if inputs.places is None:
         raise Refused(codes.TOUR_NOT_RUNNING)
+    name = unicodedata.normalize("NFC", params.name or "")
     for place in inputs.places.poses:
-        if place.name == params.name:
+        if place.name == name:
             if inputs.map is not None and place.map != inputs.map.name:
                 raise Refused(
                     codes.WRONG_MAP,
@@ -162,8 +164,8 @@ def goal_pose(params: SendGoal, inputs: Inputs) -> Pose2D:
                     f"the robot is on {inputs.map.name}.",
                 )
             return place.pose.wrapped()
-    hint = did_you_mean(params.name or "", (place.name for place in inputs.places.poses))
-    raise Refused(codes.UNKNOWN_NAME, f"There is no saved place {params.name!r}. {hint}")
+    hint = did_you_mean(name, (place.name for place in inputs.places.poses))
+    raise Refused(codes.UNKNOWN_NAME, f"There is no saved place {name!r}. {hint}")
 
 
 def check_state(inputs: Inputs, now_ns: int) -> None:

@@ -61,6 +61,15 @@ def test_what_is_asked_is_answered(
     converse(script)
 
 
+def test_a_place_is_found_as_macos_writes_accents(converse: Converse) -> None:
+    async def script(talk: "Talk") -> None:
+        talk.robot.save([SavedPose(name="caf\u00e9", map="home", pose=Pose2D(1.0, 2.0, 0.0))])
+        for name in ("cafe\u0301", " CAFE\u0301 "):
+            assert text_of(await talk.call("where_is", place=name)).startswith("caf\u00e9 is at")
+
+    converse(script)
+
+
 @pytest.mark.parametrize(
     ("tool", "arguments", "code"),
     [

@@ -46,6 +46,16 @@ def test_of_several_tours_it_begins_the_one_that_is_set(
             assert one.robot.asked == [("tour/start", "morning")]
 
 
+def test_the_tour_that_is_set_may_be_written_as_macos_writes_accents(
+    make_bridge: "Callable[..., Bridge]",
+) -> None:
+    bridge = make_bridge(start_tour="soire\u0301e")
+    bridge.robot.save(["kitchen"], ["evening", "soir\u00e9e"])
+    bridge.run(1.5)
+    press(bridge, "start")
+    assert bridge.robot.asked == [("tour/start", "soir\u00e9e")]
+
+
 def test_start_goes_on_after_a_pause(bridge: "Bridge") -> None:
     bridge.robot.trip = TourStatus(stamp_ns=0, name="evening", trip="t1", state="paused")
     bridge.run(1.5)

@@ -136,12 +136,13 @@ def test_saved_places_are_driven_to_by_name(stage: Stage) -> None:
             return refusal.code
 
     assert ask("sofa") == codes.TOUR_NOT_RUNNING
-    here = SavedPose(name="sofa", map="room", pose=Pose2D(2.0, 2.0, 0.0))
+    here = SavedPose(name="caf\u00e9", map="room", pose=Pose2D(2.0, 2.0, 0.0))
     there = SavedPose(name="attic", map="upstairs", pose=Pose2D(2.0, 2.0, 0.0))
     stage.lockstep.publish(topics.POSES, SavedPoses(stamp_ns=0, poses=[here, there]))
     assert ask("cellar") == codes.UNKNOWN_NAME
     assert ask("attic") == codes.WRONG_MAP
-    assert ask("sofa") == "driving"
+    assert ask("caf\u00e9") == "driving"
+    assert ask("cafe\u0301") == "driving"  # as file names on macOS have it
 
 
 def test_a_preview_drives_nothing(stage: Stage, far_side: Pose2D) -> None:

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from msgspec import structs
 
 from trolley.cli import tour
-from trolley.messages import StopResult, TourStatus
+from trolley.messages import Stop, StopResult, Tour, Tours, TourStatus
 
 STARTED = TourStatus(stamp_ns=1, name="round", trip="t1", state="driving", stop=0)
 DONE = TourStatus(
@@ -54,3 +54,13 @@ def test_a_trip_so_long_that_its_first_results_are_left_out_is_told_to_its_end(
     shown = [line for line in lines if line.startswith("n")]
     assert shown == ["n0: skipped after 0 s", *(f"n{i}: reached after 0 s" for i in range(1, 5))]
     assert result.exit_code == 1, "one stop was skipped, however long ago"
+
+
+def test_a_tour_is_shown_by_its_name_as_macos_writes_accents(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stored = Tour(name="soir\u00e9e", stops=[Stop(name="sofa")])
+    robot = SimpleNamespace(latest=lambda topic: Tours(stamp_ns=1, tours=[stored]))
+    monkeypatch.setattr(tour, "one_robot", lambda: contextlib.nullcontext(robot))
+    result = CliRunner().invoke(tour.tour_command, ["show", "soire\u0301e"])
+    assert result.output.startswith("soir\u00e9e, laps: 1")
