@@ -152,7 +152,8 @@ class Supervisor:
             for name, module in modules.items()
         }
         self.failure: str | None = None
-        """Why one cannot run at all; the main thread then gets a SIGINT."""
+        """Why one cannot run at all; the main thread then gets SIGINT, or SIGTERM if it ignores
+        that, as in the background of a script."""
         own = {PARENT_VARIABLE: str(os.getpid())}
         self._environment = {**ONE_THREAD, **os.environ, **environment, **own}
         self._report = report
@@ -214,7 +215,9 @@ class Supervisor:
             # The child has said why. Whoever waits for the services in the main thread is called
             # back from there, as by Ctrl-C.
             self.failure = f"{child.name} cannot run with this configuration"
-            signal.pthread_kill(self._main_thread, signal.SIGINT)
+            is_deaf = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+            number = signal.SIGTERM if is_deaf else signal.SIGINT
+            signal.pthread_kill(self._main_thread, number)
         else:
             self._report(f"{child.name} {_how_it_ended(code)}; starting it again")
 

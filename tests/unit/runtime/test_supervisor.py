@@ -13,6 +13,7 @@ import pytest
 from support.files import no_files_left
 from support.waiting import PATIENCE_S, wait_until
 
+from trolley.interrupts import Interrupts
 from trolley.runtime.supervision import Watchdog
 from trolley.runtime.supervisor import Supervisor
 
@@ -110,6 +111,28 @@ def test_a_child_that_cannot_run_interrupts_the_main_thread(module: Callable) ->
         time.sleep(PATIENCE_S)
     assert supervisor.failure == "one cannot run with this configuration"
     assert supervisor.children["one"].restarts == 0
+
+
+@pytest.fixture
+def in_background() -> Iterator[None]:
+    """As under `trolley up &` in a script: SIGINT is ignored, and stays so."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("in_background")
+def test_a_child_that_cannot_run_ends_a_supervisor_in_the_background_of_a_script(
+    module: Callable,
+) -> None:
+    environment, interrupts = module("wrong", WRONG), Interrupts()
+    with (
+        interrupts.handled(),
+        Supervisor({"one": "wrong"}, environment, lambda _: None) as supervisor,
+        pytest.raises(KeyboardInterrupt),
+    ):
+        wait_until(lambda: interrupts.number is not None, "it is told")
+    assert supervisor.failure == "one cannot run with this configuration"
 
 
 def test_a_child_that_ignores_sigterm_is_killed(
