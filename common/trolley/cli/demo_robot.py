@@ -8,16 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 import numpy as np
 import tomli_w
 
 from trolley import worlds
-from trolley.config import ConfigError
+from trolley.config import ConfigError, PoseConfig
 from trolley.config.load import read_toml
 from trolley.drivers import BOARDS, LIDARS, Driver, Drivers, DriverUnusable
 from trolley.files import open_file
 from trolley.geometry import Pose2D, pose_from_quaternion
 from trolley.gridmap import MapError, load_map
+from trolley.invalid import in_words_of_a_file
 from trolley.messages import Stop, Tour
 from trolley.ports import ROUTER_PORT
 
@@ -148,7 +150,7 @@ def _simulated(choices: Choices) -> tuple[dict[str, Any], Path, Pose2D | None]:
     if start is not None:
         simulated["start"] = _plain(start)
     elif isinstance(plain.get("start"), dict):
-        start = _pose(plain["start"])
+        start = _start_of(world, plain["start"])
     return {"driver": "simulated", "simulated": simulated}, map_file.resolve(), start
 
 
@@ -230,11 +232,14 @@ def _plain(pose: Pose2D) -> dict[str, float]:
     return {"x": pose.x, "y": pose.y, "yaw": pose.yaw}
 
 
-def _pose(plain: dict[str, Any]) -> Pose2D:
-    """A pose as world files write it."""
-    if "orientation" in plain:
-        return pose_from_quaternion(plain["x"], plain["y"], plain["orientation"])
-    return Pose2D.from_array((plain["x"], plain["y"], plain.get("yaw", 0.0)))
+def _start_of(world: Path, start: dict[str, Any]) -> Pose2D:
+    """Where the robot stands in a world, as its file says; without a heading along x."""
+    turned = start if "orientation" in start else {"yaw": 0.0, **start}
+    try:
+        return msgspec.convert(turned, PoseConfig).as_pose()
+    except msgspec.ValidationError as error:
+        why = in_words_of_a_file(str(error), "start")
+        raise ConfigError(f"--world: {world}: {why}") from error
 
 
 def pose_option(
