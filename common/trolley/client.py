@@ -696,10 +696,15 @@ class Robot:
             tour service is gone.
         """
         deadline = _deadline(timeout)
+        known = None if trip is None else self.latest(topics.TOUR)
+        newest_ns = 0 if known is None else known.stamp_ns
         with self.subscribe(topics.TOUR) as statuses:
             while True:
                 arrival = self._next(statuses, _left(deadline))
                 status = arrival.message if arrival else self._ask_again(topics.TOUR, "tour")
+                if status.trip != trip and 0 < status.stamp_ns < newest_ns:
+                    continue  # said before the trip began: answers overtake streams on a slow link
+                newest_ns = status.stamp_ns
                 if trip is None:
                     trip = status.trip
                 if status.trip is None and trip is not None:

@@ -20,10 +20,11 @@ from trolley import (
 )
 from trolley.cli import cli, exits
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, Marker, Overlay, request_params
+from trolley.messages import GoalStatus, Marker, Overlay, TourStatus, request_params
 from trolley.runtime import codec
 from trolley.runtime.bus import Query, Sample
 from trolley.runtime.zenoh_bus import ZenohBus, open_bus
+from trolley.topics import Qos
 
 
 def script(*steps: tuple[str, str]) -> tuple[GoalStatus, ...]:
@@ -75,6 +76,37 @@ def test_a_pose_from_before_the_lidar_fell_silent_is_not_waited_for(
         assert caught.value.code == codes.NOT_LOCALIZED
         scripted.is_blind = False
         assert robot.wait_until_localized(PATIENCE_S).state == "localized"
+
+
+def test_the_last_word_of_an_earlier_trip_does_not_end_the_wait_for_this_one(
+    add_robot: Callable, endpoint: str
+) -> None:
+    add_robot("one")
+    key = topics.TOUR.key("one")
+    before, begun, done = (
+        TourStatus(stamp_ns=stamp_ns, name="round", trip=trip, state=state)
+        for stamp_ns, trip, state in (
+            (50, "t1", "done"),
+            (100, "t2", "driving"),
+            (200, "t2", "done"),
+        )
+    )
+
+    def say(bus: ZenohBus, status: TourStatus) -> None:
+        bus.put(key, codec.encode(status, "msgpack"), codec.MIME["msgpack"], Qos.STATE)
+
+    def answer(query: Query) -> None:
+        query.reply(key, codec.encode(begun, "msgpack"), codec.MIME["msgpack"])
+        query.finish()
+
+    with Robot(connect=endpoint) as robot, open_bus([endpoint], PATIENCE_S) as tour:
+        tour.serve(key, answer)
+        wait_until(lambda: robot.latest(topics.TOUR), "the trip has begun")
+        trip = robot.follow_tour("t2", PATIENCE_S)
+        assert next(trip) == begun
+        for status in (before, done):  # as where a link is slow, and an answer overtakes a stream
+            say(tour, status)
+        assert list(trip) == [done]
 
 
 def test_several_robots_have_to_be_named(add_robot: Callable, endpoint: str) -> None:
