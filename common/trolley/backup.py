@@ -35,6 +35,7 @@ from trolley.files import (
     write_atomically,
     written_atomically,
 )
+from trolley.sanitize import escape
 
 FORMAT = 1
 MANIFEST, STATE, CONFIG, CONFIG_FILE = "trolley-backup.toml", "state", "config", "robot.toml"
@@ -51,7 +52,7 @@ _SIDE_FILES = ("-wal", "-shm", "-journal")
 
 
 class BackupError(Exception):
-    """It cannot be saved or restored; the text says why, and nothing has been changed."""
+    """It cannot be saved or restored; the text says why, and what has been changed if anything."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -138,7 +139,11 @@ def _entries(state: Path, config: Path | None, left_out: list[str]) -> Iterator[
     photos: list[tuple[float, str, Path]] = []
     for path in _files_of(state, left_out):
         name = f"{STATE}/{path.relative_to(state).as_posix()}"
-        if path.suffix == _PHOTO:
+        if not _belongs(name):
+            left_out.append(
+                f"{escape(str(path))} does not belong to a robot's state and was left out"
+            )
+        elif path.suffix == _PHOTO:
             photos.append((-_changed_s(path), name, path))
         else:
             yield name, path
@@ -236,7 +241,7 @@ def _database(path: Path, left_out: list[str]) -> bytes:
     """A database as it is between two changes, whoever writes to it meanwhile."""
     try:
         with (
-            closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as source,
+            closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as source,
             closing(sqlite3.connect(":memory:")) as copy,
         ):
             source.backup(copy)
@@ -420,18 +425,25 @@ def _checked_name(source: Path, entry: tarfile.TarInfo) -> PurePosixPath:
     Raises:
         BackupError: It is anything but a file in a folder that backups have.
     """
-    name = PurePosixPath(entry.name)
-    parts = entry.name.split("/")
-    is_plain = (entry.isfile() or entry.isdir()) and all(
-        part not in ("", ".", "..") and "\0" not in part and len(part.encode()) <= 255
-        for part in parts
-    )
+    if not (entry.isfile() or entry.isdir()) or not _belongs(entry.name):
+        raise BackupError(f"{source} holds {entry.name[:80]!r}, which no backup contains")
+    return PurePosixPath(entry.name)
+
+
+def _belongs(name: str) -> bool:
+    """Whether a file of this name may be in a backup: nothing is saved that is not restored."""
+    parts = name.split("/")
+    try:
+        is_plain = all(
+            part not in ("", ".", "..") and "\0" not in part and len(part.encode()) <= 255
+            for part in parts
+        )
+    except UnicodeEncodeError:  # a file's name that is not UTF-8
+        return False
     is_ours = parts[0] == CONFIG or (
         parts[0] == STATE and (len(parts) < 2 or _STATE_FOLDER.fullmatch(parts[1]) is not None)
     )
-    if not is_plain or not is_ours or len(entry.name) > 1024:
-        raise BackupError(f"{source} holds {entry.name[:80]!r}, which no backup contains")
-    return name
+    return is_plain and is_ours and len(name) <= 1024
 
 
 def _write(content: IO[bytes] | None, target: Path, entry: tarfile.TarInfo) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import os
+import shutil
 import sqlite3
 import tarfile
 from contextlib import closing
@@ -9,12 +10,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.cases import cases
 
 from trolley import backup
 from trolley.backup import MANIFEST, BackupError, Manifest, Unpacked, save
+from trolley.cli import cli
 from trolley_tour.trips import photo_files
 
 NOW = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
@@ -209,6 +212,58 @@ def test_what_cannot_be_taken_along_is_told(tmp_path: Path) -> None:
         assert history is not None
         assert history.read().startswith(b"no database at all")
         assert "state/anna/passwd" not in tar.getnames()
+
+
+def test_what_lies_in_the_state_by_chance_does_not_keep_a_backup_from_being_restored(
+    tmp_path: Path,
+) -> None:
+    state = tmp_path / "state"
+    fill(state)
+    before = files(state)
+    (state / "notes.txt").write_text("an owner's own")
+    (state / "Old Robot").mkdir()
+    (state / "Old Robot" / "poses.toml").write_text("")
+    Path(os.fsdecode(bytes(state / "anna") + b"/caf\xe9.toml")).write_text("")  # not UTF-8
+    saved = save(tmp_path / "b.tar.gz", state, None, MADE)
+    assert len(saved.left_out) == 3
+    assert all(
+        "does not belong to a robot's state and was left out" in one for one in saved.left_out
+    )
+    unpacked = Unpacked(tmp_path / "b.tar.gz", tmp_path / "back")
+    unpacked.put_state(tmp_path / "back", NOW)
+    unpacked.close()
+    del before["anna/.poses.toml.x7"]
+    assert files(tmp_path / "back").keys() == before.keys()
+
+
+def test_a_robot_toml_that_cannot_be_restored_is_told_with_what_was(tmp_path: Path) -> None:
+    etc, state = tmp_path / "etc", tmp_path / "state"
+    fill(state)
+    (etc / "maps").mkdir(parents=True)
+    (etc / "maps" / "home.yaml").write_text(MAP)
+    config = etc / "robot.toml"
+    nobody = '[zenoh]\nconnect = ["tcp/127.0.0.1:1"]\n'
+    config.write_text(f'{ROBOT}{nobody}[map]\nfile = "maps/home.yaml"\n')
+    save(tmp_path / "b.tar.gz", state, config, MADE)
+    shutil.rmtree(etc / "maps")
+    (etc / "maps").write_text("in the way")
+    words = ["restore", str(tmp_path / "b.tar.gz"), "--config", str(config), "--state", str(state)]
+    result = CliRunner().invoke(cli, words)
+    assert result.exit_code == 1
+    assert f"{etc} cannot be written" in result.output
+    assert "The state has been restored" in result.output
+    (aside,) = tmp_path.glob("state.before-*")
+    assert str(aside) in result.output.replace("\n", "")
+
+
+def test_a_state_folder_may_be_named_from_the_present_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fill(tmp_path / "state")
+    monkeypatch.chdir(tmp_path)
+    assert save(Path("b.tar.gz"), Path("state"), None, MADE).left_out == []
+    with tarfile.open("b.tar.gz") as tar:
+        assert "state/anna/history.sqlite" in tar.getnames()
 
 
 def test_a_backup_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:

@@ -138,7 +138,13 @@ def _put_back(unpacked: Unpacked, root: Path, config: Path | None, now: datetime
     aside = unpacked.put_state(root, now)
     kept = [] if aside is None else [aside]
     if config is not None and wants_config:
-        kept += unpacked.put_config(config, now)
+        try:
+            kept += unpacked.put_config(config, now)
+        except BackupError as error:
+            before = "" if aside is None else f" The previous state is kept: {aside}."
+            raise BackupError(
+                f"{error}. The state has been restored, robot.toml not or not all of it.{before}"
+            ) from error
     return kept
 
 
