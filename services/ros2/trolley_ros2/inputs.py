@@ -84,7 +84,8 @@ class Input:
             self._num_superseded += not is_first
             self._newest = arrived
         if is_first:
-            self._service.call_soon(self._take_when_due, urgent=True)
+            # Never dropped: only the first that waits calls, so nothing would be taken again.
+            self._service.call_soon(self._take_when_due, urgent=True, kept=True)
 
     def _take_when_due(self) -> None:
         wait_ns = self._next_ns - self._service.monotonic_ns
