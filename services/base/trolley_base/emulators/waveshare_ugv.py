@@ -1,7 +1,8 @@
 """A Waveshare UGV's ESP32: JSON, one object a line; two firmwares, which differ.
 
 `ugv_base_ros` controls the speed of each side, counts its way, and keeps in its flash which robot
-it is in. `ugv_base_general` repeats commands from the start, counts no way, and controls the speed
+it is in. That of boards with another inertial unit reports ways in whole centimetres and hundredths
+of volts. `ugv_base_general` repeats commands from the start, counts no way, and controls the speed
 of a UGV Beast alone: a UGV Rover's motors get the power that the command happens to be, and the
 board reports that power as speed. A board that is told it is in the other robot drives backwards.
 
@@ -10,7 +11,8 @@ what it was told is forgotten when it boots.
 
 Source:
     Waveshare ugv_base_ros 9434682 and 8a9517c, ugv_base_general 91e5871: setup, loop, serialCtrl,
-    jsonCmdReceiveHandler, setGoalSpeed, heartBeatCtrl, baseInfoFeedback, mm_settings.
+    jsonCmdReceiveHandler, setGoalSpeed, heartBeatCtrl, baseInfoFeedback, mm_settings; the same
+    adapted to the QMI8658, be4cf8d of tetotetodouga: baseInfoFeedback.
 """
 
 import json
@@ -111,14 +113,16 @@ class WaveshareUgv(Board):
     Args:
         robot: which robot it is in.
         is_general: it runs `ugv_base_general`.
+        is_whole: it reports whole centimetres, and hundredths of volts.
     """
 
-    def __init__(self, robot: Robot, *, is_general: bool) -> None:
+    def __init__(self, robot: Robot, *, is_general: bool, is_whole: bool = False) -> None:
         self._true = OF_ROBOTS[robot]
         super().__init__(ESP32_BAUD, 0.5 * self._true.track_m)
         self.robot: Robot = robot
         """Which robot it is in."""
         self._is_general = is_general
+        self._is_whole = is_whole
         self._main = FACTORY_MAIN
         self._booted_ns = 0
         self._forget(0)
@@ -271,8 +275,10 @@ class WaveshareUgv(Board):
             told |= {"y": 1.57, "q0": 0.999, "q1": 0.003, "q2": -0.007, "q3": 0.001}
             told |= {"ax": 12.5, "ay": -3.25, "az": 1003.5, "gx": 0.02, "gy": -0.01, "gz": 0.0}
             left, right = (round(way, 9) for way in self._encoders.ways_m)
+            if self._is_whole:
+                left, right = int(100.0 * left), int(100.0 * right)
             told |= {"odl": left, "odr": right}
-        told["v"] = BATTERY_V
+        told["v"] = int(100.0 * BATTERY_V) if self._is_whole else BATTERY_V
         line = json.dumps(told, separators=(",", ":")).encode() + b"\r\n"
         if not self.is_stuck or self._frozen is None:
             self._frozen = line
@@ -301,11 +307,14 @@ def _tables(board: Board, wheels: WheelFacts) -> dict[str, Any]:
 BOARDS = {
     "waveshare_ugv": EmulatedBoard(
         lambda options, _around, _rng: WaveshareUgv(
-            "ugv_beast" if "beast" in options else "ugv_rover", is_general="general" in options
+            "ugv_beast" if "beast" in options else "ugv_rover",
+            is_general="general" in options,
+            is_whole="whole" in options,
         ),
         {
             "beast": "a UGV Beast, which has tracks; else a UGV Rover",
             "general": "with ugv_base_general: no counts, and a UGV Rover drives without encoders",
+            "whole": "with the ugv_base_ros that reports whole centimetres and hundredths of volts",
         },
         _tables,
     )

@@ -6,15 +6,17 @@ confirms a line by repeating it; nothing is driven until it has repeated those t
 robot it is and 0.4 s. Lines of a boot, or silence, take that back.
 
 Newer firmware counts the way of each side (`odl`, `odr`), from which motions are made; older
-reports speeds alone, which are integrated. A board without encoders reports its motors' power, up
-to 255, in place of speeds: it is not driven.
+reports speeds alone, which are integrated. So they are where the way comes in whole centimetres, of
+which no speed can be told: firmware that does so reports hundredths of volts, too, by which it is
+known. A board without encoders reports its motors' power, up to 255, in place of speeds: it is not
+driven.
 
 Counts, below `chassis/`: `stray_lines` (no JSON object, or too long), `bad_messages` (a report that
 holds no speeds), `gaps`, `encoder_jumps`, `restarts` (of the board).
 
 Source:
     Waveshare ugv_base_general and ugv_base_ros: json_cmd.h, uart_ctrl.h, movtion_module.h,
-    ugv_advance.h.
+    ugv_advance.h; copies of ugv_ws, ugv_bringup.py, which divide ways and voltage by 100.
 """
 
 import math
@@ -61,6 +63,11 @@ FASTEST_SIDE = 2.0
 LONGEST_LINE = 2048
 COUNTS_PER_M = 1e6
 """The way of a side is counted in micrometres."""
+MOST_BATTERY_V = 32.0
+"""Its three cells have 9 to 12.6 V, and what measures them (INA219) ends here: more than this are
+hundredths [V]."""
+MOST_NUMBER = 1e6
+"""Nothing that it reports is larger; a way of a thousand kilometres is none."""
 
 STOP = b'{"T":1,"L":0.0,"R":0.0}\n'
 BOOT = re.compile(rb"rst:0x|ets [A-Z]|Initialize |UGV started|WiFi init|Device connected")
@@ -249,14 +256,14 @@ class WaveshareUgvDialogue:
         if max(map(abs, speeds)) > MOST_SPEED:
             self._lacks_encoders = True
             return True
-        voltage = message.get("v")
-        if isinstance(voltage, float | int) and voltage >= 0.0:
-            self._gauge.take_voltage(float(voltage), arrived_ns)
+        voltage, is_coarse = voltage_of(message)
+        if voltage is not None:
+            self._gauge.take_voltage(voltage, arrived_ns)
         if not self._setup.is_confirmed:
             # Reports that were held up come before the confirmation, and together: they would look
             # like haste. The first one after it has the way since the last.
             return True
-        ways = numbers_of(message, WAY_KEYS)
+        ways = None if is_coarse else numbers_of(message, WAY_KEYS)
         if ways is None:
             motion = self._speeds.add(twist_of(*speeds, self._half_track_m), left_ns)
         else:
@@ -344,14 +351,26 @@ def parse_line(line: bytes) -> dict[str, Any] | None:
         return None
 
 
+def number_of(message: dict[str, Any], key: str) -> float | None:
+    """Return a number of a message; None if it is not there, or none that a robot reports."""
+    value = message.get(key)
+    is_number = isinstance(value, float | int) and not isinstance(value, bool)
+    return float(value) if is_number and abs(value) <= MOST_NUMBER else None
+
+
 def numbers_of(message: dict[str, Any], keys: tuple[str, str]) -> tuple[float, float] | None:
     """Return two numbers of a message, None if they are not there."""
-    values = [message.get(key) for key in keys]
-    left, right = (
-        float(value) if isinstance(value, float | int) and not isinstance(value, bool) else math.nan
-        for value in values
-    )
-    return (left, right) if math.isfinite(left) and math.isfinite(right) else None
+    left, right = (number_of(message, key) for key in keys)
+    return None if left is None or right is None else (left, right)
+
+
+def voltage_of(message: dict[str, Any]) -> tuple[float | None, bool]:
+    """Return the battery's voltage [V], and whether the board reports in hundredths."""
+    told = number_of(message, "v")
+    if told is None or told < 0.0:
+        return None, False
+    is_coarse = told > MOST_BATTERY_V
+    return (0.01 * told if is_coarse else told), is_coarse
 
 
 def recognise(data: bytes) -> Answer | None:
@@ -360,9 +379,8 @@ def recognise(data: bytes) -> Answer | None:
         message = parse_line(line)
         if message is None or message.get("T") != REPORT or not numbers_of(message, SPEED_KEYS):
             continue
-        voltage = message.get("v")
-        is_known = isinstance(voltage, float | int)
-        return Answer((f"battery at {voltage:.1f} V",) if is_known else ())
+        voltage, _ = voltage_of(message)
+        return Answer(() if voltage is None else (f"battery at {voltage:.1f} V",))
     return None
 
 

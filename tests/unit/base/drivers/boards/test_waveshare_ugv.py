@@ -24,7 +24,7 @@ CONFIRMED = b'{"T":136,"cmd":400}\n{"T":900,"main":2,"module":0}\n'
 def talk_of(
     simulate: MakeSimulation, robot: Any = "ugv_rover", told: str = "ugv_rover", **built: Any
 ) -> EmulatedTalk:
-    board = WaveshareUgv(robot, is_general=built.get("is_general", False))
+    board = WaveshareUgv(robot, **{"is_general": False, **built})
     dialogue = dialogue_of("waveshare_ugv", settings={"type": told})
     return EmulatedTalk(dialogue, board, simulate())
 
@@ -142,6 +142,21 @@ def test_firmware_that_counts_no_way_is_integrated(simulate: MakeSimulation) -> 
     assert talk.total("restarts") == 0
 
 
+def test_firmware_that_counts_whole_centimetres_is_known_by_its_battery(
+    simulate: MakeSimulation,
+) -> None:
+    talk = talk_of(simulate, is_whole=True)
+    talk.come_up()
+    talk.wanted = Twist2D(0.2, 0.0, 0.3)
+    reading = talk.run(5.0)
+    truth = talk.simulation.truth().pose
+    assert truth.yaw == pytest.approx(1.5, abs=0.1)
+    assert talk.pose.distance_to(truth) < 0.06
+    assert talk.total("encoder_jumps") == 0
+    assert reading.battery is not None
+    assert reading.battery.voltage == pytest.approx(11.8)
+
+
 def test_the_beast_is_told_that_it_is_one(simulate: MakeSimulation) -> None:
     talk = talk_of(simulate, "ugv_beast", "ugv_beast")
     talk.come_up()
@@ -173,6 +188,7 @@ def test_its_battery_is_reported_and_stops_it_when_empty() -> None:
         '{"T":1001,"L":true,"R":0.0}',
         '{"T":1001}',
         '{"T":1001,"L":1e999,"R":0.0}',
+        '{"T":1001,"L":%s,"R":0.0}' % (400 * "9"),
     ],
 )
 def test_a_report_without_speeds_is_none(line: str) -> None:
@@ -183,6 +199,20 @@ def test_a_report_without_speeds_is_none(line: str) -> None:
     assert dialogue.status(1).state != "up"
     counts = dialogue.take(1).counts
     assert sum(counts.get(f"chassis/{name}", 0) for name in ("bad_messages", "stray_lines")) == 1
+
+
+@pytest.mark.parametrize("number", ["1e305", 400 * "9"])
+def test_ways_and_volts_that_no_robot_has_are_none(number: str) -> None:
+    dialogue = dialogue_of("waveshare_ugv")
+    dialogue.begin(0)
+    dialogue.outgoing(0)
+    report = f'{{"T":1001,"L":0.1,"R":0.1,"odl":{number},"odr":0.0,"v":{number}}}\n'.encode()
+    dialogue.receive(CONFIRMED + report, 1)
+    dialogue.receive(report, 41 * MS)
+    reading = dialogue.take(41 * MS)
+    assert len(reading.motions) == 1, "of the speeds"
+    assert reading.battery is None
+    assert BOARDS["waveshare_ugv"].questions[0].recognise(report) is not None
 
 
 def test_confirmations_that_were_not_asked_for_count_for_nothing() -> None:
