@@ -34,6 +34,8 @@ def address_of(server: socket.socket) -> str:
 def test_an_address_is_written_in_one_way() -> None:
     assert parse_address("tcp://192.168.0.10:10940") == ("tcp", "192.168.0.10", 10940)
     assert parse_address("udp://[fe80::1]:8089") == ("udp", "fe80::1", 8089)
+    assert parse_address("tcp://lidar-2.home.local.:1").host == "lidar-2.home.local."
+    assert parse_address("udp://:8888").host == ""
     for wrong in (
         "tcp://host",
         "tcp:/host:1",
@@ -42,6 +44,8 @@ def test_an_address_is_written_in_one_way() -> None:
         "udp://h:65536",
         "ftp://h:1",
         "tcp://192.168..10:1",
+        "tcp://lidar..local:1",
+        f"tcp://{64 * 'a'}.local:1",
     ):
         with pytest.raises(ValueError, match="write tcp://HOST:PORT"):
             parse_address(wrong)
