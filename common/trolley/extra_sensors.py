@@ -29,6 +29,10 @@ class ExtraSensorParams:
     """Scans that are older than this are not used [s, robot time]."""
     early_s: float = 0.1
     """Scans stamped more than this ahead are not used: their program has another clock [s]."""
+    longest_s: float = 2.0
+    """No sensor takes longer from a scan's first beam to its last [s]."""
+    widest_rad: float = 2.0 * math.tau
+    """None turns farther meanwhile [rad]."""
     silent_s: float = 1.0
     """A sensor that was heard and has sent nothing for this long is missing [s]."""
     past_m: float = 0.05
@@ -136,7 +140,8 @@ class ExtraSensors:
             odom_T_base: where the robot was at a robot time.
 
         Returns:
-            Why it is not used: `unlisted`, `empty`, `late` or `early`; "" if nothing is wrong.
+            Why it is not used: `unlisted`, `empty`, `impossible`, `late` or `early`; "" if nothing
+            is wrong.
         """
         if name not in self._listed:
             return "unlisted"
@@ -145,6 +150,10 @@ class ExtraSensors:
             return ""
         if not scan.ranges:
             return "empty"
+        beams = len(scan.ranges) // 4
+        lasts_s, turns_rad = beams * abs(scan.time_increment), beams * scan.angle_increment
+        if lasts_s > PARAMS.longest_s or turns_rad > PARAMS.widest_rad:
+            return "impossible"
         age_ns = now_ns - scan.stamp_ns
         is_newer = sensor.stamp_ns is None or scan.stamp_ns > sensor.stamp_ns
         if age_ns > PARAMS.late_s * 1e9 or not is_newer:

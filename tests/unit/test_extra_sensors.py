@@ -133,6 +133,16 @@ def test_silence_is_noticed_once_it_was_heard(robot: Robot) -> None:
     assert robot.sensors.silent(round(11.1 * SECOND)) == ["front"]
 
 
+@pytest.mark.parametrize(
+    "shape", [{"time_increment": 1e300}, {"time_increment": -1e300}, {"angle_increment": 1e308}]
+)
+def test_a_scan_that_no_sensor_takes_is_left_out(robot: Robot, shape: dict[str, float]) -> None:
+    for at_s in (10.0, 10.1):
+        assert robot.hear(scan(at_s, ahead(1.0), **shape)) == "impossible"
+    assert robot.hear(scan(10.2, ahead(1.0))) == ""
+    assert robot.points(10.3) == [(1.2, 0.0)]
+
+
 def test_memory_is_bounded(robot: Robot) -> None:
     rng = np.random.default_rng(1)
     for number in range(40):
