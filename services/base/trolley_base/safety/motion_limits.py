@@ -9,6 +9,9 @@ GRAVITY = 9.81
 """[m/s^2]."""
 LEAST_SHARE = 0.2
 """Brakes that hold the robot on a slope at all have this much of their deceleration left."""
+STANDS = 1e-6
+"""Slower than this no wheel turns [m/s, rad/s]; a velocity that a program lets decay ends in numbers
+so small that dividing by them fails."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +43,13 @@ class MotionLimits:
 
 
 def within(twist: Twist2D, limits: MotionLimits) -> Twist2D:
-    """Return the velocity within the limits on the same arc: too fast is driven slower."""
+    """Return the velocity within the limits on the same arc: too fast is driven slower.
+
+    What moves nothing is none.
+    """
     possible = twist if limits.sideways else Twist2D(twist.vx, 0.0, twist.wz)
+    if possible.speed < STANDS and abs(possible.wz) < STANDS:
+        return Twist2D.zero()
     excess = max(1.0, possible.speed / limits.speed, abs(possible.wz) / limits.wz)
     if not math.isfinite(excess):  # a speed whose square is no float
         return Twist2D.zero()

@@ -33,6 +33,14 @@ def test_any_finite_command_ends_within_the_limits(vx: float, vy: float, wz: flo
     assert abs(limited.wz) <= 1.5 * (1 + 1e-12)
 
 
+@pytest.mark.parametrize("slowest", [5e-324, 1e-310, 1e-9])
+def test_what_moves_nothing_is_to_stand(slowest: float) -> None:
+    assert within(Twist2D(slowest, 0.0, -slowest), LIMITS).is_zero
+    assert within(Twist2D(0.0, 0.0, slowest), LIMITS).is_zero
+    assert not within(Twist2D(1e-4, 0.0, 0.0), LIMITS).is_zero
+    assert not within(Twist2D(0.0, 0.0, -1e-4), LIMITS).is_zero
+
+
 def test_setting_off_braking_and_turning_have_their_own_rates() -> None:
     stand, ahead = Twist2D(0.0, 0.0, 0.0), Twist2D(0.5, 0.0, 0.0)
     assert ramp(stand, ahead, LIMITS, 0.1).vx == pytest.approx(0.08)

@@ -190,7 +190,7 @@ class HoverboardDialogue:
         # Mixed, the two targets are the mean and the difference of the sides.
         exact = (left, right) if self._build.tank_steering else (left - right, 0.5 * (left + right))
         # Beyond what the board can take: slower on the same arc.
-        scale = min(1.0, MOST_TARGET_RPM / max(abs(exact[0]), abs(exact[1])))
+        scale = MOST_TARGET_RPM / max(abs(exact[0]), abs(exact[1]), MOST_TARGET_RPM)
         # What rounding leaves over is added to the next target.
         due = scale * exact[0] + self._rest[0], scale * exact[1] + self._rest[1]
         whole = round(due[0]), round(due[1])

@@ -301,7 +301,7 @@ class WaveshareUgvDialogue:
             return STOP
         left, right = sides_of(wanted, self._half_track_m)
         # Beyond what the board can take: slower on the same arc.
-        scale = min(1.0, FASTEST_SIDE / max(abs(left), abs(right)))
+        scale = FASTEST_SIDE / max(abs(left), abs(right), FASTEST_SIDE)
         return line_of(T=1, L=round(scale * left, 4), R=round(scale * right, 4))
 
     def goodbye(self) -> tuple[bytes, ...]:

@@ -49,6 +49,16 @@ def test_backwards_and_on_the_spot(talk: EmulatedTalk) -> None:
     assert talk.simulation.truth().pose.yaw == pytest.approx(-1.2, abs=0.15)
 
 
+def test_the_smallest_velocity_there_is_moves_nothing(talk: EmulatedTalk) -> None:
+    # A program that lets a velocity decay, 0.9 of it each time, ends at one that stays.
+    talk.come_up()
+    for wanted in (Twist2D(0.0, 0.0, 5e-324), Twist2D(5e-324, 0.0, 0.0)):
+        talk.wanted = wanted
+        talk.run(0.2)
+        assert talk.told is not None
+        assert talk.told.speed + abs(talk.told.wz) < 1e-9
+
+
 def test_a_zero_is_in_the_very_next_bytes(talk: EmulatedTalk) -> None:
     talk.come_up()
     for ticks in range(3, 9):
