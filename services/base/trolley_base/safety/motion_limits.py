@@ -10,8 +10,8 @@ GRAVITY = 9.81
 LEAST_SHARE = 0.2
 """Brakes that hold the robot on a slope at all have this much of their deceleration left."""
 STANDS = 1e-6
-"""Slower than this no wheel turns [m/s, rad/s]; a velocity that a program lets decay ends in numbers
-so small that dividing by them fails."""
+"""Slower than this no wheel turns [m/s, rad/s]; a velocity that a program lets decay ends in
+numbers so small that dividing by them fails."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,10 +117,13 @@ def parse_voltage(body: bytes) -> float:
     """Read the voltage of `sensor_msgs/BatteryState` [V].
 
     Raises:
-        NoMessageError: it is none.
+        NoMessageError: it is none, or not finite.
     """
     _, at = _header(body)
-    return float(_unpack("<f", body, at + -at % 4)[0])
+    voltage = float(_unpack("<f", body, at + -at % 4)[0])
+    if not math.isfinite(voltage):
+        raise NoMessageError("it holds what is no number")
+    return voltage
 
 
 def parse_range(body: bytes) -> Range | None:

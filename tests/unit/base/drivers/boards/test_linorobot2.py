@@ -142,6 +142,12 @@ def test_motion_gyro_and_battery_come_with_the_board_s_stamps(simulate: MakeSimu
     assert battery.voltage == pytest.approx(11.8)
 
 
+@pytest.mark.parametrize("volts", [math.inf, -math.inf, math.nan])
+def test_a_voltage_that_is_no_number_is_none(volts: float) -> None:
+    with pytest.raises(NoMessageError):
+        messages.parse_voltage(header("base_link").put("f", volts).data)
+
+
 def test_an_empty_battery_is_told(simulate: MakeSimulation) -> None:
     talk = talk_of(simulate, {"inputs": {"battery_empty_v": 12.0, "battery_full_v": 16.8}})
     talk.come_up()
