@@ -76,6 +76,8 @@ class InputStream:
         lost = max(0, _newer(first, self._next))
         if lost:
             self._next = first
+            if _newer(self._last, first) < 0:
+                self._last = first - 1 & 0xFFFF
             self._waiting = {
                 number: data
                 for number, data in self._waiting.items()

@@ -216,6 +216,13 @@ def test_a_heartbeat_says_what_is_missing_and_what_is_lost() -> None:
     assert len(one.take(reliable(5, write(b"")), 0)) == 1
 
 
+def test_whatever_a_heartbeat_says_can_be_acknowledged() -> None:
+    one, _ = opened()
+    for first in (30_000, 60_000, 20_000):
+        one.take(bytes.fromhex("81000000") + xrce.heartbeat(first, first + 100, 0x80), 0)
+        assert acknowledgements(one.outgoing(0)) == [(first, 0, 0x80)]
+
+
 def test_numbers_go_round() -> None:
     one, _ = opened()
     one.take(reliable(0, writer_of("odom/unfiltered")), 0)
