@@ -253,18 +253,19 @@ class WaveshareUgvDialogue:
             return False
         self._is_ugv = True
         self._heard.take_report(arrived_ns)
-        if max(map(abs, speeds)) > MOST_SPEED:
-            self._lacks_encoders = True
-            return True
         voltage, is_coarse = voltage_of(message)
         if voltage is not None:
             self._gauge.take_voltage(voltage, arrived_ns)
-        if not self._setup.is_confirmed:
+        ways = numbers_of(message, WAY_KEYS)
+        is_power = ways is None and max(map(abs, speeds)) > MOST_SPEED
+        self._lacks_encoders = self._lacks_encoders or is_power
+        if self._lacks_encoders or not self._setup.is_confirmed:
             # Reports that were held up come before the confirmation, and together: they would look
             # like haste. The first one after it has the way since the last.
             return True
-        ways = None if is_coarse else numbers_of(message, WAY_KEYS)
-        if ways is None:
+        if ways is None or is_coarse:
+            if max(map(abs, speeds)) > MOST_SPEED:
+                return False
             motion = self._speeds.add(twist_of(*speeds, self._half_track_m), left_ns)
         else:
             left, right = (round(way * COUNTS_PER_M) for way in ways)

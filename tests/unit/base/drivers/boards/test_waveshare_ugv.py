@@ -234,6 +234,25 @@ def test_speeds_that_no_wheel_has_are_power() -> None:
     assert MOST_SPEED < 10, "the power of the slowest command that moves a motor"
 
 
+@pytest.mark.parametrize(("odl", "volts"), [("0.1", "11.8"), ("10", "1180")])
+def test_one_speed_that_was_misread_is_no_power_where_the_way_is_counted(
+    odl: str, volts: str
+) -> None:
+    dialogue = dialogue_of("waveshare_ugv")
+    dialogue.begin(0)
+    dialogue.outgoing(0)
+    dialogue.receive(CONFIRMED, 1)
+    motions = 0
+    for number, speed in enumerate(["0.1", "0.1", "-3.4", "0.1", "0.1"]):
+        report = f'{{"T":1001,"L":{speed},"R":0.1,"odl":{odl},"odr":{odl},"v":{volts}}}\n'
+        dialogue.receive(report.encode(), number * 41 * MS)
+        reading = dialogue.take(number * 41 * MS)
+        assert reading.link.state == "up"
+        assert all(motion.twist.speed < 0.2 for motion in reading.motions)
+        motions += len(reading.motions)
+    assert motions >= 3
+
+
 def test_it_drives_no_mecanum_wheels() -> None:
     from support.emulated_boards import config_of
 
