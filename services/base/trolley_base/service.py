@@ -136,8 +136,10 @@ class BaseService(Service):
         if self.now_ns is None:  # it could not start
             return
         now_ns = self.stamp_ns
-        self._drive.end()
-        self._hardware.close()
+        try:
+            self._drive.end()
+        finally:
+            self._hardware.close()
         self._reporter.publish_command(self._drive.decision, now_ns)
         self._reporter.publish_state(self._drive.decision, now_ns)
         self._time.save(now_ns)

@@ -5,6 +5,7 @@ Everything here runs on the service's thread; the ports' own threads only store.
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 
 from trolley.geometry import Pose2D, Twist2D
@@ -232,11 +233,15 @@ class RealHardware:
             self._chassis.respond(self._robot_ns(time.monotonic_ns()))
 
     def close(self) -> None:
-        """Stop the wheels and the lidar, and let go of the ports; may be called more than once."""
-        if self._conversations and isinstance(self._chassis, SerialChassis):
-            self._chassis.leave(lambda: self._robot_ns(time.monotonic_ns()))
-        for conversation in self._conversations:
-            conversation.close()
-        self._conversations.clear()
-        if self._imu is not None:
-            self._imu.close()
+        """Stop the wheels and the lidar, and let go of the ports; may be called more than once.
+
+        A driver that fails meanwhile keeps nobody from saying goodbye.
+        """
+        conversations, self._conversations = self._conversations, []
+        with ExitStack() as last:
+            if self._imu is not None:
+                last.callback(self._imu.close)
+            for conversation in reversed(conversations):
+                last.callback(conversation.close)
+            if conversations and isinstance(self._chassis, SerialChassis):
+                self._chassis.leave(lambda: self._robot_ns(time.monotonic_ns()))

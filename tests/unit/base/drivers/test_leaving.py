@@ -1,14 +1,22 @@
 """Who leaves a board that drives on without a host waits until its wheels stand."""
 
+import os
+import time
+import tty
 from collections.abc import Callable, Iterator
 from typing import Any, cast
 
 import pytest
 from support.emulated_boards import EMULATORS, MS, EmulatedTalk, dialogue_of
+from support.waiting import wait_until
 
+from trolley.config.hardware import LidarConfig
 from trolley.geometry import Twist2D
 from trolley.messages import Link
-from trolley_base.drivers.real_hardware import SerialChassis
+from trolley.serial_diagnosis import explain
+from trolley_base.drivers.boards.hoverboard import STOP
+from trolley_base.drivers.lidars import make_lidar
+from trolley_base.drivers.real_hardware import RealHardware, SerialChassis
 from trolley_base.world import Simulation
 
 MakeSimulation = Callable[..., Simulation]
@@ -75,3 +83,34 @@ def test_a_board_that_is_gone_is_not_waited_for(simulate: MakeSimulation) -> Non
     talk.is_cut = True
     talk.run(1.0)
     assert leave(talk) == 0
+
+
+FEEDBACK = bytes.fromhex("CD AB 00 00 00 00 00 00 00 00 D8 0E 36 01 00 00 23 A4")
+
+
+def test_a_driver_that_fails_says_goodbye_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    dialogue = dialogue_of("hoverboard")
+    lidar = make_lidar(LidarConfig(model="ld19")), "/dev/no_such_lidar"
+    board = dialogue, os.ttyname(slave)
+    hardware = RealHardware(board, lidar, 0, lambda now: now, lambda _: None, explain)
+
+    def is_up() -> bool:
+        os.write(master, FEEDBACK)
+        hardware.advance(time.monotonic_ns())
+        return hardware.chassis.read().link.state == "up"
+
+    def fail(_: int) -> bytes:
+        raise ArithmeticError("of the driver")
+
+    try:
+        wait_until(is_up, "the board is up")
+        monkeypatch.setattr(dialogue, "outgoing", fail)
+        with pytest.raises(ArithmeticError):
+            hardware.close()
+        assert os.read(master, 100).endswith(STOP)
+    finally:
+        os.close(slave)
+        os.close(master)
