@@ -237,6 +237,8 @@ class ArduinoBridgeDialogue:
         elif question not in ("", BAUD) and line == INVALID:
             self._report.count("invalid_commands")
             self._invalid_in_row += question[0] in "emu"
+            if question[0] == MOTORS and self._invalid_in_row < MOST_INVALID:
+                self._motors.forget()  # the wheels did not hear it
         elif question not in ("", BAUD) and ANSWERS[question[0]].fullmatch(line):
             self._take_answer(question, line, stamp_ns, arrived_ns)
         else:

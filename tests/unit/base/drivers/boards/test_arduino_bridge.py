@@ -94,6 +94,34 @@ def test_a_zero_is_in_the_very_next_bytes(talk: Talk, board: FakeArduino, answer
     assert talk.total("stray_lines") == 0
 
 
+class GarblingArduino(FakeArduino):
+    """Understands the next so many stops not."""
+
+    garbled = 0
+
+    def _answer(self, line: str, now_ns: int) -> bytes:
+        if line == "m 0 0" and self.garbled:
+            self.garbled -= 1
+            return b"Invalid Command\r\n"
+        return super()._answer(line, now_ns)
+
+
+def test_a_stop_that_came_garbled_is_said_again_at_once() -> None:
+    board = GarblingArduino()
+    talk = Talk(make(), board)
+    talk.run(1.0)
+    for ticks in range(20, 26):
+        talk.wanted = TURNING
+        for _ in range(ticks):
+            talk.tick()
+        assert board.targets != [0, 0]
+        board.garbled, talk.wanted = 1, Twist2D.zero()
+        for _ in range(3):
+            talk.tick()
+        assert board.targets == [0, 0]
+    assert talk.readings[-1].link.state == "up"
+
+
 def test_a_new_velocity_does_not_wait_for_the_old_pace(talk: Talk, board: FakeArduino) -> None:
     talk.run(1.0)
     talk.wanted = TURNING
