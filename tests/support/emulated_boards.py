@@ -83,7 +83,7 @@ class EmulatedTalk:
         if not data:
             return
         responder = self.dialogue.line.responder
-        answer = b"" if responder is None else responder(data)
+        answer = b"" if responder is None else responder(data, self.now_ns)
         if answer and not self.is_cut:
             self.board.receive(answer, self.now_ns)
             self._collect()

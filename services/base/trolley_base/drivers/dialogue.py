@@ -52,8 +52,9 @@ class Line:
         clears_rts: RTS, which Linux sets on opening, is cleared after `settle_s`.
         leaves_standing: whoever leaves goes on with the dialogue until the wheels stand, for a
             board that drives on when nobody answers it.
-        responder: is given what arrives, on the port's thread, and returns what is answered at
-            once, for a device that does not wait; it has nothing to do with the dialogue's state.
+        responder: is given what arrives and when [ns], on the port's thread, and returns what is
+            answered at once, for a device that does not wait; it has nothing to do with the
+            dialogue's state.
         datagrams: for a device that calls its host over UDP.
     """
 
@@ -65,7 +66,7 @@ class Line:
     restarts: bool = False
     clears_rts: bool = False
     leaves_standing: bool = False
-    responder: Callable[[bytes], bytes] | None = None
+    responder: Callable[[bytes, int], bytes] | None = None
     datagrams: Datagrams | None = None
 
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Link
@@ -191,7 +192,8 @@ class RealHardware:
         self._conversations: list[SerialLink[BoardDialogue] | SerialLink[LidarDialogue]] = []
 
         def open_port(dialogue: Dialogue, path: str) -> SerialDevice:
-            device = SerialDevice(path, dialogue.line, explain, lambda: call_soon(self._respond))
+            wake = partial(call_soon, self._respond)
+            device = SerialDevice(path, dialogue.line, explain, wake, robot_ns)
             device.start()
             return device
 

@@ -62,6 +62,7 @@ class SerialDevice:
         path: the port.
         explain: turns an error of the port into a sentence.
         wake: called on the thread when something has arrived, if the line is a prompt one.
+        robot_ns: turns local monotonic time into robot time [ns], for the line's responder.
     """
 
     def __init__(
@@ -70,11 +71,13 @@ class SerialDevice:
         line: Line,
         explain: Callable[[str, OSError], str],
         wake: Callable[[], None] = lambda: None,
+        robot_ns: Callable[[int], int] = lambda monotonic_ns: monotonic_ns,
     ) -> None:
         self.path = path
         self._line = line
         self._explain = explain
         self._wake = wake
+        self._robot_ns = robot_ns
         self._lock = threading.Lock()
         self._events: list[Event] = []
         self._stored = 0
@@ -182,16 +185,17 @@ class SerialDevice:
                 continue
             if not data:
                 continue
-            self._store(Arrived(data, time.monotonic_ns()))
-            self._respond(data)
+            arrived = Arrived(data, time.monotonic_ns())
+            self._store(arrived)
+            self._respond(arrived)
             if self._line.is_prompt:
                 self._wake()
             time.sleep(GATHER_S)
 
-    def _respond(self, data: bytes) -> None:
+    def _respond(self, arrived: Arrived) -> None:
         if self._line.responder is None:
             return
-        answer = self._line.responder(data)
+        answer = self._line.responder(arrived.data, self._robot_ns(arrived.monotonic_ns))
         if answer:
             self.write(answer)
 

@@ -147,7 +147,7 @@ def test_bytes_arrive_in_order_with_their_time(device: SerialDevice, terminal: T
 
 
 def test_what_must_be_answered_at_once_is_though_nobody_takes_anything(terminal: Terminal) -> None:
-    line = Line(115_200, responder=lambda data: b"pong" if data.endswith(b"ping") else b"")
+    line = Line(115_200, responder=lambda data, _: b"pong" if data.endswith(b"ping") else b"")
     device = SerialDevice(str(terminal.link), line, explain)
     device.start()
     heard = bytearray()

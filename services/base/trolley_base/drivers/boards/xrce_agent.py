@@ -3,8 +3,8 @@
 Messages go in, messages come out; there is no port, clock or frame here. A board pings until an
 agent answers, opens a session, creates topics, writers and readers one after the other, asks for
 what its readers are to get, and asks for the time. It waits a second for each answer, and of a
-`reliable` publisher for each acknowledgement, so nothing here may wait. Its pings are answered
-elsewhere (`xrce_pings.py`), sooner still.
+`reliable` publisher for each acknowledgement, so nothing here may wait. Its pings, and its question
+for the time, are answered elsewhere (`xrce_pings.py`), sooner still.
 
 Counts: `bad_messages` (no message, or not one of this protocol), `lost_messages` (that the board
 will not repeat), `unknown_topics` (data of a writer that was not created here).
@@ -186,7 +186,6 @@ class XrceAgent:
         """The port has been opened: there is no session."""
         self._session: Session | None = None
         self._messages: list[bytes] = []
-        self._questions: list[tuple[bytes, int]] = []
         self._num_unanswered: int | None = None
         self.is_incompatible = False
         """Whether the board speaks another version."""
@@ -295,13 +294,12 @@ class XrceAgent:
         elif part.kind == xrce.READ_DATA and len(payload) >= 5:
             session.reads[payload[2:4]] = (payload[:2], payload[4])
         else:
-            self._take_upkeep(session, part, now_ns)
+            self._take_upkeep(session, part)
         return []
 
-    def _take_upkeep(self, session: Session, part: Submessage, now_ns: int) -> None:
+    def _take_upkeep(self, session: Session, part: Submessage) -> None:
         """Take what keeps streams and clocks together."""
         if part.kind == xrce.TIMESTAMP and len(part.payload) >= 8:
-            self._questions.append((part.payload, now_ns))
             self.num_synchronized += 1
         elif part.kind == xrce.ACKNACK:
             self._take_acknack(session, part.payload)
@@ -415,10 +413,6 @@ class XrceAgent:
             for stream, output in session.outputs.items():
                 if question := output.heartbeat(now_ns, stream):
                     self._messages.append(session.header() + question)
-            for payload, received_ns in self._questions:
-                answer = xrce.timestamp_reply(payload, received_ns, now_ns)
-                self._messages.append(session.header() + answer)
-        self._questions.clear()
         messages, self._messages = self._messages, []
         return messages
 

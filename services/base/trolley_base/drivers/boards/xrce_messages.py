@@ -151,15 +151,14 @@ def parse_heartbeat(payload: bytes) -> tuple[int, int, int] | None:
     return struct.unpack_from("<HHB", payload) if len(payload) >= 5 else None
 
 
-def timestamp_reply(transmitted: bytes, received_ns: int, now_ns: int) -> bytes:
+def timestamp_reply(transmitted: bytes, now_ns: int) -> bytes:
     """Return the answer to a question for the time.
 
     Args:
         transmitted: the question's payload: when the board asked.
-        received_ns: when the question came.
-        now_ns: when it is answered.
+        now_ns: when it came, and is answered.
     """
-    return submessage(TIMESTAMP_REPLY, _time(now_ns) + _time(received_ns) + transmitted[:8])
+    return submessage(TIMESTAMP_REPLY, 2 * _time(now_ns) + transmitted[:8])
 
 
 def _time(now_ns: int) -> bytes:

@@ -95,14 +95,14 @@ def test_7e_and_7d_are_escaped() -> None:
 def test_a_ping_is_answered_as_by_eprosima_s_agent() -> None:
     """Old boards find the answer's availability at a fixed place, behind the configuration."""
     pings = PingResponder()
-    assert pings.respond(PING_FRAME[:9]) == b""
-    assert pings.respond(PING_FRAME[9:] + OPEN_FRAME) == encode(PONG, 1)
+    assert pings.respond(PING_FRAME[:9], 0) == b""
+    assert pings.respond(PING_FRAME[9:] + OPEN_FRAME, 0) == encode(PONG, 1)
     pings.has_session = True
-    assert pings.respond(PING_FRAME) == encode(PONG[:13] + b"\1" + PONG[14:], 1)
+    assert pings.respond(PING_FRAME, 0) == encode(PONG[:13] + b"\1" + PONG[14:], 1)
     in_session = encode(b"\x81" + PING[1:], 0)
-    assert pings.respond(in_session)[5:9] == bytes.fromhex("81000000"), "as it was asked"
+    assert pings.respond(in_session, 0)[5:9] == bytes.fromhex("81000000"), "as it was asked"
     pings.is_silent = True
-    assert pings.respond(PING_FRAME) == b""
+    assert pings.respond(PING_FRAME, 0) == b""
 
 
 def test_a_session_is_opened() -> None:
@@ -127,10 +127,11 @@ def test_a_session_with_a_key_has_it_in_each_message() -> None:
     one, _ = agent()
     one.take(OPEN[:20] + b"\x01" + OPEN[21:], 0)
     assert one.outgoing(0)[0][:8] == bytes.fromhex("01000000 BACEA105")
-    one.take(bytes.fromhex("01000000 BACEA105 0E010800 01000000 02000000"), 3 * S)
+    one.take(bytes.fromhex("01000000 BACEA105") + xrce.heartbeat(0, 0, 0x80), 3 * S)
     (answer,) = one.outgoing(4 * S)
     assert answer[:8] == bytes.fromhex("01000000 BACEA105")
-    one.take(bytes.fromhex("01000000 BACEA106 0E010800 01000000 02000000"), 3 * S)
+    assert answer[8] == xrce.ACKNACK
+    one.take(bytes.fromhex("01000000 BACEA106") + xrce.heartbeat(0, 0, 0x80), 3 * S)
     assert one.is_estranged
 
 
@@ -178,10 +179,16 @@ def test_topics_have_their_names_however_they_are_described(form: str) -> None:
 
 
 def test_the_time_is_told() -> None:
+    asked = bytes.fromhex("81000000 0E010800 05000000 06000000")
     one, _ = opened()
-    one.take(bytes.fromhex("81000000 0E010800 05000000 06000000"), 7 * S + 8)
-    (answer,) = one.outgoing(7 * S + 9)
-    assert answer == bytes.fromhex("81000000 0F011800") + struct.pack("<6I", 7, 9, 7, 8, 5, 6)
+    one.take(asked, 0)
+    assert one.num_synchronized == 1
+    assert one.outgoing(0) == [], "it has been answered"
+    pings = PingResponder()
+    assert pings.respond(encode(asked, 0), 7 * S + 8) == b"", "of no session here"
+    pings.has_session = True
+    answer = bytes.fromhex("81000000 0F011800") + struct.pack("<6I", 7, 8, 7, 8, 5, 6)
+    assert pings.respond(encode(asked, 0), 7 * S + 8) == encode(answer, 0)
 
 
 def test_fragments_are_put_together_in_order_and_acknowledged() -> None:
