@@ -52,7 +52,6 @@ class Line:
         self._num_said = 0  # counted on the web server's thread
         self._num_heard = 0  # counted on the service's thread
         self._has_some = asyncio.Event()
-        self._is_closing = False
 
     @property
     def is_clear(self) -> bool:
@@ -77,27 +76,26 @@ class Line:
     def send(self, told: Told) -> None:
         """Tell the page something."""
         self._waiting.append(told)
-        self._wake()
+        self._call(self._has_some.set)
 
     def close(self) -> None:
-        """Hang up, without waiting for a page that hears nothing."""
-        self._is_closing = True
-        self._wake()
+        """Hang up, without waiting for a page that hears nothing, nor for what it was told last."""
+        self._call(self._transport.abort)
 
     async def write(self) -> None:
         """Send what waits, until the line is closed."""
         with contextlib.suppress(ConnectionResetError):  # the page is gone
-            while not self._is_closing:
+            while True:
                 await self._has_some.wait()
                 self._has_some.clear()
-                while self._waiting and not self._is_closing:
+                while self._waiting:
                     told = msgspec.json.encode(self._waiting.popleft())
                     await self.socket.send_str(told.decode())
-        self._transport.abort()
 
-    def _wake(self) -> None:
+    def _call(self, fn: Callable[[], None]) -> None:
+        """Call on the web server's thread, if it still runs."""
         if not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._has_some.set)
+            self._loop.call_soon_threadsafe(fn)
 
 
 class Lines:
