@@ -50,19 +50,31 @@ class Teleop:
         self._robots = robots
         self._name_of = name_of
         self._driven: dict[str, _DrivenRobot] = {}
+        self._held: dict[int, str] = {}
+        """The pages that hold their pad: for which robot they pressed it, "" once it was taken."""
 
     def hear(self, who: int, robot: str, grip: Grip) -> None:
         """Take what a page says of its joystick, which is that of a robot."""
+        now_ns = self._service.monotonic_ns
         driven = self._driven.setdefault(robot, _DrivenRobot())
-        driven.joystick.hear(who, grip, self._service.monotonic_ns)
+        if not grip.held:
+            self._held.pop(who, None)
+            for one in self._driven.values():
+                one.joystick.hear(who, grip, now_ns)
+        elif self._held.setdefault(who, robot) == robot:
+            driven.joystick.hear(who, grip, now_ns)
 
     def let_go(self, who: int) -> None:
         """Take the joystick out of a page's hand, as when it follows another robot."""
+        if who not in self._held:
+            return
+        self._held[who] = ""
         for driven in self._driven.values():
             driven.joystick.bar(who)
 
     def leave(self, who: int) -> None:
         """Forget a page that is gone."""
+        self._held.pop(who, None)
         for driven in self._driven.values():
             driven.joystick.leave(who)
 

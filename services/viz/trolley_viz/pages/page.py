@@ -96,8 +96,8 @@ class Page:
         self._state: PageState | None = None
         self._pad: PadState | None = None
         self._heard_ns = 0
-        self._goes_on_until_ns = 0
-        """Until when what was stopped continues as soon as the robot may drive."""
+        self._goes_on = "", 0
+        """The robot that continues what was stopped as soon as it may drive, and until when."""
         self._since_ns = hub.service.monotonic_ns
         self._language = self.session.preferences.language
 
@@ -214,7 +214,7 @@ class Page:
         then = self.session.past.sentence("" if view.map is None else view.map.name)
         self._console.update(view, lines)
         base = known.base
-        self._go_on(base, view.now_ns)
+        self._go_on(base, view)
         line = self._line
         if line is None or not line.is_clear:
             return
@@ -323,7 +323,7 @@ class Page:
         def answered(reply: Any) -> None:
             self._hub.stops.resumed(resume.robot)
             if goes_on and not isinstance(reply, Refused):
-                self._goes_on_until_ns = self._hub.service.monotonic_ns + GOES_ON_NS
+                self._goes_on = resume.robot, self._hub.service.monotonic_ns + GOES_ON_NS
             why = refusal(reply) if isinstance(reply, Refused) else ""
             self.say(Told(answer=Answer(id=resume.id, is_done=not why, text=why)))
 
@@ -331,10 +331,12 @@ class Page:
         self._hub.people.stoppers.release(resume.robot)
         self._hub.service.request(requests.BASE_RESUME, Nothing(), answered, robot=resume.robot)
 
-    def _go_on(self, base: BaseState | None, now_ns: int) -> None:
+    def _go_on(self, base: BaseState | None, view: View) -> None:
         """Continue what was stopped, unless the robot may drive so late that nobody expects it."""
-        if base is not None and base.mode == "ok" and now_ns < self._goes_on_until_ns:
-            self._goes_on_until_ns = 0
+        robot, until_ns = self._goes_on
+        is_meant = view.robot_name == robot and view.now_ns < until_ns
+        if base is not None and base.mode == "ok" and is_meant:
+            self._goes_on = "", 0
             self.session.actions.steer("Continue")
 
     def _grip(self, grip: Grip) -> None:

@@ -164,6 +164,38 @@ def test_who_follows_another_robot_lets_go(stage: "Stage") -> None:
     assert sent[-1].twist == FORWARD
 
 
+def test_who_follows_a_robot_for_the_first_time_has_to_press_anew(stage: "Stage") -> None:
+    """A finger on the pad and another on the list of robots: the pad was the next robot's."""
+    stage.runtime.add(type(stage.robot)(), robot="kart")
+    browser = stage.browse()
+    sent = stage.runtime.record(topics.COMMAND, "teleop", robot="kart")
+    press(stage, browser)
+    stage.session.follow("kart")
+    for _ in range(3):
+        press(stage, browser)
+        stage.runtime.run(0.1)
+    assert sent == []
+    press(stage, browser, held=False)
+    press(stage, browser)
+    stage.runtime.run(0.1)
+    assert sent[-1].twist == FORWARD
+
+
+def test_who_held_nothing_while_choosing_a_robot_drives_it_at_the_first_press(
+    stage: "Stage",
+) -> None:
+    browser = stage.browse()
+    sent = stage.runtime.record(topics.COMMAND, "teleop")
+    press(stage, browser)
+    press(stage, browser, held=False)
+    for robot in ("kart", "trolley"):
+        stage.session.follow(robot)
+        stage.runtime.run(0.5)
+    press(stage, browser)
+    stage.runtime.run(0.1)
+    assert sent[-1].twist == FORWARD
+
+
 @pytest.mark.parametrize("how", ["closed", "lost", "taken over"])
 def test_whoever_is_gone_has_let_go_at_once(stage: "Stage", how: str) -> None:
     browser, other = stage.browse(), stage.browse(1)

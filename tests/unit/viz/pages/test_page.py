@@ -248,6 +248,23 @@ def test_nothing_sets_off_long_after_drive_on(stage: "Stage", late: str) -> None
     assert asked == (["Continue"] if late == "the page" else [])
 
 
+def test_drive_on_continues_nothing_of_the_robot_that_is_followed_next(stage: "Stage") -> None:
+    kart = stage.runtime.add(type(stage.robot)(), robot="kart")
+    browser = stage.browse()
+    asked: list[str] = []
+    stage.session.actions.steer = asked.append  # type: ignore[method-assign]
+    for robot, reason in ((stage.robot, codes.STOPPED), (kart, codes.PAUSED)):
+        goal = GoalStatus(stamp_ns=robot.stamp_ns, id="a", state="paused", reason=reason)
+        robot.publish(topics.GOAL, goal)
+    stage.say(browser, Said(stop=Stop(id=1, robots=["trolley"])))
+    stage.runtime.run(1.0)
+    stage.say(browser, Said(resume=Resume(id=2, at_ms=stage.now_ms, robot="trolley")))
+    stage.session.follow("kart")
+    stage.runtime.run(1.0)
+    assert browser.answers[2].is_done
+    assert asked == []
+
+
 # The line.
 def test_a_page_that_answers_stays(stage: "Stage") -> None:
     browser = stage.browse()
