@@ -44,6 +44,41 @@ def test_without_letter_keys_only_space_stops(page: Page, viewer: Viewer) -> Non
     expect(page.get_by_role("button", name="Close the joystick")).to_be_hidden()
 
 
+def num_stops(viewer: Viewer) -> int:
+    return sum(said.stop is not None for _, said in viewer.said)
+
+
+def test_stop_is_pressed_while_the_list_of_all_commands_is_open(page: Page, viewer: Viewer) -> None:
+    viewer.greet()
+    viewer.tell("start")
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    palette, stop = page.locator("#palette"), page.locator("#stop")
+    page.keyboard.press("Control+k")
+    expect(palette).to_be_visible()
+    stop.click()
+    wait_until(lambda: num_stops(viewer) == 1, "Stop is heard")
+    expect(palette).to_be_hidden()
+    page.keyboard.press("Control+k")
+    expect(page.get_by_label("Find a command")).to_be_focused()
+    palette.get_by_role("button").first.focus()
+    page.keyboard.press("Space")
+    wait_until(lambda: num_stops(viewer) == 2, "Space is Stop, there as well")
+    page.keyboard.press("Escape")
+    expect(palette).to_be_hidden()
+
+
+def test_space_stops_while_a_slider_has_the_focus(page: Page, viewer: Viewer) -> None:
+    viewer.greet()
+    viewer.tell()
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    page.locator(".hand-open").click()
+    speed = page.get_by_role("slider", name="Speed")
+    speed.press("ArrowLeft")
+    expect(speed).to_have_value("0.2")
+    speed.press("Space")
+    wait_until(lambda: num_stops(viewer) == 1, "Stop is heard")
+
+
 def test_arrow_keys_point_only_while_something_is_to_be_pointed_out(
     page: Page, viewer: Viewer
 ) -> None:

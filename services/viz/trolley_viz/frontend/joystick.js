@@ -40,14 +40,14 @@ export class Joystick {
     this.pointer = this.timer = null; // what holds it: a pointer, or the keys
     this.keys = new Set(); // the arrows that are held
     this.x = this.y = 0;
-    this.can = false;
+    this.can = this.isMine = false;
     this.button.addEventListener("click", () => this.toggle());
     find(".hand-close").addEventListener("click", () => this.setOpen(false));
     this.slider.addEventListener("input", () => this.show());
     this.pad.addEventListener("pointerdown", (event) => this.press(event));
-    this.pad.addEventListener("pointermove", (event) => this.isMine(event) && this.move(event));
+    this.pad.addEventListener("pointermove", (event) => this.isHeldBy(event) && this.move(event));
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
-      this.pad.addEventListener(name, (event) => this.isMine(event) && this.release());
+      this.pad.addEventListener(name, (event) => this.isHeldBy(event) && this.release());
     }
     this.pad.addEventListener("keydown", (event) => this.key(event, true));
     this.pad.addEventListener("keyup", (event) => this.key(event, false));
@@ -59,7 +59,7 @@ export class Joystick {
     this.show();
   }
 
-  isMine(event) {
+  isHeldBy(event) {
     return event.pointerId === this.pointer;
   }
 
@@ -77,6 +77,7 @@ export class Joystick {
 
   take(told) {
     this.can = told.can;
+    this.isMine = told.mine;
     if (told.max_speed > 0 && Number(this.slider.max) !== told.max_speed) {
       this.slider.max = told.max_speed;
     }
@@ -85,7 +86,7 @@ export class Joystick {
   }
 
   lose() {
-    this.can = false;
+    this.can = this.isMine = false;
     this.release();
     this.tell(t("No connection to the viewer."), "bad");
     this.show();
@@ -99,7 +100,7 @@ export class Joystick {
   show() {
     this.button.disabled = !this.line.isOpen;
     this.card.classList.toggle("hand-off", !this.can);
-    this.card.classList.toggle("hand-held", this.pointer !== null && this.can);
+    this.card.classList.toggle("hand-held", this.pointer !== null && this.isMine);
     this.speed.textContent = `${Number(this.slider.value).toFixed(2)} m/s`;
   }
 
@@ -118,10 +119,12 @@ export class Joystick {
     this.show();
   }
 
-  // A key that was held before, as through a stop, has to be pressed again.
+  // A key that was held before, as through a stop, has to be pressed again. A Mac does not tell of
+  // keys that come up while Command is held: they drive nothing then.
   key(event, isDown) {
+    if (event.key in ARROWS) event.preventDefault();
+    if (event.metaKey || event.key === "Meta") return this.pointer === KEYS && this.release();
     if (!(event.key in ARROWS)) return;
-    event.preventDefault();
     if (event.repeat || (this.pointer !== null && this.pointer !== KEYS)) return;
     if (!isDown) this.keys.delete(event.key);
     else if (this.can) this.keys.add(event.key);

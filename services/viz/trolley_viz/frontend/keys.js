@@ -14,6 +14,14 @@ export class Keys {
     this.list = document.getElementById("palette-list");
     this.find.addEventListener("input", () => this.fill());
     this.find.addEventListener("keydown", (event) => event.key === "Enter" && this.first());
+    this.palette.addEventListener("keydown", (event) => {
+      if (event.key !== "Escape") return;
+      event.stopPropagation(); // it cancels nothing else
+      this.palette.close();
+    });
+    // Not modal: Stop can be pressed while it is open, like anything else.
+    addEventListener("pointerdown", ({ target }) =>
+      this.palette.contains(target) || this.palette.close());
   }
 
   listenTo(target) {
@@ -23,13 +31,14 @@ export class Keys {
   typed(event) {
     const into = event.target;
     const isField = into.isContentEditable
-      || ["INPUT", "TEXTAREA", "SELECT"].includes(into.tagName) && into.type !== "checkbox";
+      || ["INPUT", "TEXTAREA", "SELECT"].includes(into.tagName)
+      && !["checkbox", "range"].includes(into.type);
     if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "k") {
       event.preventDefault();
       this.open();
       return;
     }
-    if (isField || event.ctrlKey || event.metaKey || event.altKey || this.palette.open) return;
+    if (isField || event.ctrlKey || event.metaKey || event.altKey) return;
     const key = event.key.toLowerCase();
     // Who speaks to a computer types letters without meaning to press keys.
     if (key.length === 1 && key !== " " && this.status.state?.has_letters === false) return;
@@ -39,6 +48,8 @@ export class Keys {
       if (!event.repeat) this.status.stop();
       return;
     }
+    // Arrow keys move a slider that has the focus.
+    if (this.palette.contains(into) || (into.type === "range" && key in ARROWS)) return;
     if (this.points(event, key)) return;
     if (event.repeat || event.shiftKey) return;
     if (key === "j") return this.joystick.toggle();
@@ -68,7 +79,7 @@ export class Keys {
   open() {
     this.find.value = "";
     this.fill();
-    this.palette.showModal();
+    this.palette.show();
     this.find.focus();
   }
 
