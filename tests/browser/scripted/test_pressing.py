@@ -2,10 +2,12 @@
 
 import pytest
 from playwright.sync_api import Page, expect
+from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
-from trolley_viz.controls.markup import lead, note
-from trolley_viz.server.messages import Told
+from trolley_viz.controls.markup import details, lead, note
+from trolley_viz.server.messages import Answer, Press, Told
+from trolley_viz.words.sentences import StatusLine
 
 from .viewer import Viewer
 
@@ -30,3 +32,50 @@ def test_what_is_written_anew_between_press_and_release_is_pressed(
     pressed = [said.press for _, said in viewer.said if said.press is not None]
     assert [(one.control, one.value) for one in pressed] == [(listed.id, "t1")]
     assert other.id != listed.id
+
+
+def test_what_is_refused_shows_again_what_was_taken_last(page: Page, viewer: Viewer) -> None:
+    controls = Controls()
+    controls.add_check("Repeat forever", False)
+    viewer.greet()
+    viewer.tell_controls(controls)
+    box = page.get_by_label("Repeat forever")
+
+    def press(number: int, *, is_done: bool) -> None:
+        box.click()
+        presses: list[Press] = []
+
+        def is_heard() -> bool:
+            presses[:] = [said.press for _, said in viewer.said if said.press is not None]
+            return len(presses) == number
+
+        wait_until(is_heard, "it is pressed")
+        answer = Answer(id=presses[-1].id, is_done=is_done, text="It was pressed 3 s ago.")
+        viewer.lines[-1].send(Told(answer=answer))
+
+    press(1, is_done=True)
+    expect(box).to_be_checked()
+    press(2, is_done=False)
+    expect(page.get_by_text("It was pressed 3 s ago.")).to_be_visible()
+    expect(box).to_be_checked()  # as the viewer has it
+
+
+def test_what_is_written_anew_keeps_the_focus_and_what_was_opened(
+    page: Page, viewer: Viewer
+) -> None:
+    def trip(name: str) -> str:
+        return details(StatusLine(name, "good"), lead(name, "Look at it"))
+
+    controls = Controls()
+    listed = controls.add_html(trip("one"))
+    viewer.greet()
+    viewer.tell_controls(controls)
+    page.get_by_text("one").click()
+    page.get_by_role("button", name="Look at it").focus()
+    listed.content = trip("two") + trip("one")
+    viewer.lines[-1].send(Told(controls=controls.take_changes()))
+    expect(page.get_by_text("two")).to_be_visible()
+    look = page.get_by_role("button", name="Look at it")
+    expect(look).to_have_count(1)  # that of the trip that was opened
+    expect(look).to_be_focused()
+    expect(look).to_have_attribute("data-press", "one")

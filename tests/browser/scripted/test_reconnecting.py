@@ -4,6 +4,8 @@ import pytest
 from playwright.sync_api import Page, expect
 from support.waiting import wait_until
 
+from trolley_viz.controls.controls import Controls
+
 from .viewer import NOW_MS, Viewer
 
 pytestmark = pytest.mark.browser
@@ -50,6 +52,46 @@ def test_a_robot_that_was_stopped_meanwhile_may_drive_on(page: Page, viewer: Vie
     viewer.lines[-1].close()
     expect(page.locator("body")).to_have_attribute("data-line", "lost")
     expect(page.locator("#resume")).to_be_disabled()
+
+
+def test_a_number_that_means_another_kind_of_control_is_drawn_as_that(
+    page: Page, viewer: Viewer
+) -> None:
+    viewer.greet()
+    (number,) = viewer.tell("start")
+    expect(page.get_by_role("button", name="start")).to_be_visible()
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    viewer.said.clear()
+    come_back_as_another(page, viewer)
+    controls = Controls()
+    assert controls.add_text("Name", "hall").id == number
+    viewer.tell_controls(controls)
+    expect(page.get_by_role("textbox", name="Name")).to_have_value("hall")
+    expect(page.locator("#controls button")).to_have_count(0)
+
+
+def test_a_screen_reader_is_not_told_each_second_how_long_nothing_was_heard(
+    page: Page, viewer: Viewer
+) -> None:
+    viewer.greet()
+    viewer.tell()
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    said = page.locator("#lost-said")
+    viewer.lines[-1].close()
+    expect(said).to_contain_text("1 s ago")
+    page.evaluate(
+        """() => {
+          window.told = 0;
+          new MutationObserver((changes) => changes.forEach(({ target }) => {
+            const it = target instanceof Element ? target : target.parentElement;
+            const around = it.closest("[role=alert], [aria-live]");
+            if (around.getAttribute("aria-live") !== "off") told += 1;
+          })).observe(document.getElementById("lost"),
+            { childList: true, characterData: true, subtree: true });
+        }"""
+    )
+    expect(said).to_contain_text("3 s ago")
+    assert page.evaluate("told") == 0
 
 
 def test_stop_does_not_wait_for_what_the_viewer_has_to_tell(page: Page, viewer: Viewer) -> None:

@@ -50,6 +50,10 @@ export class Controls {
 
   put(id, look) {
     let drawn = this.all.get(id);
+    if (drawn !== undefined && drawn.look.kind !== look.kind) {
+      this.drop(id); // another viewer's, whose number means something else
+      drawn = undefined;
+    }
     if (drawn === undefined) {
       drawn = MAKERS[look.kind](this, id);
       drawn.element.classList.add("control", look.kind);
@@ -84,7 +88,12 @@ export class Controls {
     // What is there from now on: what is told later is compared with it.
     if (drawn !== undefined && "value" in drawn.look) drawn.look = { ...drawn.look, value };
     const answer = await this.line.ask("press", { control: Number(id), value });
-    if (answer.is_done) return;
+    if (answer.is_done) {
+      // What it has taken holds until it tells something else.
+      const told = this.told.get(String(id));
+      if (told !== undefined && "value" in told) this.told.set(String(id), { ...told, value });
+      return;
+    }
     const title = answer.is_unknown ? t("No answer") : t("Not done");
     this.notices.show({ title, text: t(answer.text), tone: "warn" });
     if (this.all.has(String(id))) this.put(String(id), this.told.get(String(id)));

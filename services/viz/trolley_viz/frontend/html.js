@@ -19,6 +19,21 @@ function fillLate() {
   for (const [element, html] of waiting) fill(element, html);
 }
 
+// What has the focus and what is open in an element; to be found again once it is written anew.
+function kept(element) {
+  const name = (one) => [one.tagName, one.dataset.press, one.dataset.index, one.href, one.textContent].join();
+  const opened = new Set([...element.querySelectorAll("details[open] > summary")].map(name));
+  const focused = element.contains(document.activeElement) ? name(document.activeElement) : null;
+  return () => {
+    for (const one of element.querySelectorAll("summary")) {
+      if (opened.has(name(one))) one.parentElement.open = true;
+    }
+    if (focused === null) return;
+    const again = [...element.querySelectorAll("button, summary, a")].find((one) => name(one) === focused);
+    again?.focus({ preventScroll: true });
+  };
+}
+
 export function fill(element, html) {
   late.delete(element);
   if (element.markup === html) return;
@@ -33,7 +48,9 @@ export function fill(element, html) {
     one.removeAttribute("style");
     return [one, style];
   });
+  const keep = kept(element);
   element.replaceChildren(...parsed.body.childNodes);
+  keep();
   for (const [one, style] of styles) one.style.cssText = style;
   for (const one of element.querySelectorAll("[data-colour]")) {
     one.style.background = one.dataset.colour;
