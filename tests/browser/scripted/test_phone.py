@@ -68,3 +68,20 @@ def test_a_card_leaves_the_buttons_over_the_map_free(page: Page, viewer: Viewer)
     expect(page.locator("section.card")).to_be_hidden()
     page.wait_for_timeout(400)
     assert box_of(bar) == before
+
+
+def test_the_sheet_is_opened_and_closed_by_who_has_no_finger_on_it(
+    page: Page, viewer: Viewer
+) -> None:
+    """A screen reader, or a voice, presses without a pointer."""
+    page.set_viewport_size(PHONE)
+    viewer.greet()
+    viewer.tell("start")
+    panel, handle = page.locator("#panel"), page.locator("#handle")
+    expect(panel).to_have_attribute("data-step", "1")
+    for step in ("0", "1"):
+        handle.evaluate("it => it.click()")
+        expect(panel).to_have_attribute("data-step", step)
+        expect(handle).to_have_attribute("aria-expanded", "true" if step == "1" else "false")
+    handle.click()  # once, though a finger both presses and clicks
+    expect(panel).to_have_attribute("data-step", "0")
