@@ -140,6 +140,8 @@ class GroupPanel:
         self._hint.visible = bool(known)
         for name, (_, field) in self._fields.items():
             field.visible = name in known
+        if not known:  # another robot: what was changed is none of its
+            self._changed.clear()
         if self._is_new:
             self._is_new, self._changed_ns = False, now_ns
         if self._changed and now_ns - self._changed_ns >= QUIET_NS:

@@ -213,3 +213,22 @@ def test_all_that_is_shown_may_be_changed_at_once() -> None:
         if words.most is not None:
             assert setting.greatest is not None
             assert words.most / words.factor <= setting.greatest
+
+
+@pytest.mark.parametrize("tells", [True, False])
+def test_what_was_changed_of_one_robot_is_not_sent_to_the_next(
+    stage: "Stage", browser: "Browser", robot: PretendSettings, *, tells: bool
+) -> None:
+    stage.runtime.add(type(stage.robot)(), robot="kart")
+    kart = PretendSettings()
+    if tells:
+        stage.runtime.add(kart, robot="kart")
+    page = opened(stage, "Settings: speed")
+    page.type("Highest speed (m/s)", 0.2)
+    stage.session.follow("kart")
+    stage.runtime.run(2.0)
+    assert kart.asked == []
+    stage.session.follow("trolley")
+    stage.runtime.run(2.0)
+    assert page.value("Highest speed (m/s)") == 0.5
+    assert robot.asked == []
