@@ -5,7 +5,9 @@ from playwright.sync_api import FloatRect, Locator, Page, ViewportSize, expect
 
 from trolley_viz.controls.controls import Controls
 from trolley_viz.features.people.links import TO_DRIVE, TO_LOOK, LinkCard
+from trolley_viz.robots.stop_presses import StopLine
 from trolley_viz.server.links import Links
+from trolley_viz.words.sentences import StatusLine
 
 from .viewer import Viewer
 
@@ -85,3 +87,34 @@ def test_the_sheet_is_opened_and_closed_by_who_has_no_finger_on_it(
         expect(handle).to_have_attribute("aria-expanded", "true" if step == "1" else "false")
     handle.click()  # once, though a finger both presses and clicks
     expect(panel).to_have_attribute("data-step", "0")
+
+
+@pytest.mark.parametrize("stop", [None, StopLine("NOT STOPPED: no connection", is_alarm=True)])
+def test_stop_and_the_sentence_are_in_sight_however_high_the_controls_are(
+    page: Page, viewer: Viewer, stop: StopLine | None
+) -> None:
+    controls = Controls()
+    for i in range(30):
+        controls.add_button(f"button {i}")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    sentence = StatusLine(
+        "It waits because something stands in its way, and goes on by itself.", "warn"
+    )
+    viewer.tell_state(sentence=sentence, stop=stop)
+    last = page.get_by_role("button", name="button 29")
+    unseen: list[tuple[int, int]] = []
+    for height in (568, 667, 844):
+        page.set_viewport_size({"width": 375, "height": height})
+        for step in (1, 2):
+            if step == 2:
+                page.locator("#handle").press("ArrowUp")
+            expect(page.locator("#panel")).to_have_attribute("data-step", str(step))
+            last.focus()
+            expect(last).to_be_in_viewport(ratio=1.0)
+            seen = ("#sentence", "#stop", "#resume")
+            tops = [box_of(page.locator(name)) for name in seen]
+            if not all(0.0 <= box["y"] <= height - box["height"] for box in tops):
+                unseen.append((height, step))
+        page.locator("#handle").press("ArrowDown")
+    assert unseen == []
