@@ -156,7 +156,7 @@ class VizService(Service):
         is_driving = self.joystick.drive()
         if self.pages.give_up_the_silent(now_ns):
             self._forget_robots(hub, now_ns)
-        if self.pages.is_any_seen or is_driving or hub.stops.are_waiting:
+        if self.pages.is_any_seen or is_driving or hub.stops.num_waiting:
             self._next_tick.repeat(TICK_S)
         elif self.pages.all:
             self._next_tick.set(WAITING_S)

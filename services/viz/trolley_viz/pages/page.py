@@ -55,6 +55,8 @@ AHEAD_MS = 500.0
 """No press comes from farther in the future; the clock of a page that says so is wrong."""
 LATE_HOLD_MS = 700.0
 """A page that was in sight so long ago need not be any more."""
+MAX_AWAITED = 50
+"""With so many robots that have yet to answer a Stop, none is awaited of which nobody has heard."""
 ROBOT_NAME = re.compile(r"[a-z0-9_-]{1,32}")
 """Pattern of `RobotName`: no other name may get into a key."""
 
@@ -304,7 +306,10 @@ class Page:
         self.session.drags.forget_missed_tap()
         # A viewer that has just started has not heard of all robots yet.
         named = [name for name in stop.robots if ROBOT_NAME.fullmatch(name)]
-        for robot in named or hub.robots.names(self.robot):
+        known = hub.robots.names(self.robot)
+        for robot in sorted(named or known, key=lambda name: name not in known):
+            if robot not in known and hub.stops.num_waiting >= MAX_AWAITED:
+                return  # unanswered: the page says that it has not stopped
             hub.press_stop(robot, self.visitor)
         self.say(Told(answer=Answer(id=stop.id, is_done=True)))
 

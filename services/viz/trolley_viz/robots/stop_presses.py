@@ -51,9 +51,9 @@ class StopPresses:
         self._resuming: Counter[str] = Counter()
 
     @property
-    def are_waiting(self) -> bool:
-        """Whether a robot has yet to answer."""
-        return bool(self._presses)
+    def num_waiting(self) -> int:
+        """How many robots have yet to answer."""
+        return len(self._presses)
 
     def press(self, robot: str, now_ns: int) -> None:
         """Stop a robot, at once and until it answers."""

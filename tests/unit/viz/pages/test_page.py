@@ -14,7 +14,7 @@ from trolley.geometry import Twist2D
 from trolley.messages import GoalStatus
 from trolley_viz.features.driving.aiming import GO_TO
 from trolley_viz.joystick.joystick import Grip
-from trolley_viz.pages.page import AHEAD_MS, LATE_MS, SILENCE_S
+from trolley_viz.pages.page import AHEAD_MS, LATE_MS, MAX_AWAITED, SILENCE_S
 from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.server.messages import Answer, Gesture, Press, Resume, Said, Stop, Told
 from trolley_viz.server.visitors import Visitor
@@ -163,6 +163,18 @@ def test_stop_with_a_name_that_is_none_stops_all(stage: "Stage", name: str) -> N
     browser = stage.browse(0, GUEST)
     stage.say(browser, Said(stop=Stop(id=1, robots=[name])))
     assert set(stage.hub.stops._presses) == {"trolley"}
+    stage.runtime.run(0.5)
+    assert stage.robot.mode == "stopped"
+
+
+def test_names_that_a_page_makes_up_are_not_asked_for_ever(stage: "Stage") -> None:
+    browser, guest = stage.browse(0, ANN), stage.browse(1, GUEST)
+    for i in range(20):
+        names = [f"made-up-{i}-{j}" for j in range(100)]
+        stage.say(guest, Said(stop=Stop(id=i, robots=names)))
+    assert len(stage.hub.stops._presses) <= MAX_AWAITED
+    assert 19 not in guest.answers  # its page goes on saying that nothing has stopped
+    stage.say(browser, Said(stop=Stop(id=1, robots=["made-up", "trolley"])))
     stage.runtime.run(0.5)
     assert stage.robot.mode == "stopped"
 
