@@ -49,12 +49,18 @@ def num_stops(viewer: Viewer) -> int:
 
 
 def test_stop_is_pressed_while_the_list_of_all_commands_is_open(page: Page, viewer: Viewer) -> None:
+    controls = Controls()
+    for i in range(30):
+        controls.add_command(f"command {i}", f"f{i}", lambda: None)
     viewer.greet()
-    viewer.tell("start")
+    viewer.tell_controls(controls)
     expect(page.locator("body")).to_have_attribute("data-line", "open")
     palette, stop = page.locator("#palette"), page.locator("#stop")
     page.keyboard.press("Control+k")
-    expect(palette).to_be_visible()
+    expect(palette.get_by_role("button")).to_have_count(31)
+    bottom = palette.evaluate("it => it.getBoundingClientRect().bottom")
+    assert bottom < stop.evaluate("it => it.getBoundingClientRect().top")
+    assert palette.evaluate("it => getComputedStyle(it).overflowY") == "auto"
     stop.click()
     wait_until(lambda: num_stops(viewer) == 1, "Stop is heard")
     expect(palette).to_be_hidden()
