@@ -8,6 +8,8 @@ PATIENCE_NS = 400_000_000
 """Without an answer for this long the robot is not stopped, and Stop is asked again."""
 REPEAT_NS = 250_000_000
 NOT_STOPPED = "NOT STOPPED: no connection"
+MOST_NAMED = 5
+"""Of so many other robots it is said by name that they have not stopped."""
 
 Answered = Callable[[bool], None]
 """Called with whether the robot answered."""
@@ -88,8 +90,9 @@ class StopPresses:
             if press.has_failed or now_ns - press.pressed_ns > PATIENCE_NS
         )
         if lost:
-            others = ", ".join(name for name in lost if name != robot)
-            return StopLine(NOT_STOPPED + (f" ({others})" if others else ""), is_alarm=True)
+            others = [name for name in lost if name != robot]
+            named = ", ".join(others[:MOST_NAMED]) + (", …" if len(others) > MOST_NAMED else "")
+            return StopLine(NOT_STOPPED + (f" ({named})" if named else ""), is_alarm=True)
         return StopLine("Stopping …", is_alarm=False) if self._presses else None
 
     def _answer_to(self, robot: str, press: _Press, asked_ns: int) -> Callable[[bool], None]:
