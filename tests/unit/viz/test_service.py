@@ -14,7 +14,7 @@ from support.pages import page_of
 
 from trolley import topics
 from trolley.config import VizConfig
-from trolley.messages import GoalStatus
+from trolley.messages import GoalStatus, SuspectLine
 from trolley.runtime.lockstep import Lockstep
 from trolley_viz.graphics.camera import INITIAL_ASPECT, UNKNOWN_MAP, Bounds, stand
 from trolley_viz.pointing.pointer import Pointed
@@ -300,6 +300,22 @@ def test_what_each_browser_chose_is_remembered(stage: "Stage") -> None:
     session = stage.page(1).session
     assert session.preferences.layers["costmap"]
     assert ann.state.dark
+
+
+def test_two_pages_of_one_browser_forget_nothing_of_each_other(stage: "Stage") -> None:
+    pages = [stage.browse(i, ANN) for i in (0, 1)]
+    here, there = stage.page(0).session.preferences, stage.page(1).session.preferences
+    mirror = SuspectLine(points=[(0.0, 0.0), (1.0, 0.0)], score=0.9)
+    there.choose_language("de")
+    there.dismiss("room", mirror)
+    here.fold("Keys", is_open=True)
+    for browser in pages:
+        stage.leave(browser)
+    stage.browse(2, ANN)
+    later = stage.page(2).session.preferences
+    assert later.choices.language == "de"
+    assert [one.map for one in later.choices.dismissed] == ["room"]
+    assert later.is_open("Keys", default=False)
 
 
 def test_nobody_in_particular_is_not_remembered(stage: "Stage") -> None:

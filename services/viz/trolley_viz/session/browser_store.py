@@ -22,9 +22,13 @@ class BrowserStore:
         """Return what was chosen in a browser."""
         return self._settings.browsers.get(browser, Choices())
 
-    def remember(self, browser: str, choices: Choices) -> None:
-        """Save a browser's choices; one without a name is not remembered."""
+    def remember(self, browser: str, **changes: object) -> None:
+        """Save what has changed of a browser's choices; one without a name is not remembered.
+
+        Only that: another page of the browser may have changed other choices.
+        """
         if browser:
+            choices = structs.replace(self.choices_of(browser), **changes)
             self._save(self._settings.with_choices(browser, choices))
 
     def save_names(self, names: dict[str, str]) -> None:

@@ -20,10 +20,10 @@ class Preferences:
 
     Args:
         choices: what was chosen there before.
-        save: called with all choices when one has changed.
+        save: called with what has changed.
     """
 
-    def __init__(self, choices: Choices, save: Callable[[Choices], None]) -> None:
+    def __init__(self, choices: Choices, save: Callable[..., None]) -> None:
         self.choices = choices
         self.layers: Mapping[str, bool] = shown_layers(choices.layers)
         """Which layers are shown, by key."""
@@ -104,4 +104,4 @@ class Preferences:
     def _change(self, **changes: object) -> None:
         self.choices = structs.replace(self.choices, **changes)
         self.layers = shown_layers(self.choices.layers)
-        self._save(self.choices)
+        self._save(**changes)

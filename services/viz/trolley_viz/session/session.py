@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Set
 from dataclasses import dataclass
+from functools import partial
 
 import viser
 
@@ -65,7 +66,7 @@ class Session:
         self._hub = hub
         service = hub.service
         self.preferences = Preferences(
-            choices, lambda chosen: hub.browsers.remember(page.visitor.browser, chosen)
+            choices, partial(hub.browsers.remember, page.visitor.browser)
         )
         """What its person has chosen."""
         self._robot = choices.robot or hub.robots.own
