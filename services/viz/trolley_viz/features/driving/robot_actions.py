@@ -144,7 +144,14 @@ class RobotActions:
         failed: str,
         done: Callable[[Any], None] | None = None,
     ) -> None:
-        """Send a request to the selected robot and tell people if it is refused."""
+        """Send a request to the selected robot and tell people if it is refused.
+
+        Args:
+            request: what is asked.
+            params: of it.
+            failed: says that it was not done.
+            done: takes the answer, if the same robot is selected still.
+        """
         robot = self._robot()
 
         def finish(reply: Any) -> None:
@@ -155,7 +162,8 @@ class RobotActions:
             sent = _id_of(reply) if request in SENDING else None
             if sent:
                 self._note_sent(robot, sent)
-            if done is not None:
+            # What comes next is about the robot that was asked: another may be followed by now.
+            if done is not None and robot == self._robot():
                 done(reply)
 
         if self.before_ask is not None:

@@ -66,11 +66,9 @@ class RobotSettings:
         """Set some of one section, and tell the person what became of it."""
         # Where it is refused, the page shows again what is.
         self._again_ns = self._service.monotonic_ns + AGAIN_NS
-        robot = self._robot()
 
         def done(reply: Settings) -> None:
-            if self._robot() == robot:
-                self._take(reply.settings, is_all=False)
+            self._take(reply.settings, is_all=False)
             is_saved = all(one.saved for one in reply.settings)
             self._actions.tell("Changed", outcome(reply), "good" if is_saved else "warn")
 

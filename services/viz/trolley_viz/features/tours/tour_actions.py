@@ -19,12 +19,10 @@ class TourActions:
 
     Args:
         actions: asks the robot, and remembers what can be taken back.
-        robot: the robot that the browser follows.
     """
 
-    def __init__(self, actions: RobotActions, robot: Callable[[], str]) -> None:
+    def __init__(self, actions: RobotActions) -> None:
         self._actions = actions
-        self._robot = robot
 
     def save(self, tour: Tour, before: Tour | None, saved: Callable[[], None]) -> None:
         """Save a tour.
@@ -34,7 +32,7 @@ class TourActions:
             before: what it was, None for a new one; one of another name is deleted.
             saved: called when it is saved.
         """
-        robot, renamed = self._robot(), before is not None and before.name != tour.name
+        renamed = before is not None and before.name != tour.name
 
         def undo() -> None:
             if before is not None:
@@ -43,11 +41,10 @@ class TourActions:
                 self._actions.ask(requests.TOURS_DELETE, Named(name=tour.name), "Not undone")
 
         def done(_: Tour) -> None:
-            if self._robot() == robot:  # else the requests would go to another one
-                if before is not None and renamed:
-                    old = Named(name=before.name)
-                    self._actions.ask(requests.TOURS_DELETE, old, "The old name was not deleted")
-                self._actions.history.add(Step("tour", f"Save the tour {tour.name}", undo))
+            if before is not None and renamed:
+                old = Named(name=before.name)
+                self._actions.ask(requests.TOURS_DELETE, old, "The old name was not deleted")
+            self._actions.history.add(Step("tour", f"Save the tour {tour.name}", undo))
             self._actions.tell("Saved", f"The tour {tour.name} is saved.", "good")
             saved()
 
@@ -55,14 +52,12 @@ class TourActions:
 
     def delete(self, tour: Tour) -> None:
         """Delete a stored tour."""
-        robot = self._robot()
 
         def done(was: Tour) -> None:
             def undo() -> None:
                 self._actions.ask(requests.TOURS_PUT, was, "Not undone")
 
-            if self._robot() == robot:
-                self._actions.history.add(Step("tour", f"Delete the tour {was.name}", undo))
+            self._actions.history.add(Step("tour", f"Delete the tour {was.name}", undo))
 
         self._actions.ask(requests.TOURS_DELETE, Named(name=tour.name), "Not deleted", done)
 

@@ -56,6 +56,19 @@ def test_a_goal_in_place_of_another_is_taken_back_to_it(stage: "Stage", session:
     assert len({first.id, second.id, again.id}) == 3
 
 
+def test_what_one_robot_was_sent_is_not_taken_back_with_the_next(
+    stage: "Stage", session: Session
+) -> None:
+    kart = stage.runtime.add(type(stage.robot)(), robot="kart")
+    go(stage, session, 1.0)
+    session.aiming._go_to(Pointed(2.0, 1.0, 0.5))
+    session.follow("kart")  # before it is answered
+    stage.runtime.run(0.5)
+    assert len(stage.robot.goals) == 2
+    undo(stage, session)
+    assert kart.goals == []
+
+
 def test_a_goal_that_is_over_is_not_taken_back(stage: "Stage", session: Session) -> None:
     go(stage, session, 1.0)
     stage.robot._say_goal("another", "driving", Pose2D.identity())
