@@ -111,14 +111,15 @@ class ZoneRequests:
         self, change: Change, made: Callable[[Zone], None], refused: Callable[[], None]
     ) -> None:
         before, after = change.before, change.after
+        robot = self._robot()  # for both requests: another may be followed when the second is sent
         problem = self._problem(change)
         if problem:
             self._tell("Not saved", problem, "warn")
             refused()
         elif after is not None and (before is None or before.name == after.name):
-            self._send(requests.ZONES_PUT, after, made, refused)
+            self._send(requests.ZONES_PUT, after, made, refused, robot)
         elif after is None and before is not None:
-            self._send(requests.ZONES_DELETE, Named(name=before.name), made, refused)
+            self._send(requests.ZONES_DELETE, Named(name=before.name), made, refused, robot)
         elif after is not None and before is not None:
             # The new one first: a mirror stored twice does no harm, a missing one does.
             old = Named(name=before.name)
@@ -126,9 +127,10 @@ class ZoneRequests:
                 requests.ZONES_PUT,
                 after,
                 lambda saved: self._send(
-                    requests.ZONES_DELETE, old, lambda _: made(saved), refused
+                    requests.ZONES_DELETE, old, lambda _: made(saved), refused, robot
                 ),
                 refused,
+                robot,
             )
 
     def _problem(self, change: Change) -> str:
@@ -147,6 +149,7 @@ class ZoneRequests:
         params: Any,
         done: Callable[[Zone], None],
         refused: Callable[[], None],
+        robot: str,
     ) -> None:
         self.is_busy = True
 
@@ -159,4 +162,4 @@ class ZoneRequests:
             else:
                 done(reply)
 
-        self._service.request(request, params, finish, robot=self._robot())
+        self._service.request(request, params, finish, robot=robot)

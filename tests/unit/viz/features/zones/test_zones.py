@@ -266,6 +266,20 @@ def test_a_refused_move_goes_back(hand: Hand, keeper: ZoneKeeper) -> None:
     assert hand.history.last() is None
 
 
+def test_a_zone_that_is_renamed_on_one_robot_stays_on_the_next(
+    hand: Hand, keeper: ZoneKeeper
+) -> None:
+    hand.stage.runtime.add(type(hand.stage.robot)(), robot="kart")
+    other = hand.stage.runtime.add(ZoneKeeper(), robot="kart")
+    hand.editor.select("hall mirror")
+    hand.editor.form.name = "big mirror"
+    hand.editor.done()
+    hand.stage.session.follow("kart")  # before it is answered
+    hand.wait()
+    assert keeper.names == ["big mirror"]
+    assert other.names == ["hall mirror"]
+
+
 def test_rename_delete_and_undo(hand: Hand, keeper: ZoneKeeper) -> None:
     hand.editor.select("hall mirror")
     hand.editor.form.name = "big mirror"
