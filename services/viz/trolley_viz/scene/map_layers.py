@@ -1,5 +1,6 @@
 """The map with its walls, and the costmap on it."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,8 @@ WALL_SIDE = (44, 50, 62)
 """Darker than on the picture, as the scene is lit."""
 OLD_NS = 2_000_000_000
 """How long a map stays below the one that takes its place: by then that is loaded everywhere."""
+NUM_NAMES = 3
+"""One for the map that is shown, one for that before, and one that was taken away a while ago."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,9 @@ class MapModel:
 class DrawnMap:
     """A map's floor and walls in a scene, while another map takes its place, too.
 
-    Each map has nodes of its own names: where a glb replaces one of the same name, viser shows
-    nothing until it is loaded, and then shows it at the origin, not where it was placed.
+    Each map has nodes of other names than those that are there: where a glb replaces one of the
+    same name, viser shows nothing until it is loaded, and then shows it at the origin, not where it
+    was placed. The names come round again, since viser keeps for ever that one was taken away.
 
     Args:
         scene: of all browsers, or of one.
@@ -67,8 +71,8 @@ class DrawnMap:
     """
 
     def __init__(self, scene: viser.SceneApi, path: str) -> None:
-        self._scene, self._path = scene, path
-        self._count = 0
+        self._scene = scene
+        self._paths = itertools.cycle([f"{path}/{i}" for i in range(NUM_NAMES)])
         self._old: list[viser.SceneNodeHandle] = []
         self._old_until_ns = 0
         self.nodes: list[viser.SceneNodeHandle] = []
@@ -78,8 +82,7 @@ class DrawnMap:
         """Draw a map over the one before, which stays until this one is surely loaded."""
         self._drop_old()
         self._old_until_ns = now_ns + OLD_NS
-        self._count += 1
-        path = f"{self._path}/{self._count}"
+        path = next(self._paths)
         floor: viser.SceneNodeHandle = self._scene.add_glb(
             f"{path}/floor", model.floor, cast_shadow=False, receive_shadow=False
         )

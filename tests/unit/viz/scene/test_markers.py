@@ -1,7 +1,8 @@
 """Markers from programs: drawn in their frames, changed, gone, moving, too many, and nonsense."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
 import numpy as np
@@ -11,8 +12,9 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Marker, Transform
 from trolley_tour.service import TourService
+from trolley_viz.scene.map_layers import NUM_NAMES, OLD_NS, DrawnMap, MapModel
 from trolley_viz.scene.markers.groups import MAX_MOVING, Grouping, Name
-from trolley_viz.scene.markers.icons import Icon, orientation
+from trolley_viz.scene.markers.icons import MAX_PICTURES, Icon, Icons, orientation
 from trolley_viz.scene.markers.motion import JUMP_S, TURN_S, is_moving, placed
 from trolley_viz.scene.markers.nodes import segments
 from trolley_viz.scene.markers.solids import SOLIDS, multiplied, unit_mesh
@@ -345,3 +347,56 @@ def test_frames_of_strangers_are_bounded_and_so_is_what_moves() -> None:
     grouping.take_over(known, lambda _: 0)
     moving = [len(m) for g, m in grouping.members.items() if g.sort == "moving cube"]
     assert moving == [MAX_MOVING]
+
+
+class NotedScene:
+    """A scene that notes the names of its nodes."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self.there: set[str] = set()
+
+    def add(self, name: str, *_: object, **__: object) -> Any:
+        assert name not in self.there
+        self.names.append(name)
+        self.there.add(name)
+        node = SimpleNamespace(name=name, remove=lambda: self.there.discard(name))
+        node.position, node.wxyz = np.zeros(3), np.zeros(4)
+        return node
+
+    add_glb = add_mesh_simple = add_batched_glb = add
+
+
+def test_markers_that_come_and_go_have_ever_the_same_names(stage: "Stage") -> None:
+    """viser keeps, and tells each new page, of every name that it was taken away."""
+    stage.browse()
+    names: set[str] = set()
+    for _ in range(4):
+        put(stage, Marker(kind="sphere", frame="map", lifetime=0.5))
+        stage.runtime.run(0.4)
+        names |= {node.name for node in layer(stage)._frames.values()}
+        stage.runtime.run(0.6)
+        assert layer(stage)._frames == {}
+    assert len(names) == 1
+
+
+def test_icons_whose_colour_changes_all_the_time_have_few_names() -> None:
+    scene = NotedScene()
+    icons = Icons(cast(Any, scene))
+    for i in range(3 * MAX_PICTURES):
+        colour = (i / 255.0, 0.0, 0.0, 1.0)
+        icons.show([Icon("robot", colour, 0.2, (0.0, 0.0, 0.2))], np.array([1.0, 0.0, 0.0, 0.0]))
+    assert len(scene.names) == 3 * MAX_PICTURES
+    assert len(set(scene.names)) == 2 * MAX_PICTURES
+
+
+def test_a_map_that_grows_has_few_names_and_none_that_was_just_taken_away() -> None:
+    scene = NotedScene()
+    drawn = DrawnMap(cast(Any, scene), "/map")
+    model = MapModel(b"", None)
+    for i in range(20):
+        before, num_named = set(scene.there), len(scene.names)
+        drawn.show(model, Pose2D.identity(), i * OLD_NS // 3)
+        assert before.isdisjoint(scene.names[num_named:])
+        drawn.update(i * OLD_NS // 3)
+    assert len(set(scene.names)) == NUM_NAMES

@@ -1,5 +1,6 @@
 """Pictograms that face the viewer: each browser has them in its own scene, turned to its camera."""
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -51,7 +52,9 @@ class Icons:
         self._scene = scene
         self._nodes: dict[_Picture, viser.BatchedGlbHandle] = {}
         self._shown: tuple[list[Icon], NDArray[np.float64]] = ([], np.zeros(4))
-        self._count = 0
+        self._paths = itertools.cycle([f"/icons/{i}" for i in range(2 * MAX_PICTURES)])
+        """Each comes round again, since viser keeps for ever that a name was taken away; but late:
+        a glb in the place of one of the same name is shown at the origin at first."""
 
     def show(self, icons: list[Icon], camera_wxyz: NDArray[np.float64]) -> None:
         """Draw exactly these, turned to a camera (w, x, y, z, as viser has it)."""
@@ -79,8 +82,9 @@ class Icons:
         node = self._nodes.get(picture)
         if node is None:
             png = icon_png(picture.name, picture.rgb, opacity=picture.opacity)
+            used = {other.name for other in self._nodes.values()}
             self._nodes[picture] = self._scene.add_batched_glb(
-                f"/icons/{self._count}",
+                next(path for path in self._paths if path not in used),
                 icon_glb(png),
                 wxyzs,
                 positions,
@@ -89,7 +93,6 @@ class Icons:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-            self._count += 1
             return
         node.batched_wxyzs = wxyzs
         node.batched_scales = sizes

@@ -4,6 +4,7 @@ A marker hangs under a node of its frame, so that one that rides on the robot co
 the robot drives. Icons turn to whoever looks, so each browser draws them for itself.
 """
 
+import itertools
 from collections.abc import Mapping
 from typing import cast
 
@@ -50,7 +51,6 @@ class MarkerLayer(Layer):
         self._grouping = Grouping()
         self._nodes: dict[Group, MarkerNodes] = {}
         self._frames: dict[str, viser.FrameHandle] = {}
-        self._num_frames = 0
 
     def draw(self, view: View) -> None:
         """Take over what changed, and move what moves."""
@@ -81,9 +81,11 @@ class MarkerLayer(Layer):
                 del self._nodes[group]
         for frame, where in found.items():
             if frame not in self._frames:
-                path = self.path(f"frame{self._num_frames}")
+                used = {node.name for node in self._frames.values()}
+                # The first that is free: viser keeps for ever that a name was taken away.
+                paths = (self.path(f"frame{i}") for i in itertools.count())
+                path = next(path for path in paths if path not in used)
                 self._frames[frame] = self.scene.add_frame(path, show_axes=False)
-                self._num_frames += 1
             node = self._frames[frame]
             node.visible = not isinstance(where, str)
             if not isinstance(where, str):
