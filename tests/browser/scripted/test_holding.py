@@ -8,9 +8,10 @@ from support.waiting import wait_until
 
 from trolley_viz.joystick.joystick import Grip
 from trolley_viz.joystick.teleop import PadState
-from trolley_viz.server.messages import Told
+from trolley_viz.server.messages import PROTOCOL, Hello, Told
+from trolley_viz.server.web_server import BUILD
 
-from .viewer import Viewer
+from .viewer import NOW_MS, Viewer
 
 pytestmark = pytest.mark.browser
 
@@ -63,3 +64,15 @@ def test_the_pad_is_green_only_while_the_viewer_says_that_it_drives(
     expect(card).to_have_class(re.compile("hand-held"))
     tell_pad(viewer, is_mine=False)  # as where somebody was faster
     expect(card).not_to_have_class(re.compile("hand-held"))
+
+
+def test_who_may_only_look_opens_no_joystick_by_its_key(page: Page, viewer: Viewer) -> None:
+    hello = Hello(protocol=PROTOCOL, build=BUILD, may_drive=False)
+    viewer.lines[-1].send(Told(hello=hello, beat_ms=NOW_MS))
+    viewer.tell_state(is_stopped=True)
+    line = page.locator("#stop-line")
+    expect(line).to_be_visible()
+    before = line.bounding_box()
+    page.keyboard.press("j")
+    expect(page.locator(".hand-card")).to_be_hidden()
+    assert line.bounding_box() == before

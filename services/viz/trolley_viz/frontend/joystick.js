@@ -64,6 +64,7 @@ export class Joystick {
   }
 
   toggle() {
+    if (this.button.offsetParent === null) return; // who may only look has none
     this.setOpen(this.card.hidden);
   }
 
