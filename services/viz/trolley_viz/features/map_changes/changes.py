@@ -130,16 +130,16 @@ class ChangeRequests:
         name = self._map_name()
         fitting = first_that_fit(changes)
         if not self.is_busy and name and fitting:
-            self._edit(EditMap(name=name, ops=ops_of(fitting)), may_rename=True)
+            edit = EditMap(name=name, ops=ops_of(fitting))
+            self._edit(edit, self._robot(), may_rename=True)
 
     def dismiss(self, changes: Sequence[MapChange]) -> None:
         """Let the robot not propose the changes again."""
         for change in changes:
             self._actions.ask(requests.CHANGES_DISMISS, WhichChange(id=change.id), "Not remembered")
 
-    def _edit(self, params: EditMap, *, may_rename: bool) -> None:
+    def _edit(self, params: EditMap, robot: str, *, may_rename: bool) -> None:
         self.is_busy = True
-        robot = self._robot()
 
         def finish(reply: MapEdited | Refused) -> None:
             self.is_busy = False
@@ -149,27 +149,27 @@ class ChangeRequests:
                     self._remember(reply.name)
             elif may_rename and reply.code == codes.EXISTS:
                 # The user's own file is never written: the changed map gets a name of its own.
-                self._service.request(
-                    requests.MAP_LIST, Nothing(), partial(self._rename, params), robot=robot
-                )
+                then = partial(self._rename, params, robot)
+                self._service.request(requests.MAP_LIST, Nothing(), then, robot=robot)
             else:
                 self._service.log.info("Refused", request="map/edit", code=reply.code)
                 self._actions.tell("The map was not changed", refusal(reply), "bad")
 
         request_map_edit(self._service, params, finish, robot)
 
-    def _rename(self, params: EditMap, names: list[str] | Refused) -> None:
+    def _rename(self, params: EditMap, robot: str, names: list[str] | Refused) -> None:
         if isinstance(names, Refused):
             self._actions.tell("The map was not changed", refusal(names), "bad")
             return
         as_name = free_name(params.name, names)
-        self._edit(replace(params, as_name=as_name), may_rename=False)
+        self._edit(replace(params, as_name=as_name), robot, may_rename=False)
 
     def _remember(self, name: str) -> None:
         """Let the person take it back, as long as the robot is on that map."""
 
         def undo() -> None:
-            self._edit(EditMap(name=name, ops=[TakeBack()]), may_rename=False)
+            take_back = EditMap(name=name, ops=[TakeBack()])
+            self._edit(take_back, self._robot(), may_rename=False)
 
         step = Step("map", f"Change the map {name}", undo, lambda: self._map_name() in ("", name))
         self._actions.history.add(step)

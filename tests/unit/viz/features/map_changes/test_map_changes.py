@@ -99,6 +99,18 @@ def test_changes_are_offered_and_accepted_under_a_name_of_their_own(
     assert browser.notices[-1] == ("The map was changed", "Done.")
 
 
+def test_what_was_accepted_of_one_robot_does_not_change_the_map_of_the_next(
+    stage: "Stage", keeper: MapKeeper, page: PageOf
+) -> None:
+    stage.runtime.add(type(stage.robot)(), robot="kart")
+    other = stage.runtime.add(MapKeeper(), robot="kart")
+    page.press(ACCEPT)
+    stage.session.follow("kart")  # while a name of its own is looked for
+    stage.runtime.run(0.5)
+    assert [edit.as_name for edit in keeper.edits] == ["room-3"]
+    assert other.edits == []
+
+
 def test_one_of_them_is_accepted(stage: "Stage", keeper: MapKeeper, page: PageOf) -> None:
     keeper.is_configured = False
     page.choose("Which", "gone-1")
