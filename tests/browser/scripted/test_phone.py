@@ -103,6 +103,7 @@ def test_stop_and_the_sentence_are_in_sight_however_high_the_controls_are(
     )
     viewer.tell_state(sentence=sentence, stop=stop)
     last = page.get_by_role("button", name="button 29")
+    page.emulate_media(reduced_motion="reduce")  # the sheet is at once as high as it is to be
     unseen: list[tuple[int, int]] = []
     for height in (568, 667, 844):
         page.set_viewport_size({"width": 375, "height": height})
