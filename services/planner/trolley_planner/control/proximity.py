@@ -99,12 +99,27 @@ def disc_gap(
     squared = away[0] * away[0] + away[1] * away[1]
     if squared < inscribed_m * inscribed_m:
         return math.sqrt(squared) - inscribed_m - radius_m
+    return nearest_point(outline, away, turned)[2] - radius_m
+
+
+@kernel
+def nearest_point(
+    outline: NDArray[np.float64], away: tuple[float, float], turned: tuple[float, float]
+) -> tuple[float, float, float]:
+    """Return the point of an outline that is nearest to a place, in `base_link`, and how far off.
+
+    Args:
+        outline: (n, 2) points of the robot's edge in `base_link`.
+        away: from the robot's origin to the place.
+        turned: cosine and sine of the robot's heading.
+    """
     x, y = turned[0] * away[0] + turned[1] * away[1], turned[0] * away[1] - turned[1] * away[0]
-    nearest = math.inf
+    nearest, found = math.inf, 0
     for index in range(outline.shape[0]):
         dx, dy = outline[index, 0] - x, outline[index, 1] - y
-        nearest = min(nearest, dx * dx + dy * dy)
-    return math.sqrt(nearest) - radius_m
+        if dx * dx + dy * dy < nearest:
+            nearest, found = dx * dx + dy * dy, index
+    return outline[found, 0], outline[found, 1], math.sqrt(nearest)
 
 
 @kernel
@@ -270,36 +285,17 @@ def runs_into(
         moves: the robot's speed and turn rate.
     """
     reach = radius_m + PROXIMITY.meet_m + body.circumscribed_m
-    if away[0] * away[0] + away[1] * away[1] >= reach * reach:
+    squared = away[0] * away[0] + away[1] * away[1]
+    if squared >= reach * reach:
         return False
-    if disc_gap(body.edge_points, body.inscribed_m, away, turned, radius_m) >= PROXIMITY.meet_m:
+    arm_x, arm_y, distance = nearest_point(body.edge_points, away, turned)
+    is_outside = squared >= body.inscribed_m * body.inscribed_m
+    if is_outside and distance - radius_m >= PROXIMITY.meet_m:
         return False
-    return closing_speed(body.edge_points, away, turned, moves) > PROXIMITY.closing_mps
-
-
-@kernel
-def closing_speed(
-    outline: NDArray[np.float64],
-    away: tuple[float, float],
-    turned: tuple[float, float],
-    moves: tuple[float, float],
-) -> float:
-    """Return the robot's own speed towards a point of that of its points which is nearest [m/s].
-
-    Args:
-        outline: (n, 2) points of its edge in `base_link`.
-        away: from the robot's origin to the point.
-        turned: cosine and sine of the robot's heading.
-        moves: the robot's speed and turn rate.
-    """
     x, y = turned[0] * away[0] + turned[1] * away[1], turned[0] * away[1] - turned[1] * away[0]
-    nearest, arm_x, arm_y = math.inf, 0.0, 0.0
-    for index in range(outline.shape[0]):
-        dx, dy = outline[index, 0] - x, outline[index, 1] - y
-        if dx * dx + dy * dy < nearest:
-            nearest, arm_x, arm_y = dx * dx + dy * dy, outline[index, 0], outline[index, 1]
     v, w = moves
-    return ((v - w * arm_y) * x + w * arm_x * y) / max(math.hypot(x, y), 1e-9)
+    closing = (v - w * arm_y) * x + w * arm_x * y
+    return closing > PROXIMITY.closing_mps * max(math.sqrt(squared), 1e-9)
 
 
 @kernel
