@@ -188,7 +188,7 @@ def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
         if scene.frame == "map":
             lockstep.add(LocalizerService(config) if setting.localizes else TruePose(scene.map()))
         planner = lockstep.add(PlannerService(config))
-        world = _world_of(base)
+        world = world_of(base)
         people = crowd = None
         if scene.crowd is not None:
             crowd = scene.crowd()
@@ -281,7 +281,8 @@ def _counts(hit: Hit, scene: Scene) -> bool:
     return scene.forgives == "" or (scene.forgives == "standing" and hit.is_moving)
 
 
-def _world_of(base: BaseService) -> Simulation:
+def world_of(base: BaseService) -> Simulation:
+    """Return the world of a base that is simulated."""
     hardware = base.hardware
     if not isinstance(hardware, SimulatedHardware):
         raise TypeError("the base of a scene is simulated")
