@@ -28,8 +28,8 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     angular_acceleration_radps2: Rate = 3.0
     """How fast the turn rate may change."""
     slow_speed_mps: Speed = 0.15
-    """Speed right beside an obstacle; in a tight place where it keeps `clearance_m`, up to twice as
-    much."""
+    """Speed right beside an obstacle; in a tight place up to twice as much, the more of
+    `clearance_m` it keeps."""
     unsure_speed_mps: Speed = 0.15
     """Highest speed while the pose is `unsure`."""
     caution_distance_m: Distance = 0.35

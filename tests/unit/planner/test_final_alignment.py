@@ -50,3 +50,18 @@ def test_a_robot_that_stops_at_once_does_not_stop_at_the_edge_of_the_tolerance()
         twist = limited_change(twist, wanted, LIMITS, 0.05)
         pose = integrate_twist(pose, twist, 0.05)
     assert abs(pose.x) < 0.01
+
+
+@pytest.mark.parametrize("turn", [0.4, 1.5, 3.0])
+def test_a_turn_takes_little_longer_than_the_robot_needs_for_it(turn) -> None:
+    approach, pose = FinalAlignment(Tolerances(0.05, 0.05)), Pose2D(0.0, 0.0, turn)
+    twist, seconds = Twist2D.zero(), 0.0
+    while (
+        wanted := approach.command(Motion(pose, twist), Pose2D.identity(), LIMITS, 0.05)
+    ) is not None:
+        twist = limited_change(twist, wanted, LIMITS, 0.05)
+        pose, seconds = integrate_twist(pose, twist, 0.05), seconds + 0.05
+    rate, change = LIMITS.max_turn, LIMITS.turn_acceleration
+    least = turn / rate + rate / change if turn > rate**2 / change else 2 * math.sqrt(turn / change)
+    assert abs(pose.yaw) < 0.05
+    assert seconds < least + 0.4

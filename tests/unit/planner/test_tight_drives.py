@@ -41,6 +41,16 @@ def test_a_turn_needs_its_clearance_where_the_robot_stands() -> None:
     assert np.allclose(beside, np.column_stack([np.full(20, 3.01), np.full(20, 0.99), yaws]))
 
 
+def test_a_robot_beside_its_line_needs_clearance_where_it_steers_back() -> None:
+    x = np.linspace(0.0, 1.0, 41)
+    line = np.column_stack([x, np.zeros(41), np.zeros(41)])
+    follower = ManeuverFollower(Maneuver(line, np.full(41, FORWARDS, dtype=np.int8)))
+    off = follower.poses_from(Pose2D(0.0, -0.02, 0.1), 0.9) - line[:37]
+    assert np.allclose(off[0], (0.0, -0.02, 0.1))
+    assert (np.diff(np.abs(off[:, 1:]), axis=0) < 0.0).all()
+    assert np.abs(off[-1]).max() < 0.001
+
+
 def lane(width_m: float) -> GridMap:
     """A room, and a dead end to its right along y = 3."""
     below = with_block(empty_room(), 4.5, 0.1, 3.4, 2.9 - width_m / 2.0)
@@ -196,6 +206,16 @@ def test_it_backs_fast_only_where_its_lidar_looks(ride, kind, is_fast: bool) -> 
     assert drive.navigator.current.board.state == "arrived"
     assert (fastest < -0.3) == is_fast
     assert world.touches == 0
+
+
+@pytest.mark.drives
+def test_from_a_wall_it_comes_to_a_goal_nearby_already_looking_as_it_was_asked_to(ride) -> None:
+    goal = Pose2D(3.6, 1.5, -1.2)
+    drive = ride(Flatland(empty_room(), Pose2D(5.0, 0.1 + 0.15 + 0.03, 0.0), footprint=HOBBY))
+    drive.send(goal, xy_tolerance=0.05, yaw_tolerance=0.05)
+    # Forwards, then a turn by 110 degrees, takes half as long again.
+    assert drive.until_over(8.0).state == "arrived"
+    assert drive.world.touches == 0
 
 
 @pytest.mark.parametrize("delay", [0, 2])

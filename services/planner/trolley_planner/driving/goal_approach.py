@@ -22,10 +22,12 @@ class AlignmentParams:
     """Speed below which a command does not move a real robot."""
     least_radps: float = 0.12
     """Turn rate below which a command does not move a real robot."""
-    speed_gain: float = 2.2
+    speed_gain: float = 3.0
     """Speed per distance that is left [1/s]."""
     turn_gain: float = 3.0
     """Turn rate per heading error [1/s]."""
+    braking_share: float = 0.7
+    """Share of the robot's braking that is planned with: the rest makes up for what comes late."""
     face_rad: float = 0.35
     """The robot faces the goal first if it looks farther past it than this."""
     reverse_m: float = 0.25
@@ -115,7 +117,7 @@ class FinalAlignment:
         self._is_facing = abs(bearing) > (0.3 if self._is_facing else 1.0) * ALIGNMENT.face_rad
         if self._is_facing and distance > 0.01:
             return Twist2D(0.0, 0.0, turn_rate(bearing, limits))
-        braking = math.sqrt(limits.deceleration * distance)
+        braking = braking_speed(limits.deceleration, distance)
         highest = limits.max_speed if direction > 0.0 else limits.max_reverse
         speed = max(
             min(braking, ALIGNMENT.speed_gain * distance + 0.02, highest),
@@ -126,10 +128,15 @@ class FinalAlignment:
         return Twist2D(direction * speed, 0.0, _clipped(steer, limits.max_turn))
 
 
+def braking_speed(deceleration: float, distance: float) -> float:
+    """Return the speed from which the robot stops within a distance, or the same of a turn."""
+    return math.sqrt(2.0 * ALIGNMENT.braking_share * deceleration * distance)
+
+
 def turn_rate(turn: float, limits: Limits) -> float:
     """Return the turn rate that ends after `turn` [rad] without overshooting."""
     size = abs(turn)
-    braking = math.sqrt(0.8 * limits.turn_acceleration * size)
+    braking = braking_speed(limits.turn_acceleration, size)
     rate = max(
         min(braking, ALIGNMENT.turn_gain * size, limits.max_turn),
         min(ALIGNMENT.least_radps, limits.max_turn),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.control.controller import Motion
 from trolley_planner.control.robot_motion import Limits
-from trolley_planner.driving.goal_approach import turn_rate
+from trolley_planner.driving.goal_approach import braking_speed, turn_rate
 from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, TURNING, Maneuver
 
 
@@ -94,11 +94,16 @@ class ManeuverFollower:
         return self._poses[self._index : max(end, self._index + 1)]
 
     def poses_from(self, pose: Pose2D, length_m: float) -> NDArray[np.float64]:
-        """Return the same, a turn on the spot where the robot stands: it turns there."""
+        """Return where the robot comes from a pose: it turns where it stands, and steers back."""
         ahead = self.poses_ahead(length_m)
-        if int(self._motions[self._run_end]) != TURNING:
-            return ahead
-        return ahead + np.array([pose.x - ahead[0, 0], pose.y - ahead[0, 1], 0.0])
+        off = np.array([pose.x, pose.y, 0.0]) - ahead[0]
+        if int(self._motions[self._run_end]) == TURNING:
+            off[2] = 0.0
+            return ahead + off
+        off[2] = wrap_angle(pose.yaw - float(ahead[0, 2]))
+        decays = self._along[self._index :][: len(ahead)] - self._along[self._index]
+        share = np.exp(-decays / FOLLOWER.track_m)[:, None]
+        return ahead + share * off
 
     def run_ahead(self, length_m: float) -> NDArray[np.float64]:
         """Return the poses (n, 3) of this length of it, no farther than its next change."""
@@ -191,7 +196,7 @@ class ManeuverFollower:
         rest = max(left, 0.0) if along < 2.0 * decay else along
         if sense > 0 and self._run_end == len(self._poses) - 1:
             rest += self._onward_m
-        braking = math.sqrt(limits.deceleration * rest)
+        braking = braking_speed(limits.deceleration, rest)
         speed = min(speed, max(braking, FOLLOWER.creep_mps))
         return Twist2D(sense * speed, 0.0, bend * speed)
 

@@ -73,7 +73,7 @@ class ManeuverParams:
     """Greatest distance between two poses of the way to where the robot will have stopped."""
     brisk: float = 2.0
     """Factor on the speed beside obstacles where the maneuver keeps the wanted clearance: it is
-    known how near they come."""
+    known how near they come. Less with less clearance, down to 1 with `TIGHT_CLEARANCE_M`."""
     wary: float = 0.5
     """Factor on the speed beside obstacles where the measurements leave no clearance."""
     begin_people_m: float = 0.8
@@ -181,11 +181,9 @@ class Maneuvering:
         least_m = context.least_clearance(follower.poses_from(pose, MANEUVER.begin_m), 0.1)
         floor_m = min(now.limits.clearance_m, max(least_m - TIGHT_CLEARANCE_M, 0.0))
         limits = now.limits._replace(clearance_m=floor_m)
-        if least_m >= now.limits.clearance_m:
-            slow_speed = min(MANEUVER.brisk * limits.slow_speed, limits.max_speed)
-            limits = limits._replace(slow_speed=slow_speed)
-        elif least_m < TIGHT_CLEARANCE_M:
-            limits = limits._replace(slow_speed=MANEUVER.wary * limits.slow_speed)
+        kept = (0.0, TIGHT_CLEARANCE_M, max(now.limits.clearance_m, 2.0 * TIGHT_CLEARANCE_M))
+        factor = float(np.interp(least_m, kept, (MANEUVER.wary, 1.0, MANEUVER.brisk)))
+        limits = limits._replace(slow_speed=min(factor * limits.slow_speed, limits.max_speed))
         here_m = context.seen_clearance(pose, limits.caution_m)
         speed = min(caution_speed(limits, here_m), context.zone_speed(pose))
         sees_back = context.costmap.obstacle_layer.looks_all_round
@@ -287,6 +285,8 @@ class Maneuvering:
         if not near and not self._must_turn_in_little_room(pose, points):
             return None
         tight = np.flatnonzero(is_tight)
+        if is_goal and not (is_tight & (along > MANEUVER.beyond_m)).any():
+            return last  # Nothing is in between: the goal's heading comes on the way.
         end = path.ahead(first + int(tight[-1]) if len(tight) else first, MANEUVER.beyond_m)
         return min(end, last)
 
