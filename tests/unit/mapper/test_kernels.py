@@ -14,7 +14,7 @@ from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.surfels import EXPLAINED
 from trolley.scan_matching.sweep import Sweep
 from trolley_mapper.kernels import correlate
-from trolley_mapper.kernels.trace import trace_keyframe
+from trolley_mapper.kernels.trace import Cells, trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slices import is_left, whole
@@ -149,12 +149,13 @@ def test_the_back_of_a_wall_is_not_laid_over_its_front(turn: float) -> None:
 
 
 def test_beams_free_what_they_pass_and_raise_where_they_end() -> None:
-    log_odds, marks = np.zeros((40, 40), np.int16), np.zeros((40, 40), np.int32)
+    log_odds = np.zeros((40, 40), np.int16)
+    cells = Cells(log_odds, np.zeros((40, 40), np.int32), np.zeros((40, 40, 2), np.int8))
     points = np.array([[1.525, 0.0], [0.0, 0.525]], np.float32)
     frame = np.array([-0.225, -0.225, 20.0])
     for mark in (1, 2):
         trace_keyframe(
-            log_odds, marks, frame, points, np.zeros((2, 2), np.float32),
+            cells, frame, points, np.zeros((2, 2), np.float32),
             (np.zeros(3), np.zeros(2, np.float32)), (mark, 60, 20, 100),
         )  # fmt: skip
     assert log_odds[4, 34] == 100

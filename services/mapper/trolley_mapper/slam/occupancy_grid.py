@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
-from trolley_mapper.kernels.trace import trace_keyframe
+from trolley_mapper.kernels.trace import Cells, trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slices import Slices
@@ -23,10 +23,9 @@ class OccupancyParams:
     """Log-odds that a cell gains where a beam ends."""
     fall: int = 20
     """Log-odds that a cell loses where a beam passes."""
-    wall_from: int = 62
-    """Log-odds from which on a cell is a wall: the ends of two keyframes' beams (0.65 is
-    OCCUPIED_FROM), as long as at least one beam in four ends there. While there is but one
-    keyframe, its ends are all the walls."""
+    wall_from: int = 45
+    """Log-odds from which on a cell is a wall: one end, and no beam that crosses it squarely; later
+    as long as at least one beam in four ends there."""
     limit: int = 600
     """Greatest log-odds of a cell, up or down."""
     drawn_together: int = 40
@@ -51,22 +50,23 @@ class LogOddsGrid:
     def __init__(self, resolution: float, prior: GridMap | None = None) -> None:
         self._resolution = resolution
         self._origin = np.zeros(2, np.int64)
-        self._log_odds = np.zeros((0, 0), np.int16)
-        self._marks = np.zeros((0, 0), np.int32)
+        self._cells = _blank(0, 0)
         self._mark = 0
         if prior is not None:
             self._draw_prior(prior)
 
     def copy(self) -> "LogOddsGrid":
         """Return a copy that can be drawn on."""
-        other = copy.copy(self)
-        other._log_odds, other._marks = self._log_odds.copy(), self._marks.copy()  # noqa: SLF001
+        other, cells = copy.copy(self), self._cells
+        other._cells = Cells(  # noqa: SLF001
+            cells.log_odds.copy(), cells.marks.copy(), cells.normals.copy()
+        )
         return other
 
     @property
     def num_bytes(self) -> int:
         """Bytes of the cells."""
-        return self._log_odds.nbytes + self._marks.nbytes
+        return sum(one.nbytes for one in self._cells)
 
     def add(self, keyframe: Keyframe, pose: NDArray[np.float64]) -> None:
         """Draw a keyframe as seen from map_T_base (3,)."""
@@ -79,8 +79,7 @@ class LogOddsGrid:
         self._mark += 1
         corner = self._origin * self._resolution
         trace_keyframe(
-            self._log_odds,
-            self._marks,
+            self._cells,
             np.array([corner[0], corner[1], 1.0 / self._resolution]),
             keyframe.points,
             keyframe.normals,
@@ -90,16 +89,16 @@ class LogOddsGrid:
 
     def grid(self) -> GridMap:
         """Return walls, free floor and what is not known, cut to what was seen."""
-        seen = self._marks != 0
+        seen = self._cells.marks != 0
         rows, cols = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
         if rows.size == 0:
             cells = np.full((1, 1), UNKNOWN, np.int8)
             return GridMap(NAME, self._resolution, Pose2D.identity(), cells)
         part = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-        odds = self._log_odds[part]
+        odds = self._cells.log_odds[part]
         cells = np.full(odds.shape, UNKNOWN, np.int8)
         cells[odds < 0] = FREE
-        cells[odds >= (PARAMS.rise if self._mark == 1 else PARAMS.wall_from)] = OCCUPIED
+        cells[odds >= PARAMS.wall_from] = OCCUPIED
         corner = (self._origin + np.array([cols[0], rows[0]])) * self._resolution
         return GridMap(
             NAME, self._resolution, Pose2D(float(corner[0]), float(corner[1]), 0.0), cells
@@ -109,7 +108,7 @@ class LogOddsGrid:
         """Make room for a rectangle [m] in `map`."""
         first = np.floor(low / self._resolution).astype(np.int64) - 2
         last = np.floor(high / self._resolution).astype(np.int64) + 3
-        rows, cols = self._log_odds.shape
+        rows, cols = self._cells.marks.shape
         end = self._origin + np.array([cols, rows])
         if rows and (first >= self._origin).all() and (last <= end).all():
             return
@@ -118,27 +117,34 @@ class LogOddsGrid:
             first, last = np.minimum(first, self._origin), np.maximum(last, end)
         width, height = last - first
         at = self._origin - first
-        for name in ("_log_odds", "_marks"):
-            old = getattr(self, name)
-            new = np.zeros((height, width), old.dtype)
+        wider = _blank(int(height), int(width))
+        for old, new in zip(self._cells, wider, strict=True):
             if rows:
                 new[at[1] : at[1] + rows, at[0] : at[0] + cols] = old
-            setattr(self, name, new)
-        self._origin = first
+        self._cells, self._origin = wider, first
 
     def _draw_prior(self, prior: GridMap) -> None:
         """Take over the cells of a map, which may be turned and of another resolution."""
         corners = prior.corners()
         self._grow(corners.min(axis=0), corners.max(axis=0))
-        rows, cols = self._log_odds.shape
+        rows, cols = self._cells.marks.shape
         x = (self._origin[0] + np.arange(cols) + 0.5) * self._resolution
         y = (self._origin[1] + np.arange(rows) + 0.5) * self._resolution
         centres = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
         values = prior.values_at(centres).reshape(rows, cols)
-        self._log_odds[prior_walls(values)] = 3 * PARAMS.rise
-        self._log_odds[(values >= 0) & ~prior_walls(values)] = -6 * PARAMS.fall
+        self._cells.log_odds[prior_walls(values)] = 3 * PARAMS.rise
+        self._cells.log_odds[(values >= 0) & ~prior_walls(values)] = -6 * PARAMS.fall
         self._mark += 1
-        self._marks[values >= 0] = self._mark
+        self._cells.marks[values >= 0] = self._mark
+
+
+def _blank(rows: int, cols: int) -> Cells:
+    """Cells that nothing is known of."""
+    return Cells(
+        np.zeros((rows, cols), np.int16),
+        np.zeros((rows, cols), np.int32),
+        np.zeros((rows, cols, 2), np.int8),
+    )
 
 
 def draw_map(blank: LogOddsGrid, store: KeyframeStore) -> Slices[LogOddsGrid]:
