@@ -206,7 +206,12 @@ class ExploreService:
             self._step(explorer, scene, survey)
 
     def _step(self, explorer: "Explorer", scene: "Scene", survey: "Survey | None") -> None:
+        num_barriers = len(explorer.barriers)
         explorer.step(scene, survey, self._now_s)
+        session = self._mapping.session
+        if session is not None and len(explorer.barriers) != num_barriers:
+            # Before the next goal: the planner must not lead there, either.
+            self._mapping.publish_zones(session)
         self._carry_out()
 
     def _scene(self, session: MapSession) -> "Scene | None":
@@ -219,9 +224,7 @@ class ExploreService:
 
         is_lost, is_unsure = estimate.state == "lost", estimate.state == "unsure"
         home = core.moved(self._home)
-        barriers = [] if session.explorer is None else session.explorer.barriers
-        zones = [*session.zones.all, *barriers]
-        return Scene(core.grid(), pose, is_lost, is_unsure, zones, home)
+        return Scene(core.grid(), pose, is_lost, is_unsure, session.zones_shown, home)
 
     @property
     def _now_s(self) -> float:

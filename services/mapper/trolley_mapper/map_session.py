@@ -45,6 +45,7 @@ class MapSession:
         self.seconds = 0.0
         self.loops = 0
         self._config = config
+        self._mirrors: list[list[tuple[float, float]]] = []
         self._prior: tuple[GridMap, Pose2D] | None = None
         self._starts_paused = False
 
@@ -76,6 +77,7 @@ class MapSession:
         """Take a scan into account."""
         if self.core is None:
             self.core = self._make_core(scan)
+        self._update_mirrors(self.core)
         estimate = self.core.step(scan)
         if isinstance(estimate, Reject):
             return estimate
@@ -84,6 +86,13 @@ class MapSession:
             self.seconds += min((estimate.stamp_ns - before.stamp_ns) * 1e-9, LONGEST_GAP_S)
         self.loops += estimate.closed_loop
         return estimate
+
+    def _update_mirrors(self, core: "Mapper") -> None:
+        """Leave off the map what is seen through mirrors, as soon as these are known."""
+        mirrors = [zone.points for zone in self.zones_shown if zone.kind == "mirror"]
+        if mirrors != self._mirrors:
+            self._mirrors = mirrors
+            core.set_mirrors(mirrors)
 
     def _make_core(self, scan: ScanInput) -> "Mapper":
         from trolley_mapper.slam.mapper import Mapper
@@ -105,6 +114,12 @@ class MapSession:
     def is_exploring(self) -> bool:
         """Whether the robot is driving to frontiers, or back."""
         return self.explorer is not None and self.explorer.is_under_way
+
+    @property
+    def zones_shown(self) -> list[Zone]:
+        """Its zones, and lines that the robot could not get past while exploring: not saved."""
+        barriers = [] if self.explorer is None else self.explorer.barriers
+        return [*self.zones.all, *barriers]
 
     @property
     def is_paused(self) -> bool:

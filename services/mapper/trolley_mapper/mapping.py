@@ -310,7 +310,8 @@ class Mapping:
 
     def publish_zones(self, session: MapSession) -> None:
         """Publish the zones of the map."""
-        zones = Zones(stamp_ns=self._service.stamp_ns, map=session.name, zones=session.zones.all)
+        stamp_ns, shown = self._service.stamp_ns, session.zones_shown
+        zones = Zones(stamp_ns=stamp_ns, map=session.name, zones=shown)
         self._service.publish(topics.ZONES, zones)
 
     def _publish_map(self, session: MapSession) -> None:

@@ -9,6 +9,7 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import load_map
+from trolley.gridmap.wire import grid_of
 from trolley.messages import GoalStatus, OccupancyGrid, SavedPose, Zone
 from trolley.messages.request_params import (
     Capture,
@@ -192,6 +193,25 @@ def test_zones_drawn_while_a_map_is_made_are_saved_and_turned_with_it(stage: Sta
     assert abs(true_T_flat.yaw - true_T_map.yaw) > 0.1
     there = true_T_flat.transform_points(np.array(kept.points))
     assert np.abs(there - true_T_map.transform_points(np.array(STAIRS.points))).max() < 0.03
+
+
+def test_what_is_seen_through_a_mirror_goes_from_the_map_as_soon_as_that_is_drawn(
+    stage: Stage,
+) -> None:
+    stage.map()
+    grid = grid_of(stage.maps[-1])
+    here = stage.pose.pose
+    ahead = here.transform_points(np.array([[0.6, -0.5], [0.6, 0.5]]))
+    x, y = np.meshgrid(np.arange(0.9, 1.3, 0.05), np.arange(-0.3, 0.31, 0.05))
+    beyond = here.transform_points(np.column_stack([x.ravel(), y.ravel()]))
+    before = np.count_nonzero(grid.values_at(beyond) >= 0)
+    points = [(float(a), float(b)) for a, b in ahead]
+    stage.ask(requests.ZONES_PUT, Zone(name="new", kind="mirror", points=points))
+    stage.bus.run(1.5)
+    assert np.count_nonzero(grid_of(stage.maps[-1]).values_at(beyond) >= 0) < 0.5 * before
+    stage.ask(requests.ZONES_DELETE, Named(name="new"))
+    stage.bus.run(1.5)
+    assert np.count_nonzero(grid_of(stage.maps[-1]).values_at(beyond) >= 0) >= before
 
 
 def test_zones_drawn_before_anything_is_mapped_are_refused(stage: Stage) -> None:

@@ -197,6 +197,24 @@ def test_a_robot_in_a_box_says_so() -> None:
     assert robot.now_s < 60.0
 
 
+def test_a_robot_that_is_boxed_in_where_it_has_driven_to_turns_home() -> None:
+    explorer, robot = make_explorer(), PerfectRobot(two_rooms(), START)
+    advance(explorer, robot.scene(), 0.0)
+    explorer.hear_goal(status("arrived"), 1.0)
+    grid, here = robot.scene().grid, Pose2D(1.5, 1.0, 0.0)
+    points = grid.cell_to_world(np.argwhere(grid.cells != OCCUPIED))
+    away = np.hypot(*(points - here.as_array()[:2]).T)
+    row, col = grid.world_to_cell(points[(away > 0.15) & (away < 0.25)]).T
+    cells = grid.cells.copy()
+    cells[row, col] = OCCUPIED
+    shut_in = Scene(replace(grid, cells=cells), here, False, False, (), START)
+    for second in range(2, round(PARAMS.start_s) + 5):
+        advance(explorer, shut_in, float(second))
+    assert explorer.state == "homing"
+    goals = [one.goal for one in explorer.take_actions() if isinstance(one, Send)]
+    assert goals[-1].pose == START
+
+
 def test_it_is_driven_at_the_speed_that_was_asked_for_when_it_last_set_off() -> None:
     robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
     for speed_mps in (0.2, None):

@@ -1,10 +1,13 @@
 """Whether a finished map that is wrong is told from one that is right, by its scans alone."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from bench.harness.houses import free_poses, plan_house
+from bench.harness.second_visits import moved
 from numpy.typing import NDArray
 
 from trolley.config.mapper import MapperConfig
@@ -15,7 +18,7 @@ from trolley_mapper.slam import sentences
 from trolley_mapper.slam.finishing import FinishJob
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
-from trolley_mapper.slam.map_check import contradictions
+from trolley_mapper.slam.map_check import compare_passes, contradictions, explained_shares
 from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between, compose
 from trolley_mapper.slices import whole
@@ -56,6 +59,33 @@ def lay_second_lap(store: KeyframeStore, off: tuple[float, float, float]) -> Non
 
 def test_a_map_on_which_everything_lies_where_it_is_is_not_doubted(flat: GridMap) -> None:
     store = drive(flat, laps(3))
+    assert whole(contradictions(store)) == []
+
+
+def rounds(house: GridMap, seed: int) -> NDArray[np.float64]:
+    """Poses (n, 3) all over a house, each the nearest to the one before."""
+    left = free_poses(house, 0.3, 30, np.random.default_rng(seed))
+    poses = [left.pop()]
+    while left:
+        poses.append(left.pop(int(np.argmin([poses[-1].distance_to(one) for one in left]))))
+    return np.array([one.as_array() for one in poses])
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_furniture_that_was_moved_between_two_visits_is_no_reason_to_doubt_the_map(
+    seed: int,
+) -> None:
+    plan = plan_house(6.0, seed)
+    before = plan.built()
+    start = free_poses(before, 0.35, 1, np.random.default_rng(seed))[0]
+    after = moved(plan, start, np.random.default_rng(seed)).built()
+    assert np.count_nonzero(before.cells != after.cells) > 100
+    both = replace(before, cells=np.maximum(before.cells, after.cells))
+    true = np.vstack([rounds(both, seed), rounds(both, seed + 1)])
+    store, half = drive(before, true), len(true) // 2
+    for number, one in enumerate(drive(after, true).keyframes[half:], half):
+        store.keyframes[number] = one
+    assert min(share for share, _ in explained_shares(whole(compare_passes(store)))) > 0.7
     assert whole(contradictions(store)) == []
 
 

@@ -127,3 +127,19 @@ def test_a_door_seen_at_a_grazing_angle_is_not_walled_up(beyond: list[Line]) -> 
         np.column_stack([np.arange(0.85, 1.25, 0.05), np.full(8, 2.0)])
     )
     assert not np.any(occupancy.grid().values_at(across) == OCCUPIED)
+
+
+def test_nothing_is_drawn_that_is_seen_through_a_mirror() -> None:
+    walls = turned([*ROOM[:2], ((6.0, 2.0), (1.4, 2.0)), ((0.7, 2.0), (-2.0, 2.0)), ROOM[3]])
+    seen_in_it = np.concatenate([walls, turned([((-1.0, 4.0), (3.0, 4.0))])])
+    ends = on_map(0.0, 0.0).transform_points(np.array([[0.7, 2.0], [1.4, 2.0]]))
+    grids: list[GridMap] = []
+    for mirrors in (np.empty((0, 4)), ends.reshape(1, 4)):
+        occupancy = LogOddsGrid(EDGE_M, mirrors=mirrors)
+        draw(occupancy, seen_in_it, [on_map(0.3 * k, -1.0) for k in range(6)])
+        grids.append(occupancy.grid())
+    x, y = np.meshgrid(np.arange(-2.0, 3.0, 0.05), np.arange(2.3, 4.2, 0.05))
+    beyond = on_map(0.0, 0.0).transform_points(np.column_stack([x.ravel(), y.ravel()]))
+    assert np.count_nonzero(grids[0].values_at(beyond) >= 0) > 500
+    assert np.all(grids[1].values_at(beyond) < 0)
+    assert gap_m(grids[1], walls[3]) <= 0.1

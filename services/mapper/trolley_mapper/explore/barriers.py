@@ -15,8 +15,9 @@ class BarrierParams:
     """Number of stands near each other from which on something is taken to be there."""
     near_m: float = 1.5
     """Distance within which stands are at one place [m]."""
-    half_width_m: float = 1.2
-    """Half the width of a barrier: closes a corridor of 2 m [m]."""
+    half_width_m: float = 0.8
+    """Half the width of a barrier: it leaves no room for a robot beside it in a corridor of 2 m,
+    but maybe a door beside a mirror [m]."""
 
 
 PARAMS = BarrierParams()

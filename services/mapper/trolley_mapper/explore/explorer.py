@@ -384,7 +384,9 @@ class Explorer:
         if not report.can_move or (best is None and self._progress.num_sent == 0):
             if self._lasts("shut in", now_s) <= PARAMS.start_s:
                 return  # the map has only begun
-            if not report.can_move or self.area_m2 < PARAMS.min_area_m2:
+            # One that came there gets out again: the planner backs up, and home is known.
+            is_at_start = self._progress.num_sent == 0
+            if is_at_start and (not report.can_move or self.area_m2 < PARAMS.min_area_m2):
                 self.pause(codes.IN_OBSTACLE, sentences.SHUT_IN)
                 return
         self._since.pop("shut in", None)

@@ -12,7 +12,7 @@ from trolley.gridmap import OCCUPIED_FROM, GridMap
 from trolley.map_editing import angle_of_walls
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.map_check import contradictions
-from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
+from trolley_mapper.slam.occupancy_grid import NO_MIRRORS, LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import compose
 from trolley_mapper.slam.tidying import tidied
 from trolley_mapper.slices import Slices, whole
@@ -30,6 +30,7 @@ class FinishJob:
         config: settings.
         prior: the map that is extended, if one is.
         grid: the map as it is; afterwards as it is to be saved.
+        mirrors: (n, 4) of which nothing is drawn that is seen through them.
         new_T_old: the motion by which it was turned.
         occupancy: what it was drawn from, if it was turned.
         doubtful: places x, y [m] on it where it may be wrong, the worst first.
@@ -39,6 +40,7 @@ class FinishJob:
     config: MapperConfig
     prior: GridMap | None
     grid: GridMap
+    mirrors: NDArray[np.float64] = field(default_factory=lambda: NO_MIRRORS)
     new_T_old: Pose2D = field(default_factory=Pose2D.identity, init=False)
     occupancy: LogOddsGrid | None = field(default=None, init=False)
     doubtful: list[tuple[float, float]] = field(
@@ -98,7 +100,9 @@ class FinishJob:
         store.poses = compose(about.as_array(), store.poses)
         self.new_T_old = about
         yield
-        self.occupancy = yield from draw_map(LogOddsGrid(self.config.resolution_m), store)
+        mirrors = about.transform_points(self.mirrors.reshape(-1, 2)).reshape(-1, 4)
+        blank = LogOddsGrid(self.config.resolution_m, mirrors=mirrors)
+        self.occupancy = yield from draw_map(blank, store)
         self.grid = self.occupancy.grid()
 
     @property

@@ -183,12 +183,23 @@ class KeyframeMap:
         for edge in loops:
             self.store.link(edge)
         correction, later = self.store.move_to(optimised)
+        if occupancy.mirrors is not self.blank.mirrors:  # they have changed meanwhile
+            self._draw()
+            self.version += 1
+            return correction
         self._occupancy = occupancy
         for one in later:
             if not self.store.is_loose(one.number):
                 self._occupancy.add(one, self.store.pose(one.number))
         self.version += 1
         return correction
+
+    def set_mirrors(self, mirrors: NDArray[np.float64]) -> None:
+        """Draw the map without what was seen through mirrors (n, 4), x, y [m] of their ends."""
+        if not np.array_equal(mirrors, self.blank.mirrors):
+            self.blank.mirrors = mirrors
+            self._draw()
+            self.version += 1
 
     def _draw(self) -> None:
         self._occupancy = whole(draw_map(self.blank, self.store))

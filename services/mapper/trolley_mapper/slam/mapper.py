@@ -8,7 +8,9 @@ Frames: `map` (fixed by the first keyframe, or by the map that is extended), `od
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -374,7 +376,8 @@ class Mapper:
     def finishing(self) -> FinishJob:
         """Return the work of making the map ready to be saved; run it anywhere."""
         store = self._map.store.copy()
-        return FinishJob(store, self._config, self._map.prior, self.grid())
+        made = self._map
+        return FinishJob(store, self._config, made.prior, self.grid(), made.blank.mirrors)
 
     def doubtful(self) -> list[tuple[float, float]]:
         """Return places x, y [m] where the map may be wrong, the worst first; takes long."""
@@ -388,6 +391,7 @@ class Mapper:
         """
         if job.occupancy is None:
             return Pose2D.identity()
+        self._map.blank.mirrors = job.occupancy.mirrors
         correction = self._map.take_over(job.store, job.occupancy, [])
         self._matcher.move(correction)
         self._back_end.map_turned(correction)
@@ -404,6 +408,11 @@ class Mapper:
     def version(self) -> int:
         """A number that changes whenever `grid` would return something else."""
         return self._map.version
+
+    def set_mirrors(self, lines: Sequence[Sequence[tuple[float, float]]]) -> None:
+        """Draw the map without what is seen through mirrors, given by their points [m]."""
+        ends = [(*one, *other) for line in lines for one, other in pairwise(line)]
+        self._map.set_mirrors(np.array(ends, np.float64).reshape(-1, 4))
 
     def anchor(self, map_T_pose: Pose2D) -> Anchor:
         """Tie a pose to the nearest keyframe."""

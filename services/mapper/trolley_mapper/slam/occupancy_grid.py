@@ -28,6 +28,8 @@ class OccupancyParams:
     as long as at least one beam in four ends there."""
     limit: int = 600
     """Greatest log-odds of a cell, up or down."""
+    mirror_m: float = 0.15
+    """Distance behind a mirror up to which an echo is of its frame, or of its wall [m]."""
     drawn_together: int = 40
     """Number of keyframes that are drawn in one slice."""
     margin_cells: int = 40
@@ -38,6 +40,8 @@ PARAMS = OccupancyParams()
 
 NAME = "map"
 
+NO_MIRRORS = np.empty((0, 4))
+
 
 class LogOddsGrid:
     """A grid that grows; its cells lie on multiples of the resolution in `map`.
@@ -45,9 +49,17 @@ class LogOddsGrid:
     Args:
         resolution: cell edge [m].
         prior: a map to begin with; its cells count as seen several times.
+        mirrors: (n, 4) x, y [m] in `map` where each begins and ends.
     """
 
-    def __init__(self, resolution: float, prior: GridMap | None = None) -> None:
+    def __init__(
+        self,
+        resolution: float,
+        prior: GridMap | None = None,
+        mirrors: NDArray[np.float64] = NO_MIRRORS,
+    ) -> None:
+        self.mirrors = mirrors
+        """Beams through them are not drawn: they show rooms that are not there."""
         self._resolution = resolution
         self._origin = np.zeros(2, np.int64)
         self._cells = _blank(0, 0)
@@ -74,15 +86,22 @@ class LogOddsGrid:
             return
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         turn = np.array([[cos, -sin], [sin, cos]])
-        ends = keyframe.points @ turn.T + pose[:2]
+        points, normals = keyframe.points, keyframe.normals
+        ends = points @ turn.T + pose[:2]
+        if len(self.mirrors):
+            laser = turn @ keyframe.laser + pose[:2]
+            is_kept = ~is_behind(laser, ends, self.mirrors)
+            points, normals, ends = points[is_kept], normals[is_kept], ends[is_kept]
+            if len(ends) == 0:
+                return
         self._grow(np.minimum(ends.min(axis=0), pose[:2]), np.maximum(ends.max(axis=0), pose[:2]))
         self._mark += 1
         corner = self._origin * self._resolution
         trace_keyframe(
             self._cells,
             np.array([corner[0], corner[1], 1.0 / self._resolution]),
-            keyframe.points,
-            keyframe.normals,
+            points,
+            normals,
             (pose, keyframe.laser),
             (self._mark, PARAMS.rise, PARAMS.fall, PARAMS.limit),
         )
@@ -156,6 +175,21 @@ def draw_map(blank: LogOddsGrid, store: KeyframeStore) -> Slices[LogOddsGrid]:
         if count % PARAMS.drawn_together == 0:
             yield
     return occupancy
+
+
+def is_behind(
+    start: NDArray[np.float64], ends: NDArray[np.float64], lines: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Say which beams from a start (2,) end behind lines (m, 4), given by their ends (n, 2)."""
+    first, along = lines[:, :2] - start, lines[:, 2:] - lines[:, :2]
+    beam = (ends - start)[:, None]
+    beyond = PARAMS.mirror_m / np.maximum(np.hypot(beam[..., 0], beam[..., 1]), PARAMS.mirror_m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cross = beam[..., 0] * along[:, 1] - beam[..., 1] * along[:, 0]
+        share = (first[:, 0] * along[:, 1] - first[:, 1] * along[:, 0]) / cross
+        place = (first[:, 0] * beam[..., 1] - first[:, 1] * beam[..., 0]) / cross
+    crosses = (share > 0.0) & (share < 1.0 - beyond) & (place >= 0.0) & (place <= 1.0)
+    return np.asarray(crosses.any(axis=1))
 
 
 def prior_walls(values: NDArray[np.int8]) -> NDArray[np.bool_]:
