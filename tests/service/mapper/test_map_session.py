@@ -201,6 +201,7 @@ def test_what_is_seen_through_a_mirror_goes_from_the_map_as_soon_as_that_is_draw
     stage.map()
     grid = grid_of(stage.maps[-1])
     here = stage.pose.pose
+    assert here is not None
     ahead = here.transform_points(np.array([[0.6, -0.5], [0.6, 0.5]]))
     x, y = np.meshgrid(np.arange(0.9, 1.3, 0.05), np.arange(-0.3, 0.31, 0.05))
     beyond = here.transform_points(np.column_stack([x.ravel(), y.ravel()]))
