@@ -1,6 +1,7 @@
 """Places where the robot could not get on although the map shows nothing: mirrors, glass, sills."""
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 from trolley.geometry import Pose2D
@@ -15,6 +16,8 @@ class BarrierParams:
     """Number of stands near each other from which on something is taken to be there."""
     near_m: float = 1.5
     """Distance within which stands are at one place [m]."""
+    num_poses: int = 100
+    """Number of poses that are remembered: of the time in which two stands pass."""
     half_width_m: float = 0.8
     """Half the width of a barrier: it leaves no room for a robot beside it in a corridor of 2 m,
     but maybe a door beside a mirror [m]."""
@@ -34,9 +37,16 @@ class Barriers:
         self.zones: list[Zone] = []
         """Lines across the way, as mirrors."""
         self._stands: list[Pose2D] = []
+        self._track: deque[Pose2D] = deque(maxlen=PARAMS.num_poses)
+
+    def update_position(self, here: Pose2D) -> None:
+        """Note where the robot is (`map_T_base`), twice a second."""
+        self._track.append(here)
 
     def add(self, here: Pose2D, toward: Pose2D, ahead_m: float) -> None:
         """Note that the robot stood; it meant to drive to a pose.
+
+        It drives to and fro before a mirror: that hangs beyond where it got farthest.
 
         Args:
             here: map_T_base.
@@ -47,6 +57,8 @@ class Barriers:
         if sum(one.distance_to(here) <= PARAMS.near_m for one in self._stands) < PARAMS.min_stands:
             return
         way = Pose2D(here.x, here.y, math.atan2(toward.y - here.y, toward.x - here.x))
+        near = [one for one in self._track if one.distance_to(here) <= PARAMS.near_m]
+        ahead_m += max((way.inverse() @ one).x for one in (here, *near))
         ends = [way @ Pose2D(ahead_m, side * PARAMS.half_width_m, 0.0) for side in (-1.0, 1.0)]
         name = f"barrier {len(self.zones) + 1}"
         self.zones.append(Zone(name=name, kind="mirror", points=[(one.x, one.y) for one in ends]))

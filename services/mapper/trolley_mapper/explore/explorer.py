@@ -332,6 +332,7 @@ class Explorer:
         if not self.is_under_way or self._is_lost(scene, now_s):
             return
         goal = self._goal
+        self._barriers.update_position(scene.pose)
         if survey is not None:
             self._surveyed_s = now_s
             self._progress.update(survey.report.area_m2)
