@@ -4,7 +4,10 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
+
 from trolley.geometry import Pose2D
+from trolley.gridmap import OCCUPIED, GridMap
 from trolley.messages import Zone
 
 
@@ -19,8 +22,10 @@ class BarrierParams:
     num_poses: int = 100
     """Number of poses that are remembered: of the time in which two stands pass."""
     half_width_m: float = 0.8
-    """Half the width of a barrier: it leaves no room for a robot beside it in a corridor of 2 m,
-    but maybe a door beside a mirror [m]."""
+    """Half the width of a barrier: it leaves free a door beside a mirror [m]."""
+    gap_m: float = 0.6
+    """Where a wall is no farther from its end than this, it ends there, so that nobody drives
+    between the two [m]."""
 
 
 PARAMS = BarrierParams()
@@ -43,7 +48,7 @@ class Barriers:
         """Note where the robot is (`map_T_base`), twice a second."""
         self._track.append(here)
 
-    def add(self, here: Pose2D, toward: Pose2D, ahead_m: float) -> None:
+    def add(self, here: Pose2D, toward: Pose2D, ahead_m: float, grid: GridMap) -> None:
         """Note that the robot stood; it meant to drive to a pose.
 
         It drives to and fro before a mirror: that hangs beyond where it got farthest.
@@ -52,6 +57,7 @@ class Barriers:
             here: map_T_base.
             toward: map_T_goal.
             ahead_m: distance from the robot to what it may stand before [m].
+            grid: the map as it is now.
         """
         self._stands.append(here)
         if sum(one.distance_to(here) <= PARAMS.near_m for one in self._stands) < PARAMS.min_stands:
@@ -59,6 +65,15 @@ class Barriers:
         way = Pose2D(here.x, here.y, math.atan2(toward.y - here.y, toward.x - here.x))
         near = [one for one in self._track if one.distance_to(here) <= PARAMS.near_m]
         ahead_m += max((way.inverse() @ one).x for one in (here, *near))
-        ends = [way @ Pose2D(ahead_m, side * PARAMS.half_width_m, 0.0) for side in (-1.0, 1.0)]
+        middle = way @ Pose2D(ahead_m, 0.0, 0.0)
+        ends = [middle @ Pose2D(0.0, side * _width(middle, side, grid), 0.0) for side in (-1, 1)]
         name = f"barrier {len(self.zones) + 1}"
         self.zones.append(Zone(name=name, kind="mirror", points=[(one.x, one.y) for one in ends]))
+
+
+def _width(middle: Pose2D, side: int, grid: GridMap) -> float:
+    """How far a barrier reaches to its right (-1) or left (1) [m]."""
+    widths = PARAMS.half_width_m + np.arange(0.0, PARAMS.gap_m, 0.5 * grid.resolution)
+    points = middle.transform_points(np.stack([np.zeros_like(widths), side * widths], axis=1))
+    walls = np.flatnonzero(grid.values_at(points) == OCCUPIED)
+    return float(widths[walls[0]]) if walls.size else PARAMS.half_width_m

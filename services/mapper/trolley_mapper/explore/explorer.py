@@ -344,7 +344,7 @@ class Explorer:
             self._fail(codes.TIMEOUT, sentences.TOO_LONG)
         elif goal.standing_s(scene.pose, PARAMS.stand_m, now_s) > PARAMS.stand_s:
             if goal.frontier is not None and goal.goal.pose is not None:
-                self._barriers.add(scene.pose, goal.goal.pose, self.clearance.passing_m)
+                self._barriers.add(scene.pose, goal.goal.pose, self.clearance.passing_m, scene.grid)
             self._actions.append(Cancel(goal.id))
             self._fail(codes.TIMEOUT, sentences.STOOD)
         elif now_s - goal.heard_s > PARAMS.answer_s:
