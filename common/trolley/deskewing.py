@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, log_pose
 from trolley.jit import kernel
 from trolley.scanning import FrontEndParams, Points, ScanInput
 
@@ -48,6 +48,7 @@ def deskew(
     starts = Points(np.empty(count), np.empty(count))
     is_echo = np.empty(count, np.uint8)
     motion = Pose2D.identity() if is_still else scan.motion
+    arc = log_pose(motion)
     nearest = max(scan.range_min, params.least_range_m)
     farthest = min(params.usable_range_share * scan.range_max, max_range_m)
     deskew_beams(
@@ -58,7 +59,7 @@ def deskew(
         np.array([scan.angle_min, scan.angle_increment]),
         np.array([nearest, farthest, unit_m]),
         scan.base_T_laser.as_array(),
-        motion.as_array(),
+        np.array([arc.vx, arc.vy, arc.wz]),
     )
     return DeskewedScan(ends, starts, np.flatnonzero(is_echo), motion)
 
@@ -83,7 +84,7 @@ def deskew_beams(
     angles: NDArray[np.float64],
     limits: NDArray[np.float64],
     base_T_laser: NDArray[np.float64],
-    motion: NDArray[np.float64],
+    arc: NDArray[np.float64],
 ) -> None:
     """Put the beams into `base_link` at the scan's stamp, corrected for the motion since.
 
@@ -95,17 +96,21 @@ def deskew_beams(
         angles: (2,) angle of beam 0 and step [rad] in `laser`.
         limits: (3,) nearest and farthest echo to use [m], and the unit of the results [m].
         base_T_laser: (3,) x, y [m], yaw [rad].
-        motion: (3,) pose of the base at the last beam in its frame at the stamp [m, m, rad].
+        arc: (3,) velocity ahead, to the left and of turning with which the base gets from the stamp
+            to the last beam [m, m, rad per scan]. On a straight line in place of the arc the middle
+            of a scan would be up to a millimetre off towards one side, in each scan the same.
     """
     count = ranges.size
     scale = 1.0 / limits[2]
     for i in range(count):
         share = i / max(count - 1, 1)
-        turned = share * motion[2]
+        turned = share * arc[2]
         cos = math.cos(turned)
         sin = math.sin(turned)
-        start_x = share * motion[0] + cos * base_T_laser[0] - sin * base_T_laser[1]
-        start_y = share * motion[1] + sin * base_T_laser[0] + cos * base_T_laser[1]
+        along = share * sin / turned if turned != 0.0 else share
+        aside = along * sin / (1.0 + cos)
+        start_x = along * arc[0] - aside * arc[1] + cos * base_T_laser[0] - sin * base_T_laser[1]
+        start_y = aside * arc[0] + along * arc[1] + sin * base_T_laser[0] + cos * base_T_laser[1]
         out_starts.x[i] = scale * start_x
         out_starts.y[i] = scale * start_y
         reach = np.float64(ranges[i])

@@ -74,6 +74,21 @@ def test_steps_err_as_their_covariances_say(seed: int) -> None:
     assert 0.1 < np.mean(squares) < 4.5
 
 
+def test_a_circle_is_seen_as_large_as_it_is() -> None:
+    # A scan that is straightened along the chord of its arc makes circles 0.16 % too large.
+    rng = np.random.default_rng(4)
+    steps = drive(furnished_room(rng), [Twist2D(0.5, 0.0, 1.1)] * 200, rng, ScanOdometry())
+    true, seen = Pose2D.identity(), Pose2D.identity()
+    ways: list[tuple[float, float]] = []
+    for number, (step, motion) in enumerate(steps[8:], start=1):
+        true, seen = true @ step, seen @ motion.step
+        if number % 8 == 0:
+            ways.append((math.hypot(seen.x, seen.y), math.hypot(true.x, true.y)))
+            true, seen = Pose2D.identity(), Pose2D.identity()
+    found, real = np.sum(ways, axis=0)
+    assert found / real == pytest.approx(1.0, abs=0.0007)
+
+
 def test_a_robot_that_stands_does_not_drift() -> None:
     rng = np.random.default_rng(5)
     odometry = ScanOdometry()

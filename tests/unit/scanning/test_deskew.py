@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trolley.deskewing import deskew, is_blind
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, interpolate
 from trolley.scanning import FrontEndParams, ScanInput
 
 PARAMS = FrontEndParams(
@@ -46,7 +46,7 @@ def test_each_beam_starts_where_the_laser_was(
     seen = deskew(scan, PARAMS, 20.0, unit_m)
     for i, reach in enumerate(ranges):
         share = i / (len(ranges) - 1)
-        laser = Pose2D(share * x, share * y, share * yaw) @ scan.base_T_laser
+        laser = interpolate(Pose2D.identity(), Pose2D(x, y, yaw), share) @ scan.base_T_laser
         end = laser @ Pose2D(0.0, 0.0, -1.0 + 0.25 * i) @ Pose2D(reach, 0.0, 0.0)
         assert (seen.starts.x[i] * unit_m, seen.starts.y[i] * unit_m) == pytest.approx(
             (laser.x, laser.y), abs=1e-6
