@@ -15,7 +15,7 @@ from trolley_base.setup.drive import SetupDrive
 from trolley_base.setup.geometry import Estimate, Geometry, cut, fit
 from trolley_base.setup.gyro import Gyro, find_gyro
 from trolley_base.setup.record import SetupRefused
-from trolley_base.setup.response import Response, measure
+from trolley_base.setup.response import Response, WheelWorth, measure
 from trolley_base.setup.sight import Sector, picture
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,8 @@ class FindingsParams:
     """Share of the measured braking that is relied on: batteries empty, floors are wet."""
     known_std: float = 0.02
     """Scales whose standard deviation is larger are not known."""
+    sure_std: float = 0.0025
+    """Wheels whose standard deviation is larger are not sure within 0.5 %, and that is said."""
     known_m: float = 0.02
     """The lidar's place is not known where its standard deviation is larger [m]."""
     known_rad: float = 0.02
@@ -73,7 +75,9 @@ def evaluate(drive: SetupDrive, half_track_m: float) -> Findings:
     course = cut(drive.record, half_track_m)
     geometry = fit(course)
     _refuse_unknown(geometry)
-    response = measure(drive.record, geometry.linear.value)
+    left, right = geometry.left.value, geometry.right.value
+    worth = WheelWorth(left, right, half_track_m, geometry.linear.std, geometry.slip_m)
+    response = measure(drive.record, worth)
     own = drive.own
     if geometry.is_mirrored:
         own = [(-last, -first) for first, last in reversed(own)]
@@ -162,6 +166,13 @@ def describe(findings: Findings, track_m: float | None) -> list[str]:
         f"right wheel: a metre counted is really {_scale(geometry.right)} m",
         f"turns: a radian counted is really {_scale(geometry.angular)} rad",
     ]
+    least_sure = max(geometry.left.std, geometry.right.std)
+    if least_sure > PARAMS.sure_std:
+        lines.append(
+            f"the wheels slip by some {100.0 * geometry.slip_m:.1f} cm in a metre, so their sizes "
+            f"are sure within {200.0 * least_sure:.1f} % only; a longer drive, more room or a "
+            "floor that grips makes them surer"
+        )
     if track_m is not None:
         track = Estimate(track_m * geometry.track.value, track_m * geometry.track.std)
         lines.append(f"track: {_m(track)}, where the board assumes {track_m:.3f} m")

@@ -30,13 +30,13 @@ Floats = NDArray[np.float64]
 class GeometryParams:
     """How much stretches of a drive tell; set by hand unless stated otherwise."""
 
-    lidar_m: float = 0.003
+    lidar_m: float = 0.002
     """Standard deviation of where standing scans are aligned [m]."""
-    lidar_rad: float = 0.0015
+    lidar_rad: float = 0.001
     """The same of their direction [rad]."""
-    moving_m: float = 0.006
+    moving_m: float = 0.004
     """Standard deviation of where scans are aligned on the way [m]."""
-    moving_rad: float = 0.004
+    moving_rad: float = 0.003
     """The same of their direction [rad]."""
     long_m: float = 1.2
     """A stretch that is longer is cut into pieces [m]."""
@@ -67,6 +67,9 @@ class GeometryParams:
     """Step of the numeric derivative [m, rad]."""
     iterations: int = 15
     """Number of Gauss-Newton steps at most."""
+    least_misfit: float = 0.5
+    """Deviations are not taken to be smaller than this share of what is usual: what errs in the
+    same way all the time makes nothing miss."""
     odd_stretch: float = 8.0
     """A stretch that misses by so many standard deviations was disturbed."""
     least_turn_rad: float = 1.0
@@ -121,6 +124,11 @@ class Geometry:
     def base_T_laser(self) -> Pose2D:
         """The lidar's pose."""
         return Pose2D(self.x.value, self.y.value, self.yaw.value)
+
+    @property
+    def slip_m(self) -> float:
+        """Standard deviation of how far the wheels slip in a metre, as they did [m]."""
+        return PARAMS.slip_m * max(self.misfit, PARAMS.least_misfit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -304,7 +312,7 @@ def fit(drive: Drive) -> Geometry:
     worst = int(np.argmax(misses))
     if misses[worst] > PARAMS.odd_stretch * max(1.0, misfit):
         raise SetupRefused(_disturbed(drive, parts[worst], theta))
-    spread = np.linalg.inv(information + slopes.T @ slopes) * max(misfit, 0.5) ** 2
+    spread = np.linalg.inv(information + slopes.T @ slopes) * max(misfit, PARAMS.least_misfit) ** 2
     return _geometry(theta, np.asarray(spread, np.float64), misfit, drive.is_mirrored)
 
 

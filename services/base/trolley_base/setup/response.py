@@ -39,14 +39,46 @@ class ResponseParams:
     too short for its speed tells no delay."""
     still_mps: float = 0.005
     """A robot that is slower stands [m/s]."""
+    same: float = 0.95
+    """Stops from so large a share of the highest speed are taken to be from the same speed."""
 
 
 PARAMS = ResponseParams()
 
 
 @dataclass(frozen=True, slots=True)
+class WheelWorth:
+    """What the counts of the wheels are worth.
+
+    Attributes:
+        left, right: true metres per metre that the wheel counts.
+        half_track_m: half of the track that the board calculates with [m].
+        std: standard deviation of both, together.
+        slip_m: standard deviation of how far the wheels slip in a metre, a random walk [m].
+    """
+
+    left: float
+    right: float
+    half_track_m: float
+    std: float = 0.0
+    slip_m: float = 0.0
+
+    def metres(self, way: float, turn: float) -> float:
+        """Return how far the robot went [m] by what its wheels count [m, rad].
+
+        On an arc that depends on the side: with wheels of two sizes the outer one counts more.
+        """
+        outward = self.half_track_m * turn
+        return 0.5 * (self.left * (way - outward) + self.right * (way + outward))
+
+    def of(self, counted: Estimate) -> Estimate:
+        """Return an estimate that was made with this scale, with the error of the scale in it."""
+        return Estimate(counted.value, math.hypot(counted.std, self.std * counted.value))
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
-    """What one step of the command brought.
+    """What one step of the command brought, in true metres.
 
     Attributes:
         delay_s: until the speed begins to change [s].
@@ -69,8 +101,10 @@ class Response:
         delay: usual time from a command until the wheels follow it [s].
         longest_delay_s: of all steps, with what may be beyond [s].
         acceleration, braking: of what the wheels count, in true metres [m/s^2].
-        stopping: distance from the command to stop until the robot stands [m], at `speed`.
-        speed: the highest at which that was measured; slower stops are converted [m/s].
+        stopping: distance from the command to stop until the robot stands [m], at `speed`. Wheels
+            do not count how far they slide, so its deviation has that in it.
+        speed: at which the robot mostly drove when that was measured; other stops are converted
+            [m/s].
     """
 
     delay: Estimate
@@ -85,12 +119,12 @@ class Response:
         return speed * self.delay.value + speed**2 / (2.0 * self.braking.value)
 
 
-def measure(record: Record, linear_scale: float) -> Response:
+def measure(record: Record, worth: WheelWorth) -> Response:
     """Read the starts and stops of strokes and circles.
 
     Args:
         record: the drive.
-        linear_scale: true metres per reported metre.
+        worth: what the wheels' counts are worth.
 
     Raises:
         SetupRefused: there are too few of them.
@@ -104,7 +138,7 @@ def measure(record: Record, linear_scale: float) -> Response:
         if (before == 0.0) is (now == 0.0) or abs(before - now) < PARAMS.least_mps:
             continue
         end_ns = changes[index + 1][0] if index + 1 < len(changes) else None
-        step = _read(wheels, at_ns, before, now, end_ns)
+        step = _read(wheels, worth, (before, now), at_ns, end_ns)
         if step is not None:
             (stops if now == 0.0 else starts).append(step)
     if len(starts) < PARAMS.least_steps or len(stops) < PARAMS.least_steps:
@@ -116,25 +150,25 @@ def measure(record: Record, linear_scale: float) -> Response:
     usual = _usual(delays)
     spread = float(np.std(usual, ddof=1))
     braking = _mean([step.rate for step in stops])
-    fastest = max(step.speed for step in stops)
+    speeds = np.array([step.speed for step in stops])
+    speed = float(np.mean(speeds[speeds > PARAMS.same * speeds.max()]))
 
-    def from_fastest(step: Step) -> float:
-        """Return how far it would have been from the highest speed [m]."""
-        before_s = delay.value + 0.5 * (fastest + step.speed) / braking.value
-        return step.way_m + (fastest - step.speed) * before_s
+    def from_speed(step: Step) -> float:
+        """Return how far it would have been from the usual speed [m]."""
+        before_s = delay.value + 0.5 * (speed + step.speed) / braking.value
+        return step.way_m + (speed - step.speed) * before_s
 
+    stopping = _mean([from_speed(step) for step in stops])
+    slides_m = worth.slip_m * math.sqrt(max(0.0, stopping.value) / len(stops))
+    stopping = Estimate(stopping.value, math.hypot(stopping.std, slides_m))
     return Response(
         delay=delay,
         longest_delay_s=max(float(usual.max()), delay.value + 2.0 * spread),
-        acceleration=_scaled(_mean([step.rate for step in starts]), linear_scale),
-        braking=_scaled(braking, linear_scale),
-        stopping=_scaled(_mean([from_fastest(step) for step in stops]), linear_scale),
-        speed=linear_scale * fastest,
+        acceleration=worth.of(_mean([step.rate for step in starts])),
+        braking=worth.of(braking),
+        stopping=worth.of(stopping),
+        speed=speed,
     )
-
-
-def _scaled(one: Estimate, scale: float) -> Estimate:
-    return Estimate(scale * one.value, scale * one.std)
 
 
 def _changes(record: Record) -> list[tuple[int, float]]:
@@ -147,9 +181,14 @@ def _changes(record: Record) -> list[tuple[int, float]]:
 
 
 def _read(
-    wheels: WheelMotions, at_ns: int, before: float, now: float, end_ns: int | None
+    wheels: WheelMotions,
+    worth: WheelWorth,
+    speeds_mps: tuple[float, float],
+    at_ns: int,
+    end_ns: int | None,
 ) -> Step | None:
     """Read one step of the command between two speeds [m/s], one of which is 0."""
+    before, now = speeds_mps
     until_ns = at_ns + round(PARAMS.longest_s * 1e9)
     if end_ns is not None:
         until_ns = min(until_ns, end_ns)
@@ -161,7 +200,8 @@ def _read(
     times = (stamps[:-1] - at_ns) * 1e-9 + 0.5 * seconds
     full = abs(before - now)
     speeds = wheels.way[part] / seconds * math.copysign(1.0, before + now)
-    settled = speeds[times < 0.0] if now == 0.0 else speeds[-3:]
+    is_settled = times < 0.0 if now == 0.0 else np.arange(len(times)) >= len(times) - 3
+    settled = speeds[is_settled]
     if len(settled) < 3 or abs(float(np.mean(settled)) - full) > 0.25 * full:
         return None
     full = float(np.mean(settled))
@@ -181,7 +221,12 @@ def _read(
         first = int(np.argmax(times > 0.0))
         over = times[first] - 0.5 * seconds[first]
         way_m += float(full * over) if over > 0.0 else float(over * speeds[first])
-    return Step(delay, rate * full, way_m, full)
+    way, turn = (
+        float(wheels.way[part][is_settled].sum()),
+        float(wheels.turn[part][is_settled].sum()),
+    )
+    scale = worth.metres(way, turn) / way
+    return Step(delay, scale * rate * full, scale * way_m, scale * full)
 
 
 def _ramp(times: Floats, changed: Floats) -> tuple[float, float] | None:

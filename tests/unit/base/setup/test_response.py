@@ -1,16 +1,19 @@
 """Delay, acceleration and braking from what wheels count after a step of the command."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from trolley.geometry import Pose2D, Twist2D
+from trolley.geometry import Twist2D, exp_twist
 from trolley_base.drivers import MotionSample
 from trolley_base.setup.record import Command, Record, SetupRefused
-from trolley_base.setup.response import measure
+from trolley_base.setup.response import WheelWorth, measure
 
 SPEED, ACCELERATION, BRAKING = 0.35, 0.9, 1.4
+HALF_TRACK_M = 0.1
+TRUE = WheelWorth(1.0, 1.0, HALF_TRACK_M)
 PERIOD_NS = 20_000_000
 
 
@@ -22,6 +25,7 @@ def drive(
     driven_s: Sequence[float] = (3.0,),
     jitter_s: float = 0.0,
     speeds: Sequence[float] = (SPEED,),
+    turn_per_m: float = 0.0,
 ) -> Record:
     """Strokes to and fro by motors that follow after a delay; reports at the end of each period."""
     record = Record()
@@ -47,7 +51,8 @@ def drive(
         speed += max(-change, min(change, told - speed))
         way += speed * step_ns * 1e-9
         if now_ns % period_ns == 0:
-            record.motions.append(MotionSample(now_ns, Pose2D(way, 0.0, 0.0), Twist2D.zero()))
+            moved = exp_twist(Twist2D(way, 0.0, turn_per_m * way))
+            record.motions.append(MotionSample(now_ns, moved, Twist2D.zero()))
             way = 0.0
     return record
 
@@ -55,7 +60,7 @@ def drive(
 @pytest.mark.parametrize("delay_s", [0.0, 0.12, 0.3])
 @pytest.mark.parametrize("period_ns", [PERIOD_NS, 50_000_000])
 def test_finds_how_motors_follow(delay_s: float, period_ns: int) -> None:
-    found = measure(drive(delay_s, period_ns=period_ns), 1.0)
+    found = measure(drive(delay_s, period_ns=period_ns), TRUE)
     assert found.delay.value == pytest.approx(delay_s, abs=0.008)
     assert found.longest_delay_s >= found.delay.value
     assert found.acceleration.value == pytest.approx(ACCELERATION, rel=0.08)
@@ -66,22 +71,42 @@ def test_finds_how_motors_follow(delay_s: float, period_ns: int) -> None:
 
 
 def test_wheels_that_are_smaller_than_set_brake_less() -> None:
-    full, small = measure(drive(0.1), 1.0), measure(drive(0.1), 0.9)
+    full, small = measure(drive(0.1), TRUE), measure(drive(0.1), WheelWorth(0.9, 0.9, HALF_TRACK_M))
     assert small.braking.value == pytest.approx(0.9 * full.braking.value)
     assert small.stopping.value == pytest.approx(0.9 * full.stopping.value)
 
 
 def test_strokes_too_short_for_their_speed_make_no_stop_look_late() -> None:
     record = drive(0.2, strokes=30, driven_s=(0.84, 0.84, 3.0), jitter_s=0.025)
-    assert measure(record, 1.0).delay.value == pytest.approx(0.2, abs=0.003)
+    assert measure(record, TRUE).delay.value == pytest.approx(0.2, abs=0.003)
 
 
 def test_slower_stops_count_for_what_they_would_be_from_the_highest_speed() -> None:
-    found = measure(drive(0.1, strokes=12, speeds=(SPEED, 0.7 * SPEED)), 1.0)
+    found = measure(drive(0.1, strokes=12, speeds=(SPEED, 0.7 * SPEED)), TRUE)
     assert found.speed == pytest.approx(SPEED, rel=0.01)
     assert found.stopping.value == pytest.approx(0.1 * SPEED + SPEED**2 / (2.0 * BRAKING), rel=0.03)
 
 
+def test_on_an_arc_the_outer_wheel_says_more_of_how_far_it_went() -> None:
+    found = measure(drive(0.1, turn_per_m=2.0), WheelWorth(0.9, 1.1, HALF_TRACK_M))
+    counted = measure(drive(0.1, turn_per_m=2.0), TRUE)
+    # The right wheel counts 1.2 of each metre, the left one 0.8.
+    outer = 0.5 * (0.8 * 0.9 + 1.2 * 1.1)
+    assert found.stopping.value == pytest.approx(outer * counted.stopping.value)
+    assert found.speed == pytest.approx(outer * counted.speed)
+
+
+def test_how_far_it_takes_to_stop_is_no_surer_than_the_wheels() -> None:
+    def said(std: float, slip_m: float) -> float:
+        return measure(drive(0.1), WheelWorth(1.0, 1.0, HALF_TRACK_M, std, slip_m)).stopping.std
+
+    way_m = measure(drive(0.1), TRUE).stopping.value
+    assert said(0.01, 0.0) == pytest.approx(math.hypot(said(0.0, 0.0), 0.01 * way_m))
+    # Eight stops, each of which slides by itself.
+    slides_m = 0.02 * math.sqrt(way_m / 8)
+    assert said(0.0, 0.02) == pytest.approx(math.hypot(said(0.0, 0.0), slides_m))
+
+
 def test_two_strokes_say_nothing() -> None:
     with pytest.raises(SetupRefused, match="evenly enough"):
-        measure(drive(0.1, strokes=2), 1.0)
+        measure(drive(0.1, strokes=2), TRUE)
