@@ -90,6 +90,20 @@ class Record:
     waypoints: list[Waypoint] = field(default_factory=list[Waypoint])
     """Of each scan, standing or not."""
 
+    @property
+    def command(self) -> Twist2D:
+        """The command now."""
+        return self.commands[-1].twist if self.commands else Twist2D.zero()
+
+    def told_since(self, stamp_ns: int) -> list[Twist2D]:
+        """Return the commands since a robot time, and the one before, newest first."""
+        found = [self.command]
+        for command in reversed(self.commands):
+            found.append(command.twist)
+            if command.stamp_ns < stamp_ns:
+                break
+        return found
+
     def wheel_motions(self) -> "WheelMotions":
         """Return all that the wheels reported as arrays."""
         arcs = [log_pose(one.previous_T_base) for one in self.motions]
