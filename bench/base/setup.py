@@ -88,8 +88,8 @@ class RandomRobot:
     gyro_up: tuple[int, int]
     """The chip's axis that points up, and its sign."""
     gyro_scale: float
-    post: tuple[float, float] | None
-    """Direction of a post in frame `laser` [rad], and its distance [m]."""
+    posts: tuple[tuple[float, float], ...]
+    """Direction of each post in frame `laser` [rad], and its distance [m]."""
 
 
 def draw(rng: random.Random) -> RandomRobot:
@@ -108,7 +108,7 @@ def draw(rng: random.Random) -> RandomRobot:
         is_swapped=rng.random() < 0.3,
         gyro_up=(rng.randrange(3), rng.choice((1, -1))),
         gyro_scale=rng.uniform(0.97, 1.03),
-        post=(rng.uniform(-3.1, 3.1), rng.uniform(0.12, 0.2)) if rng.random() < 0.3 else None,
+        posts=((rng.uniform(-3.1, 3.1), rng.uniform(0.12, 0.2)),) if rng.random() < 0.3 else (),
     )
 
 
@@ -198,8 +198,7 @@ class OddRobot:
     def _seen(self, scan: LidarScan) -> LidarScan:
         ranges = scan.ranges.copy()
         angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
-        if self._robot.post is not None:
-            direction, away_m = self._robot.post
+        for direction, away_m in self._robot.posts:
             off = np.abs(np.angle(np.exp(1j * (angles - direction))))
             hit = off < math.atan2(0.015, away_m)
             noise = 0.004 * self._rng.standard_normal(np.count_nonzero(hit))
@@ -320,7 +319,7 @@ def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
         first = [scan for _ in range(20) for scan in odd.read()[1]]
         beams = Beams.round_about(first[0])
         own = near_sectors(beams, usual_ranges(beams, first), 2.0 * 0.193 + 0.05)
-        drive = SetupDrive(FOOTPRINT, 0.5 * ASSUMED_TRACK_M, own if robot.post else ())
+        drive = SetupDrive(FOOTPRINT, 0.5 * ASSUMED_TRACK_M, own if robot.posts else ())
         moving = 0
         watch = StopWatch(odd)
         while not drive.has_ended:
@@ -468,9 +467,9 @@ ASKED = {
 """What is asked of each robot that was set up, and the unit."""
 
 
-def sees_post(robot: RandomRobot) -> bool:
-    """Say whether its lidar sees a post of the robot; one of 240° does not see behind itself."""
-    return robot.post is not None and abs(robot.post[0]) < 0.5 * robot.spec.field_of_view
+def seen_posts(robot: RandomRobot) -> int:
+    """Return how many posts its lidar sees; one of 240° does not see behind itself."""
+    return sum(abs(direction) < 0.5 * robot.spec.field_of_view for direction, _ in robot.posts)
 
 
 def wrongs(tried: Tried) -> Iterator[str]:
@@ -490,7 +489,7 @@ def wrongs(tried: Tried) -> Iterator[str]:
     up = ("" if sign > 0 else "-") + "xyz"[axis]
     if not isinstance(findings.gyro, Gyro) or findings.gyro.up != up:
         yield "the gyro's axis"
-    if sees_post(robot) is not bool(findings.own):
+    if seen_posts(robot) != len(findings.own):
         yield "what it sees of itself"
 
 

@@ -189,6 +189,37 @@ def test_any_key_stops_and_the_next_call_goes_on_from_there(rig: Rig) -> None:
     assert rig.config.read_text() == rig.before
 
 
+def test_ctrl_c_ends_each_step_and_loses_nothing(rig: Rig) -> None:
+    def interrupt(person: Person) -> None:
+        person.process.send_signal(signal.SIGINT)
+        assert person.end() == 130, person.said
+        assert "goes on with this step" in person.said
+        wait_until(rig.stands, "it stands")
+        assert rig.config.read_text() == rig.before
+
+    lift(rig)
+    with rig.setup("--short") as person:
+        person.wait_for("Do the wheels hang free?")
+        interrupt(person)
+    with rig.setup("--short") as person:
+        person.answer("Do the wheels hang free?", "y")
+        person.wait_for("The wheels go ahead")
+        interrupt(person)
+    with rig.setup("--short") as person:
+        try_wheels(person)
+        person.wait_for("may it drive?")
+        interrupt(person)
+    rig.robot.fault(f"{LINOROBOT}:ok")
+    with rig.setup("--short") as person:
+        person.answer("may it drive?", "y")
+        wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+        interrupt(person)
+    with rig.setup("--short") as person:
+        person.answer("may it drive?", "y")
+        person.wait_for("Write this to robot.toml?")
+        interrupt(person)
+
+
 def test_power_cuts_cost_only_the_step_that_was_begun(rig: Rig) -> None:
     lift(rig)
     with rig.setup("--short") as person:

@@ -60,7 +60,7 @@ ROBOT = RandomRobot(
     is_swapped=False,
     gyro_up=(0, -1),
     gyro_scale=1.01,
-    post=(2.2, 0.15),
+    posts=((2.2, 0.15),),
 )
 
 
@@ -91,7 +91,7 @@ def drive_with(
     driving_s: float = 0.0,
 ) -> SetupDrive:
     """Drive the short course to its end."""
-    direction = ROBOT.post[0] if ROBOT.post else 0.0
+    ((direction, _),) = ROBOT.posts
     # As the lidar is believed to turn.
     post = (-direction - 0.15, -direction + 0.15)
     own = [post] if own is None else own
@@ -122,7 +122,7 @@ def test_a_robot_measures_how_it_is_built() -> None:
     assert findings.gyro.scale.value == pytest.approx(ROBOT.gyro_scale, abs=0.01)
     # The mask lies where the post will be once the lidar is known to turn the other way.
     ((first, last),) = findings.own
-    assert first < ROBOT.post[0] < last if ROBOT.post else False
+    assert first < ROBOT.posts[0][0] < last
     # The picture for people shows the walls where they are.
     sight = picture_of(drive, geometry, FOOTPRINT, 0.76)
     walls = odd.simulation.truth().pose.transform_points(np.array(sight.points))
@@ -232,7 +232,7 @@ width_m = 0.1
 
 def test_what_was_wrongly_called_a_part_of_the_robot_is_found_out() -> None:
     # The post is forgotten, and a direction named in which there is none.
-    odd = odd_robot(replace(ROBOT, post=None))
+    odd = odd_robot(replace(ROBOT, posts=()))
     drive = drive_with(odd, own=[(1.0, 1.3)])
     assert drive.problem is not None
     assert "did not turn with the robot" in drive.problem
@@ -251,7 +251,7 @@ def test_a_board_that_falls_silent_ends_it() -> None:
 def test_wheels_are_not_tried_on_a_robot_that_stands_on_the_floor(
     way: Literal["ahead", "left"],
 ) -> None:
-    odd = odd_robot(replace(ROBOT, post=None), hall(8.0, 4.0))
+    odd = odd_robot(replace(ROBOT, posts=()), hall(8.0, 4.0))
     trial = WheelTrial(way, 0.5 * ASSUMED_TRACK_M)
     while not trial.has_ended:
         motions, scans, _ = odd.read()
@@ -292,3 +292,41 @@ stops_for_robot_m = 0.3
     assert drive.problem is not None
     assert "nearer than it may be" in drive.problem
     assert odd.simulation.truth().clearance > 0.08
+
+
+@pytest.mark.slow
+def test_a_lidar_behind_the_axle_that_looks_back_through_two_posts_is_measured() -> None:
+    posts = ((0.6, 0.16), (-0.5, 0.13))
+    robot = replace(ROBOT, mount=Pose2D(-0.1, 0.02, 3.1), is_mirrored=False, posts=posts)
+    odd = odd_robot(robot)
+    own = [(direction - 0.15, direction + 0.15) for direction, _ in posts]
+    drive = drive_with(odd, own)
+    assert drive.problem is None
+    findings = evaluate(drive, 0.5 * ASSUMED_TRACK_M)
+    assert list(wrongs(Set(robot, findings))) == []
+    assert findings.geometry.base_T_laser.distance_to(robot.mount) < 0.005
+    assert abs(angle_difference(findings.geometry.yaw.value, 3.1)) < math.radians(0.5)
+    for (first, last), (direction, _) in zip(findings.own, sorted(posts), strict=True):
+        assert first < direction < last
+
+
+@pytest.mark.slow
+def test_on_a_carpet_that_pulls_to_the_left_it_stays_where_it_has_seen_room() -> None:
+    carpet = """
+[[rug]]
+x = 0.0
+y = 0.0
+length_m = 5.0
+width_m = 4.0
+slip = 0.05
+pull_per_m = 0.06
+"""
+    odd = odd_robot(more=carpet)
+    drive = drive_with(odd, driving_s=100.0)
+    assert drive.problem is None
+    assert odd.simulation.truth().clearance > 0.3
+    geometry = evaluate(drive, 0.5 * ASSUMED_TRACK_M).geometry
+    assert geometry.base_T_laser.distance_to(MOUNT) < 0.01
+    assert abs(angle_difference(geometry.yaw.value, MOUNT.yaw)) < math.radians(0.5)
+    # What the carpet takes is a part of what a metre counted is worth there.
+    assert geometry.linear.value == pytest.approx(0.95 * 0.5 * (ROBOT.left + ROBOT.right), rel=0.01)
