@@ -39,8 +39,8 @@ SEEN: dict[str, tuple[Seen, str]] = {
     "n": ("not both", "not both of them turned"),
 }
 """How wheels may have turned, by what a person answers."""
-SHORT_S = 45.0
-"""How long a short drive takes [s]."""
+SHORT_S, LONG_S = 45.0, 360.0
+"""How long a short drive takes, and a long one [s]."""
 MEASURED = "# Measured by `trolley setup`"
 """How the comments begin that say what was measured."""
 EVERYWHERE = "0.0.0.0"
@@ -63,14 +63,16 @@ class SetupDialogue:
         path: the robot.toml.
         ports: where to look for devices; none: at all that no program has open.
         person: who answers.
-        short: whether to drive half as long.
+        driving_s: how long the robot drives on the floor [s].
     """
 
-    def __init__(self, path: Path, ports: tuple[str, ...], person: Person, *, short: bool) -> None:
+    def __init__(
+        self, path: Path, ports: tuple[str, ...], person: Person, driving_s: float
+    ) -> None:
         self._path = path
         self._ports = ports
         self._person = person
-        self._short = short
+        self._driving_s = driving_s
         self._notes = path.with_name(f"{path.name}.setup.json")
 
     def run(self, *, again: bool) -> None:
@@ -310,7 +312,7 @@ class SetupDialogue:
             own,
             speed_mps=limits.speed,
             turn_radps=limits.wz,
-            driving_s=SHORT_S if self._short else DRIVE.driving_s,
+            driving_s=self._driving_s,
         )
         with person.hold() as hand, robot.opened():
             robot.run(drive, drive.step, lambda: f"Measuring: {drive.step_name}", hand)

@@ -170,8 +170,8 @@ def describe(findings: Findings, track_m: float | None) -> list[str]:
     if least_sure > PARAMS.sure_std:
         lines.append(
             f"the wheels slip by some {100.0 * geometry.slip_m:.1f} cm in a metre, so their sizes "
-            f"are sure within {200.0 * least_sure:.1f} % only; a longer drive, more room or a "
-            "floor that grips makes them surer"
+            f"are sure within {200.0 * least_sure:.1f} % only; a longer drive (--long), more room "
+            "or a floor that grips makes them surer"
         )
     if track_m is not None:
         track = Estimate(track_m * geometry.track.value, track_m * geometry.track.std)
