@@ -105,10 +105,11 @@ def deskew_beams(
     for i in range(count):
         share = i / max(count - 1, 1)
         turned = share * arc[2]
-        cos = math.cos(turned)
-        sin = math.sin(turned)
+        sin_half = math.sin(0.5 * turned)
+        sin = 2.0 * sin_half * math.cos(0.5 * turned)
+        cos = 1.0 - 2.0 * sin_half * sin_half
         along = share * sin / turned if turned != 0.0 else share
-        aside = along * sin / (1.0 + cos)
+        aside = 2.0 * share * sin_half * sin_half / turned if turned != 0.0 else 0.0
         start_x = along * arc[0] - aside * arc[1] + cos * base_T_laser[0] - sin * base_T_laser[1]
         start_y = aside * arc[0] + along * arc[1] + sin * base_T_laser[0] + cos * base_T_laser[1]
         out_starts.x[i] = scale * start_x
