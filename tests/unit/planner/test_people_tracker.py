@@ -191,33 +191,6 @@ def test_two_legs_are_one_person_who_walks_evenly() -> None:
             assert math.hypot(disc[0] - 6.2, disc[1] - y) < 0.25
 
 
-def test_who_turns_is_known_to_walk_elsewhere_within_three_tenths_of_a_second() -> None:
-    watch = PeopleTracker()
-    for step in range(17):
-        before, after = 0.11 * min(step, 13), 0.11 * max(step - 13, 0)
-        circles = [(6.6 - before, 6.0 - after, 0.2)]
-        people = watch.update(step * 100_000_000, beams_to(circles), NO_WALLS, EDGE_M)
-    (person,) = people
-    np.testing.assert_allclose(person.velocity, [0.0, -1.1], atol=0.3)
-
-
-def test_who_is_hidden_bit_by_bit_goes_on_as_before() -> None:
-    """What is seen of their legs grows narrower: its middle is not theirs."""
-    watch = PeopleTracker()
-    for step in range(24):
-        walked = 0.11 * step
-        swing = 0.15 * math.sin(2.0 * math.pi * walked / 1.2)
-        place = np.array([7.0, 6.6 - walked])
-        feet = [(7.1, place[1] + swing, 0.06), (6.9, place[1] - swing, 0.06)]
-        beams = beams_to([(6.2, 5.0, 0.2), *feet], wall_m=5.0)
-        people = watch.update(step * 100_000_000, beams, NO_WALLS, EDGE_M)
-        # Somebody who stands at (6.2, 5.0) hides them wholly from step 14 to 16.
-        if 5 <= step <= 13 or step >= 19:
-            (person,) = people
-            np.testing.assert_allclose(person.place, place, atol=0.1)
-            np.testing.assert_allclose(person.velocity, [0.0, -1.1], atol=0.25)
-
-
 def test_who_comes_out_of_sight_walks_on_for_a_while_where_nobody_looks() -> None:
     watch = PeopleTracker()
     shown_to = 0.8

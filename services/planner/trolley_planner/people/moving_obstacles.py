@@ -11,9 +11,6 @@ from trolley_planner.people.tracker import PeopleTracker, Track, TrackedPerson, 
 Floats = NDArray[np.float64]
 SAME_M = 0.15
 """Distance from a robot's reported position within which a tracked person is that robot [m]."""
-GROWTH = 0.15
-"""Share of the uncertainty of a velocity with which a disc grows: what people's own acceleration
-makes of it is allowed for elsewhere."""
 GROWTH_MPS = 0.02, 0.15
 """Least and greatest rate at which the discs that stand for people grow [m/s]."""
 MAX_AGE_S = 0.5
@@ -43,8 +40,7 @@ class MovingObstacles:
         self.people = self._tracker.update(now_ns, beams, wall_distance_m, resolution_m)
         self._walkers = NOBODY
         if self.people:
-            unsure = np.array([one.velocity_std for one in self.people])
-            growth = np.clip(GROWTH * unsure, *GROWTH_MPS)
+            growth = np.clip([one.velocity_std for one in self.people], *GROWTH_MPS)
             discs = person_discs(self.people)
             self._walkers = np.column_stack([discs, growth, times_of_encounters(discs)])
         self._scanned_ns = now_ns

@@ -23,7 +23,7 @@ from trolley_planner.people.free_space import (
     was_free_in_any,
 )
 from trolley_planner.people.segments import Segment, segments_of, size_of
-from trolley_planner.people.velocity_estimation import NO_TRACK, SEEN_X, TIME, TRACKS, track_on
+from trolley_planner.people.velocity_estimation import TRACKS, track_on
 from trolley_planner.sensing.beams import X, Y
 
 
@@ -56,6 +56,7 @@ class PeopleTrackerParams(NamedTuple):
 
 TRACKING = PeopleTrackerParams()
 Floats = NDArray[np.float64]
+NO_TRACK = np.empty((0, 5))
 
 
 class TrackedPerson(NamedTuple):
@@ -98,17 +99,6 @@ class Track(NamedTuple):
     """Whether it was seen to move."""
 
 
-class Motion(NamedTuple):
-    """Where an object is by its whole track, and how it moves."""
-
-    place: Floats
-    """(2,) its middle [m]."""
-    velocity: Floats
-    """(2,) [m/s]."""
-    velocity_std: float
-    """Standard deviation of each of them [m/s]."""
-
-
 class Trail(NamedTuple):
     """A segment through some scans, up to the last one that shows it."""
 
@@ -119,18 +109,17 @@ class Trail(NamedTuple):
     segment: Segment
     """The segment of the scan that showed it last."""
     track: Floats
-    """(m, 6) where it was, oldest first: time since `seen_ns` [s], its middle, the middle of what
-    was seen of it, and how large that was [m]."""
-    motion: Motion | None
-    """How it moves, None if the track is too short."""
+    """(m, 5) where it was, oldest first: time since `seen_ns` [s], its middle, and the middle of
+    what was seen of it."""
+    motion: tuple[Floats, float] | None
+    """Velocity along the track and its standard deviation [m/s], None if it is too short."""
     person: TrackedPerson | None
     """Who it is; None if it stands, or may have been hidden before."""
 
     def expected(self, stamp_ns: int) -> Floats:
         """Return the predicted centre (2,)."""
-        if self.motion is None:
-            return self.segment.place
-        return self.motion.place + self.motion.velocity * self.elapsed_s(stamp_ns)
+        here = self.track[-1, 1:3]
+        return here if self.motion is None else here + self.motion[0] * self.elapsed_s(stamp_ns)
 
     def reach_m(self, stamp_ns: int) -> float:
         """Return the search radius around the predicted centre [m]."""
@@ -220,9 +209,8 @@ class PeopleTracker:
         else:
             number, is_known = before.number, before.person is not None
             track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
-        track, x, y, vx, vy, std = track_on(track, elapsed_s, segment.place, segment.points)
-        is_short = math.isinf(std)
-        motion = None if is_short else Motion(np.array([x, y]), np.array([vx, vy]), std)
+        track, vx, vy, std = track_on(track, elapsed_s, segment.place, segment.points)
+        motion = None if math.isinf(std) else (np.array([vx, vy]), std)
         person = _person(segment, track, motion, view, earlier, is_known=is_known)
         return Trail(number, view.stamp_ns, segment, track, motion, person)
 
@@ -288,7 +276,7 @@ def assigned(places: Floats, expected: Floats, reach_m: Floats) -> NDArray[np.in
 def _person(
     segment: Segment,
     track: Floats,
-    motion: Motion | None,
+    motion: tuple[Floats, float] | None,
     view: View,
     earlier: Views | None,
     *,
@@ -305,10 +293,10 @@ def _person(
         is_known: whether it was seen to move before.
     """
     slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
-    if motion is None or math.hypot(*motion.velocity.tolist()) < slowest:
+    if motion is None or math.hypot(*motion[0].tolist()) < slowest:
         return None
     if is_known or _came(segment.points, earlier) or _left(track, view):
-        return TrackedPerson(segment.points, *motion)
+        return TrackedPerson(*segment, *motion)
     return None
 
 
@@ -320,6 +308,6 @@ def _came(points: Floats, earlier: Views | None) -> bool:
 
 def _left(track: Floats, view: View) -> bool:
     """Say whether beams now pass where a track was: a person who walks away is hidden."""
-    before = track[track[:, TIME] <= -TRACKS.least_s, SEEN_X : SEEN_X + 2]
+    before = track[track[:, 0] <= -TRACKS.least_s, 3:]
     # One alone may have lain on an edge that beams graze.
     return int(np.count_nonzero(was_free(view, before))) >= TRACKING.least_points
