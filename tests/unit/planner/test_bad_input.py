@@ -12,7 +12,7 @@ from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import UNKNOWN, GridMap
-from trolley.messages import OccupancyGrid, Scan
+from trolley.messages import OccupancyGrid, Scan, Zone
 from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_to_bytes
 
@@ -157,3 +157,13 @@ def test_a_pose_that_jumps_off_the_map_or_into_a_wall_ends_the_goal(
     assert (status.state, status.reason) == ("failed", reason)
     assert status.message
     assert world.touches == 0
+
+
+def test_a_speed_zone_of_an_absurd_speed_limits_nothing_and_ends_nothing(ride) -> None:
+    around = [(-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0)]
+    zone = Zone(name="fast", kind="speed", points=around, speed=1e308)
+    world = Flatland(empty_room(), START, zones=[zone])
+    drive = ride(world)
+    drive.send(Pose2D(4.0, 3.0, 0.0))
+    drive.step(40)
+    assert world.twist.vx == pytest.approx(0.5, abs=0.05)

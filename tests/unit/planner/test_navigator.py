@@ -12,7 +12,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, wrap_angle
-from trolley.messages import BaseState, Zone
+from trolley.messages import BaseState, Zone, Zones
 from trolley.messages.request_params import SendGoal, WhichGoal
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.costmap.footprint import Footprint
@@ -483,3 +483,20 @@ def test_a_jump_of_the_pose_by_metres_breaks_nothing(ride) -> None:
     drive.navigator.command(drive.now_ns + 1)
     assert drive.until_over().state == "arrived"
     assert drive.world.touches == 0
+
+
+def test_after_a_change_of_map_a_change_of_its_zones_is_not_taken_for_another_map(ride) -> None:
+    world = Flatland(empty_room(), START)
+    drive = ride(world)
+    inputs = drive.navigator.inputs
+    inputs.map = msgspec.structs.replace(world.map(), name="upstairs")
+    inputs.zones = Zones(stamp_ns=0, map="upstairs", zones=[])
+    drive.step(4)
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.step(10)
+    corners = world.grid.origin.transform_points(np.array([(0.2, 0.2), (0.5, 0.2), (0.5, 0.5)]))
+    keepout = Zone(name="corner", kind="keepout", points=[(x, y) for x, y in corners.tolist()])
+    inputs.zones = Zones(stamp_ns=0, map="upstairs", zones=[keepout])
+    drive.step(10)
+    status = drive.navigator.current.status(drive.now_ns)
+    assert (status.state, status.message) == ("driving", "")

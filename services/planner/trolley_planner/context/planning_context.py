@@ -272,6 +272,7 @@ class CostmapManager:
         Args:
             goals: in frame `odom` it is made so large that it holds these.
         """
+        self.is_other_map = False
         inputs = self._inputs
         robot, grid, zones = inputs.robot, inputs.map, inputs.zones
         if robot is None or (inputs.frame == "map" and grid is None):

@@ -27,6 +27,8 @@ class SpeedZoneParams:
     late."""
     reach_m: float = 1.2
     """Distance from the zone beyond which it has no effect."""
+    most_mps: float = 100.0
+    """A higher limit counts as this: its square must be a number, and no robot gets near it."""
 
 
 SPEED_ZONES = SpeedZoneParams()
@@ -253,11 +255,12 @@ def speed_limits(
             mask = polygon_mask(shape, zone_points(zone, grid_T_map), resolution_m)
             if not mask.any():
                 continue
+            speed = min(zone.speed, SPEED_ZONES.most_mps)
             away = distance_transform(mask, resolution_m, SPEED_ZONES.reach_m)
             remaining_goal = np.maximum(away - np.float32(SPEED_ZONES.early_m), np.float32(0.0))
             before = np.sqrt(
-                zone.speed**2 + 2.0 * SPEED_ZONES.braking_mps2 * remaining_goal, dtype=np.float32
+                speed**2 + 2.0 * SPEED_ZONES.braking_mps2 * remaining_goal, dtype=np.float32
             )
             before[away >= SPEED_ZONES.reach_m] = np.inf
-            limits = np.minimum(limits, np.where(mask, np.float32(zone.speed), before))
+            limits = np.minimum(limits, np.where(mask, np.float32(speed), before))
     return limits
