@@ -362,3 +362,21 @@ def test_somebody_who_steps_near_only_interrupts_the_look_round(tmp_path) -> Non
     stage.world.set_truth(room)
     assert first + turned_within(stage, 16.0) == pytest.approx(2.0 * math.pi, abs=0.6)
     stage.lockstep.close()
+
+
+def test_a_goal_that_is_canceled_ends_the_look_round_too(tmp_path, far_side: Pose2D) -> None:
+    stage = Stage(tmp_path, Flatland(empty_room(), START), turn_to_find=True)
+    robot = stage.robot
+    robot.say(mode="ok")
+    stage.send(far_side)
+    stage.lockstep.run(1.0)
+    plain = robot.world.estimate
+    robot.world.estimate = lambda stamp, *said: msgspec.structs.replace(  # type: ignore[method-assign]
+        plain(stamp, *said), wants_turn=True
+    )
+    robot.pose_state = "lost"
+    assert turned_within(stage, 4.0) > 1.0
+    stage.lockstep.ask(requests.GOAL_CANCEL, WhichGoal())
+    assert stage.stands()
+    assert turned_within(stage, 2.0) == 0.0
+    stage.lockstep.close()

@@ -173,6 +173,32 @@ def test_off_the_map_a_goal_further_off_waits_until_the_robot_is_back(tmp_path: 
     stage.lockstep.close()
 
 
+@pytest.mark.parametrize("interrupt", ["stop", "restart"])
+def test_off_the_map_a_goal_does_not_go_on_by_itself_after_a_stop_or_a_restart(
+    tmp_path: Path, interrupt: str
+) -> None:
+    world = Flatland(left_room_only(), START, two_rooms())
+    stage = Stage(tmp_path, world, unknown_is_free=True)
+    stage.send(FAR_SIDE)
+    stage.lockstep.run(3.0)
+    stage.robot.pose_state, stage.robot.off_map_m = "unsure", 30.0
+    stage.until("paused", 2.0)
+    assert stage.stands()
+    if interrupt == "stop":
+        stage.robot.say(mode="stopped", reason="button")
+    else:
+        stage.robot.restart()
+    stage.lockstep.run(1.0)
+    reason = codes.STOPPED if interrupt == "stop" else codes.RESTARTED
+    assert (stage.goals[-1].state, stage.goals[-1].reason) == ("paused", reason)
+    stage.robot.say(mode="ok")
+    stage.robot.pose_state, stage.robot.off_map_m = "localized", None
+    stage.lockstep.run(2.0)
+    assert stage.goals[-1].state == "paused"
+    assert world.twist.is_zero
+    stage.lockstep.close()
+
+
 def test_off_the_map_a_goal_on_the_way_back_is_driven_to(tmp_path: Path) -> None:
     there = Pose2D(6.0, 3.5, math.pi)
     stage = Stage(tmp_path, Flatland(left_room_only(), there, two_rooms()), unknown_is_free=True)

@@ -24,7 +24,7 @@ class GoalGuard:
         inputs: the newest messages.
         costmap_manager: says what is missing.
         current: the goal.
-        spin: stopped with every pause.
+        spin: stopped with every pause, and when the goal is canceled.
     """
 
     def __init__(
@@ -57,6 +57,11 @@ class GoalGuard:
         self._spin.stop()
         self._current.pause(reason, now_ns, message)
 
+    def cancel(self, now_ns: int) -> None:
+        """Stop, and end the goal."""
+        self._spin.stop()
+        self._current.end("canceled", codes.CANCELED, now_ns)
+
     def must_wait(self, now_ns: int) -> bool:
         """Say whether the robot must stand for want of inputs; fail if that lasts."""
         trouble = self._costmap_manager.trouble(now_ns)
@@ -79,8 +84,8 @@ class GoalGuard:
             before: what it was before that.
             now_ns: robot time.
         """
-        board, goal = self._current.board, self._current.board.goal
-        if not board.is_active or goal is None or board.state == "paused":
+        goal = self._current.board.goal
+        if goal is None or not self._goes_on_by_itself:
             return
         if base.is_from_before(self._set_off_ns):
             return
@@ -89,7 +94,7 @@ class GoalGuard:
             # What it does just now is for base to say; the goal says why it is paused.
             message = None if base.reason == codes.DOES_NOT_OBEY else base.message or None
             self.pause(reason or codes.STOPPED, now_ns, message)
-        elif base.source not in (None, OWN_SOURCE):
+        elif self._current.is_driving and base.source not in (None, OWN_SOURCE):
             drove_before = before is not None and before.source == base.source
             if not drove_before or now_ns - goal.sent_ns > SETTLED_S * 1e9:
                 why = f"{base.source} drives the robot; resume the goal to go on."
@@ -97,7 +102,7 @@ class GoalGuard:
 
     def begin_epoch(self, now_ns: int) -> None:
         """Pause the goal, since base was restarted."""
-        if self._current.board.is_active and self._current.board.state != "paused":
+        if self._goes_on_by_itself:
             why = "The base was restarted; resume the goal to go on."
             self.pause(codes.RESTARTED, now_ns, why)
 
@@ -111,12 +116,22 @@ class GoalGuard:
 
     def is_back_on_map(self, now_ns: int) -> bool:
         """Say whether a goal that was paused off the map may go on."""
-        board, base, pose = self._current.board, self._inputs.base, self._inputs.pose
-        if self._current.execution is None or board.goal is None:
-            return False
-        if (board.state, board.reason) != ("paused", codes.OFF_MAP):
+        base, pose = self._inputs.base, self._inputs.pose
+        if self._current.execution is None or not self._waits_off_map:
             return False
         is_ours = base is None or (base.source in (None, OWN_SOURCE) and not base.is_halted)
         is_sure = pose is not None and pose.state == "localized"
         is_back = is_sure and self._inputs.off_map_m is None
         return is_back and is_ours and self._costmap_manager.trouble(now_ns) is None
+
+    @property
+    def _waits_off_map(self) -> bool:
+        """Whether the goal was paused off the map, and goes on once the robot is back."""
+        board = self._current.board
+        return (board.state, board.reason) == ("paused", codes.OFF_MAP)
+
+    @property
+    def _goes_on_by_itself(self) -> bool:
+        """Whether the robot drives to the goal, or will without being asked."""
+        board = self._current.board
+        return board.is_active and (board.state != "paused" or self._waits_off_map)

@@ -133,7 +133,7 @@ class GoalRequests:
             Refused: `not_current`.
         """
         self._current.board.check_current(params.id)
-        self._current.end("canceled", codes.CANCELED, now_ns)
+        self._guard.cancel(now_ns)
         return self._current.status(now_ns)
 
     def pause(self, params: WhichGoal, now_ns: int) -> GoalStatus:
