@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from trolley import requests, topics
-from trolley.codes import Refused
 from trolley.config import PlannerConfig, RobotConfig
 from trolley.extra_sensors import ExtraSensors
 from trolley.geometry import Pose2D
@@ -28,6 +27,7 @@ from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Later, Service, answers, every, gets, on
 from trolley_planner.navigator import Navigator
 from trolley_planner.sensing.inputs import OWN_SOURCE, odometry_at
+from trolley_planner.waiting_requests import WaitingRequests
 from trolley_planner.warmup import warm_up
 
 R = TypeVar("R")
@@ -75,6 +75,7 @@ class PlannerService(Service):
         self._trajectory_ns = 0
         self._costmap_ns = 0
         self._path_key = ""
+        self._waiting = WaitingRequests()
 
     def _use(self, config: RobotConfig) -> None:
         """Apply changed settings."""
@@ -259,18 +260,26 @@ class PlannerService(Service):
         return self._unless_stopped(lambda: self.navigator.requests.preview(params, self.now_ns))
 
     @answers(requests.GOAL_CANCEL)
-    def cancel_goal(self, params: WhichGoal) -> GoalStatus:
+    def cancel_goal(self, params: WhichGoal) -> GoalStatus | Later[GoalStatus]:
         """End the current goal."""
-        status = self.navigator.requests.cancel(params, self.stamp_ns)
-        self._publish_changes()
-        return status
+
+        def cancel() -> GoalStatus:
+            status = self.navigator.requests.cancel(params, self.stamp_ns)
+            self._publish_changes()
+            return status
+
+        return self._in_turn(cancel)
 
     @answers(requests.GOAL_PAUSE)
-    def pause_goal(self, params: WhichGoal) -> GoalStatus:
+    def pause_goal(self, params: WhichGoal) -> GoalStatus | Later[GoalStatus]:
         """Stop and keep the goal."""
-        status = self.navigator.requests.pause(params, self.stamp_ns)
-        self._publish_changes()
-        return status
+
+        def pause() -> GoalStatus:
+            status = self.navigator.requests.pause(params, self.stamp_ns)
+            self._publish_changes()
+            return status
+
+        return self._in_turn(pause)
 
     @answers(requests.GOAL_RESUME)
     def resume_goal(self, params: WhichGoal) -> GoalStatus | Later[GoalStatus]:
@@ -290,18 +299,27 @@ class PlannerService(Service):
         """
         base = self.navigator.inputs.base
         if base is None or not base.is_halted:
-            return act()
+            return self._in_turn(act)
         later: Later[R] = self.later()
+        ready = self._waiting.add(act, later, is_ready=False)
 
         def decide(found: dict[tuple[str, ...], BaseState]) -> None:
             if () in found:
                 self.on_base(found[()])
-            try:
-                later.reply(act())
-            except Refused as refused:
-                later.refuse(refused)
+            ready()
 
         self.get(topics.BASE, then=decide)
+        return later
+
+    def _in_turn(self, act: Callable[[], R]) -> R | Later[R]:
+        """Run a request at once, or after those that came before it and wait for base's word.
+
+        While the robot drives none waits: what stops it must not.
+        """
+        if not self._waiting or self.navigator.current.is_driving:
+            return act()
+        later: Later[R] = self.later()
+        self._waiting.add(act, later, is_ready=True)
         return later
 
     @gets(topics.GOAL)

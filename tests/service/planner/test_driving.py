@@ -1,6 +1,7 @@
 """The planner service on the bus: goals, commands, and what interrupts them."""
 
 import math
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -10,9 +11,11 @@ from support.flatland import Flatland, empty_room, with_block
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, Path, SavedPose, SavedPoses, Scan
+from trolley.messages import BaseState, GoalStatus, Path, SavedPose, SavedPoses, Scan
 from trolley.messages.request_params import SendGoal, WhichGoal
 from trolley.messages.types import floats_from_bytes, floats_to_bytes
+from trolley.requests import Request
+from trolley.runtime.bus import Query
 from trolley_planner.service import PlannerService
 
 from .conftest import START, Stage
@@ -380,3 +383,72 @@ def test_a_goal_that_is_canceled_ends_the_look_round_too(tmp_path, far_side: Pos
     assert stage.stands()
     assert turned_within(stage, 2.0) == 0.0
     stage.lockstep.close()
+
+
+class SlowBase:
+    """A stage whose planner still knows of a stop that is over, and whose base answers late."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+        self._queries: list[Query] = []
+        stage.robot.say(mode="ok")
+        stage.lockstep.run(0.0)
+        stopped = BaseState(stamp_ns=stage.robot.robot_ns, mode="stopped", reason="button")
+        stage.lockstep.publish(topics.BASE, stopped)
+        stage.lockstep.run(0.0)
+        stage.lockstep.bus.serve(topics.BASE.key("trolley"), self._queries.append)
+
+    def ask(self, request: Request, **params: Any) -> list[str]:
+        """Ask the planner; the goal's state, or why not, is in the list once it has answered."""
+        answers: list[str] = []
+
+        def hear(answer: GoalStatus | Refused) -> None:
+            answers.append(answer.code if isinstance(answer, Refused) else answer.state)
+
+        self._stage.robot.request(request, request.params(**params), hear)
+        self._stage.lockstep.run(0.0)
+        return answers
+
+    def answer(self) -> None:
+        """Let base answer what it was asked."""
+        for query in self._queries:
+            query.finish()
+        self._stage.lockstep.run(1.0)
+
+
+def test_a_goal_that_is_canceled_while_base_is_asked_does_not_set_off(
+    stage: Stage, far_side: Pose2D
+) -> None:
+    base = SlowBase(stage)
+    sent = base.ask(requests.GOAL_SEND, pose=far_side, id="a")
+    canceled = base.ask(requests.GOAL_CANCEL, id="a")
+    assert not sent
+    base.answer()
+    assert (sent, canceled) == (["driving"], ["canceled"])
+    assert stage.goals[-1].state == "canceled"
+    assert stage.world.twist.is_zero
+
+
+def test_a_goal_that_is_paused_while_base_is_asked_whether_to_resume_it_stays_paused(
+    stage: Stage, far_side: Pose2D
+) -> None:
+    stage.send(far_side)
+    stage.lockstep.ask(requests.GOAL_PAUSE, WhichGoal())
+    base = SlowBase(stage)
+    base.ask(requests.GOAL_RESUME)
+    base.ask(requests.GOAL_PAUSE)
+    base.answer()
+    assert stage.goals[-1].state == "paused"
+    assert stage.world.twist.is_zero
+
+
+def test_the_last_of_two_goals_is_driven_to_although_base_was_asked_for_the_first(
+    stage: Stage, far_side: Pose2D
+) -> None:
+    base = SlowBase(stage)
+    base.ask(requests.GOAL_SEND, pose=far_side, id="a")
+    stage.robot.say(mode="ok")
+    stage.lockstep.run(0.0)
+    base.ask(requests.GOAL_SEND, pose=Pose2D(2.0, 3.0, 0.0), id="b")
+    base.answer()
+    assert stage.goals[-1].id == "b"
