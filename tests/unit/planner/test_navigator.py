@@ -500,3 +500,14 @@ def test_after_a_change_of_map_a_change_of_its_zones_is_not_taken_for_another_ma
     drive.step(10)
     status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.message) == ("driving", "")
+
+
+@pytest.mark.parametrize("tolerance", [3.0, 1e308])
+def test_a_goal_that_may_be_missed_by_more_than_its_distance_is_driven_to(
+    ride, tolerance: float
+) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    goal = Pose2D(2.2, 3.2, 0.5)
+    drive.send(goal, xy_tolerance=tolerance)
+    assert drive.until_over(30.0).state == "arrived"
+    assert errors(drive, goal)[0] <= 0.3

@@ -173,7 +173,7 @@ class GoalExecution:
         target = Target(
             stretch.target.x,
             stretch.target.y,
-            0.5 * self.goal.tolerances.xy if stretch.is_goal else PASS_M,
+            min(0.5 * self.goal.tolerances.xy, PASS_M) if stretch.is_goal else PASS_M,
             not stretch.is_goal,
         )
         if self.route.is_tight_here:
