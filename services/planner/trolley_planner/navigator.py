@@ -154,6 +154,7 @@ class Navigator:
 
     def begin_epoch(self, now_ns: int) -> None:
         """Start over after a restart of base: earlier measurements do not count."""
+        self._scanned_ns = 0
         self.inputs.begin_epoch()
         self.costmap_manager.forget()
         self._motion_state.record_command(None, now_ns)

@@ -96,7 +96,7 @@ class PlannerService(Service):
 
     def epoch_began(self) -> None:
         """Stop, since the base was restarted."""
-        self._commanded_ns = 0
+        self._commanded_ns = self._trajectory_ns = self._costmap_ns = 0
         self.navigator.begin_epoch(self.stamp_ns)
         self._publish_changes()
 

@@ -511,3 +511,27 @@ def test_a_goal_that_may_be_missed_by_more_than_its_distance_is_driven_to(
     drive.send(goal, xy_tolerance=tolerance)
     assert drive.until_over(30.0).state == "arrived"
     assert errors(drive, goal)[0] <= 0.3
+
+
+def test_an_outline_that_changes_with_a_restart_of_base_counts_without_a_map_too(ride) -> None:
+    drive = ride(Flatland(empty_room(), START), PlannerConfig(frame="odom"))
+    navigator = drive.navigator
+    navigator.begin_epoch(drive.now_ns)
+    corners = [(0.4, 0.3), (-0.4, 0.3), (-0.4, -0.3), (0.4, -0.3)]
+    navigator.inputs.robot = msgspec.structs.replace(navigator.inputs.robot, footprint=corners)
+    scan = drive.world.scan(drive.now_ns)
+    navigator.update_scan(scan, [], drive.now_ns, drive.now_ns)  # before the first odometry
+    drive.step(4)
+    assert navigator.costmap_manager.context.footprint.circumscribed_m == pytest.approx(0.5)
+
+
+def test_where_robot_time_begins_anew_with_base_the_planner_is_silent_and_sees(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.step(200)
+    drive.send(Pose2D(1.6, 3.0, 0.0))
+    assert drive.until_over().state == "arrived"
+    drive.now_ns = 0
+    drive.navigator.begin_epoch(0)
+    drive.step(20)
+    assert drive.commands[-1] is None
+    assert len(drive.navigator.costmap_manager.context.costmap.obstacle_layer.beams) > 0

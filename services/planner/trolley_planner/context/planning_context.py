@@ -277,14 +277,14 @@ class CostmapManager:
         robot, grid, zones = inputs.robot, inputs.map, inputs.zones
         if robot is None or (inputs.frame == "map" and grid is None):
             return False
-        is_new_robot = robot is not self._robot and self._update_robot(robot)
-        is_new_robot |= self._is_outdated
+        # Until it is rebuilt: in frame `odom` that takes a pose.
+        self._is_outdated |= robot is not self._robot and self._update_robot(robot)
         if self._footprint is None:
-            self.context = None
-            return is_new_robot
+            before, self.context = self.context, None
+            return before is not None
         if inputs.frame == "odom":
-            return self._rebuild_around(self._footprint, robot, goals, is_new_robot)
-        if is_new_robot or grid is not self._map or self.context is None:
+            return self._rebuild_around(self._footprint, robot, goals)
+        if self._is_outdated or grid is not self._map or self.context is None:
             self.is_other_map = (
                 self._map is not None and grid is not None and grid.name != self._map.name
             )
@@ -350,7 +350,8 @@ class CostmapManager:
             self.context.costmap.set_position(here.x, here.y)
 
     def forget(self) -> None:
-        """Forget everything that the lidar has seen."""
+        """Forget everything that the lidar has seen, and when; robot time may begin anew."""
+        self._faded_ns = self._costs_ns = 0
         if self.context is not None:
             self.context.costmap.forget_all()
 
@@ -370,9 +371,7 @@ class CostmapManager:
             self._footprint_problem = f"The robot's footprint cannot be used: {error}."
         return True
 
-    def _rebuild_around(
-        self, footprint: Footprint, robot: Robot, goals: Sequence[Pose2D], is_new_robot: bool
-    ) -> bool:
+    def _rebuild_around(self, footprint: Footprint, robot: Robot, goals: Sequence[Pose2D]) -> bool:
         """Rebuild the costmap around robot and goals, in frame `odom`, where the old one ends.
 
         What was seen stays.
@@ -383,7 +382,7 @@ class CostmapManager:
         config, before = self._config, self.context
         edge = MANAGER.edge_share * config.odom_size_m
         centre, size_m = _square_around([here, *goals], edge, config)
-        if before is not None and not is_new_robot:
+        if before is not None and not self._is_outdated:
             is_needed = goals or before.grid.cols <= round(size_m / config.odom_resolution_m)
             if is_needed and all(_is_within(before, pose, edge) for pose in (here, *goals)):
                 return False

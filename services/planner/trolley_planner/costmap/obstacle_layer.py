@@ -201,6 +201,7 @@ class ObstacleLayer:
         grid = self.grid
         for array in (grid.evidence, grid.hits, grid.observed, grid.stood_ticks):
             array.fill(0)
+        self._scans_ns.clear()
         self.mark_all_dirty()
         self.beams = self.static_beams = np.empty((0, 6), dtype=np.float64)
 

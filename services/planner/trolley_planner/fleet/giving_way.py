@@ -115,6 +115,7 @@ class GivingWay:
     def forget(self) -> None:
         """Stop waiting, as with a new goal."""
         self.wait, self._waiting_execution, self._stood_ns, self._waited_ns = None, None, None, 0
+        self._looked_ns = 0
         self._left_to.clear()
 
     def decide(self, name: str, execution: GoalExecution, motion: Motion, now_ns: int) -> None:

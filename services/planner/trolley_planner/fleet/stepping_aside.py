@@ -101,6 +101,7 @@ class SteppingAside:
     def forget(self) -> None:
         """Drive on, as with a new goal."""
         self._execution, self._since_ns, self._rests_ns, self._waited_ns = None, None, 0, 0
+        self._until_ns = self._came_ns = self._looked_ns = 0
 
     def pop_waited_ns(self) -> int:
         """Return how long it yielded the last time, only once; 0 if it did not."""

@@ -51,7 +51,7 @@ class CurrentGoal:
 
     def is_stopping(self, now_ns: int) -> bool:
         """Say whether the goal was paused or ended a moment ago."""
-        return self._over_ns is not None and now_ns - self._over_ns < STOPPING_S * 1e9
+        return self._over_ns is not None and 0 <= now_ns - self._over_ns < STOPPING_S * 1e9
 
     # Its life.
 
