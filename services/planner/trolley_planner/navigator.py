@@ -144,6 +144,11 @@ class Navigator:
         if not self._yielding.maintain(execution, now):
             self._driver.maintain(execution, now)
 
+    def notice_silence(self, now_ns: int) -> None:
+        """Make the goal wait for its inputs, and fail, also where none comes to ask for a cycle."""
+        if self.current.is_driving:
+            self._guard.must_wait(now_ns)
+
     # What else is heard.
 
     def update_base(self, base: BaseState, now_ns: int) -> None:

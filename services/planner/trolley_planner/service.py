@@ -335,10 +335,11 @@ class PlannerService(Service):
 
     @every(STATUS_S)
     def publish_status(self) -> None:
-        """Publish the goal's status, and the path if it changed."""
+        """Publish the goal's status, and the path if it changed; notice that all is silent."""
         now_ns = self.stamp_ns
         if not self.navigator.current.board.is_active:
             return
+        self.navigator.notice_silence(now_ns)
         self._publish_changes()
         self.publish(topics.GOAL, self.navigator.current.status(now_ns))
 

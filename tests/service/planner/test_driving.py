@@ -257,6 +257,22 @@ def test_it_stands_while_its_sensors_are_silent(stage, far_side, silent, reason)
     assert stage.world.touches == 0
 
 
+@pytest.mark.parametrize("clock", [set(), {"clock"}])
+def test_after_a_long_silence_of_base_nothing_sets_off_by_itself(
+    stage: Stage, far_side: Pose2D, clock: set[str]
+) -> None:
+    stage.send(far_side)
+    stage.lockstep.run(2.0)
+    stage.robot.silent |= {"odom", "scan", "pose"} | clock
+    stage.lockstep.run(3.0)
+    assert (stage.goals[-1].state, stage.goals[-1].reason) == ("recovering", codes.SCAN_LOST)
+    stage.lockstep.run(70.0)
+    stage.robot.silent.clear()
+    stage.lockstep.run(2.0)
+    assert (stage.goals[-1].state, stage.goals[-1].reason) == ("failed", codes.SCAN_LOST)
+    assert stage.world.twist.is_zero
+
+
 def test_a_lost_pose_stops_the_robot(stage: Stage, far_side: Pose2D) -> None:
     stage.send(far_side)
     stage.lockstep.run(2.0)

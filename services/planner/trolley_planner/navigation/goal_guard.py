@@ -41,6 +41,7 @@ class GoalGuard:
         self._current = current
         self._spin = spin
         self._set_off_ns = 0
+        self._checked_ns = 0
         self._trouble_since_ns: int | None = None
 
     def set_config(self, config: PlannerConfig) -> None:
@@ -49,7 +50,7 @@ class GoalGuard:
 
     def set_off(self, now_ns: int) -> None:
         """Take in that the robot sets off to a goal."""
-        self._set_off_ns = now_ns
+        self._set_off_ns = self._checked_ns = now_ns
         self._trouble_since_ns = None
 
     def pause(self, reason: str, now_ns: int, message: str | None = None) -> None:
@@ -63,7 +64,15 @@ class GoalGuard:
         self._current.end("canceled", codes.CANCELED, now_ns)
 
     def must_wait(self, now_ns: int) -> bool:
-        """Say whether the robot must stand for want of inputs; fail if that lasts."""
+        """Say whether the robot must stand for want of inputs; fail if that lasts.
+
+        Without base there is no robot time either, so that only the gap afterwards tells of it.
+        """
+        gap_s, self._checked_ns = (now_ns - self._checked_ns) * 1e-9, now_ns
+        if gap_s > self._config.give_up_s:
+            why = f"Nothing was heard of the robot's base for {gap_s:.0f} s."
+            self._current.end("failed", codes.SCAN_LOST, now_ns, why)
+            return True
         trouble = self._costmap_manager.trouble(now_ns)
         if trouble is None:
             self._trouble_since_ns = None
