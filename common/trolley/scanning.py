@@ -25,6 +25,8 @@ MAX_EXTRAPOLATION_S = 0.2
 """Odometry is carried on by its twist for at most this long [s]."""
 MAX_WAIT_S = 0.1
 """A scan waits for the odometry of its last beam for at most this long [s, robot time]."""
+_MOST_NS = 2.0**62
+"""No scan takes longer, whatever it says: 146 years [ns]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +207,8 @@ def is_covered(history: Sequence[Odometry], stamp_ns: int) -> bool:
 def end_ns(scan: Scan) -> int:
     """Return robot time of a scan's last beam [ns]; earlier than the first's if clockwise."""
     beams = len(scan.ranges) // 4
-    return scan.stamp_ns + round(max(beams - 1, 0) * scan.time_increment * 1e9)
+    lasts_ns = max(beams - 1, 0) * scan.time_increment * 1e9
+    return scan.stamp_ns + round(min(max(lasts_ns, -_MOST_NS), _MOST_NS))
 
 
 # Check and gate.

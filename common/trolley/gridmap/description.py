@@ -6,6 +6,8 @@ Source:
 """
 
 import math
+import re
+import reprlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -22,6 +24,8 @@ FREE_THRESH = 0.196
 
 # A description is a dozen lines; a larger file is something else.
 _MAX_BYTES = 64 * 1024
+# Half of a character pair, which YAML writes as "\ud800", can name no file and be in no message.
+_NO_NAME = re.compile("[\0\ud800-\udfff]")
 _EXAMPLES = {
     "image": "image: map.pgm",
     "resolution": "resolution: 0.05",
@@ -80,7 +84,9 @@ def read_description(file: Path) -> MapDescription:
             raise MapError(file, f"the key '{key}' is missing", f"add a line like '{example}'")
     mode = keys.get("mode", "trinary")
     if mode not in MODES:
-        raise MapError(file, f"the mode {mode!r} is unknown", f"use one of {', '.join(MODES)}")
+        raise MapError(
+            file, f"the mode {_shown(mode)} is unknown", f"use one of {', '.join(MODES)}"
+        )
     resolution = _number(file, keys, "resolution")
     if not 0.001 <= resolution <= 10.0:
         raise MapError(
@@ -123,6 +129,25 @@ def render_description(description: MapDescription) -> str:
     return yaml.safe_dump(keys, sort_keys=False, default_flow_style=None, allow_unicode=True)
 
 
+def parse_yaml(content: bytes) -> object:
+    """Return what a YAML file holds.
+
+    Raises:
+        yaml.YAMLError: it is not YAML.
+        ValueError: it is not text (`UnicodeError`), or a value is not what it is marked as.
+        RecursionError: it is nested too deeply.
+    """
+    import yaml
+
+    try:
+        return yaml.safe_load(content)
+    except UnicodeError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # PyYAML lets all of these through: `2001-99-99`, `!!int ""`, `!!bool maybe`.
+        raise ValueError("a value is not what it is marked as") from error
+
+
 def _load_yaml(file: Path) -> dict[str, Any]:
     """Return the top-level keys of a YAML file."""
     import yaml
@@ -131,17 +156,30 @@ def _load_yaml(file: Path) -> dict[str, Any]:
     try:
         if file.stat().st_size > _MAX_BYTES:
             raise MapError(file, "it is too large for a map's description", remedy)
-        document: object = yaml.safe_load(read_file(file))
+        document = parse_yaml(read_file(file))
     except OSError as error:
         raise MapError(file, f"it cannot be read ({error.strerror})", remedy) from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         where = getattr(error, "problem_mark", None)
         line = f" at line {where.line + 1}" if where is not None else ""
-        reason = getattr(error, "problem", None) or "not text"
+        is_text = not isinstance(error, yaml.YAMLError | UnicodeError)
+        reason = getattr(error, "problem", None) or (str(error) if is_text else "not text")
         raise MapError(file, f"it is not valid YAML{line} ({reason})", remedy) from error
     if not isinstance(document, dict):
         raise MapError(file, "it holds no 'key: value' lines", remedy)
-    return {str(key): value for key, value in cast("dict[object, Any]", document).items()}
+    return {
+        key: value
+        for key, value in cast("dict[object, Any]", document).items()
+        if isinstance(key, str)
+    }
+
+
+def _shown(value: object) -> str:
+    """Return a value for a message, cut short: what YAML repeats by reference is endless."""
+    try:
+        return f"{reprlib.repr(value):.60}"
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        return "a number of thousands of digits"
 
 
 def _as_float(value: object) -> float | None:
@@ -159,13 +197,13 @@ def _number(file: Path, keys: dict[str, Any], key: str) -> float:
     number = _as_float(keys[key])
     if number is None:
         raise MapError(
-            file, f"'{key}' is not a number ({keys[key]!r:.60})", f"write '{_EXAMPLES[key]}'"
+            file, f"'{key}' is not a number ({_shown(keys[key])})", f"write '{_EXAMPLES[key]}'"
         )
     return number
 
 
 def _image(file: Path, value: object) -> str:
-    if not isinstance(value, str) or not value.strip() or "\0" in value:
+    if not isinstance(value, str) or not value.strip() or _NO_NAME.search(value):
         raise MapError(file, "'image' is not a file name", f"write '{_EXAMPLES['image']}'")
     return value.strip()
 
@@ -176,7 +214,7 @@ def _origin(file: Path, value: object) -> Pose2D:
     if len(items) != 3 or len(numbers) != 3:
         raise MapError(
             file,
-            f"'origin' must be a list of three numbers x, y, yaw, not {value!r:.60}",
+            f"'origin' must be a list of three numbers x, y, yaw, not {_shown(value)}",
             f"write '{_EXAMPLES['origin']}'",
         )
     return Pose2D(numbers[0], numbers[1], wrap_angle(numbers[2]))
@@ -184,9 +222,9 @@ def _origin(file: Path, value: object) -> Pose2D:
 
 def _negate(file: Path, value: object) -> bool:
     # Numbers and words, bare or quoted: Nav2 takes an int first and a bool second.
-    word = str(value).strip().lower()
-    if word in ("1", "true", "yes", "on"):
+    word = value.strip().lower() if isinstance(value, str) else value
+    if word in (1, "1", "true", "yes", "on"):
         return True
-    if word in ("0", "false", "no", "off"):
+    if word in (0, "0", "false", "no", "off"):
         return False
-    raise MapError(file, f"'negate' must be 0 or 1, not {value!r:.60}", "write 'negate: 0'")
+    raise MapError(file, f"'negate' must be 0 or 1, not {_shown(value)}", "write 'negate: 0'")

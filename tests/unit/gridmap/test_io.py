@@ -83,7 +83,15 @@ def test_negated_map_is_read(folder: Path, word: str) -> None:
         (GOOD, "image: [", "not valid YAML at line"),
         (GOOD, "image: \tmap\n\t: x", "not valid YAML"),
         (GOOD, "a: " + "[" * 5000, "not valid YAML"),
-        (GOOD, "x: 2001-99-99", "not valid YAML"),
+        (GOOD, "x: 2001-99-99", r"not valid YAML \(a value"),
+        (GOOD, "x: !!timestamp soon", "a value is not what it is marked as"),
+        ("resolution: 0.05", "resolution: !!int ''", "a value is not what it is marked as"),
+        ("resolution: 0.05", "resolution: !!float ''", "a value is not what it is marked as"),
+        ("resolution: 0.05", f"resolution: {'9:' * 300}0.5", "a value is not what it is marked as"),
+        ("resolution: 0.05", f"resolution: 0x{'f' * 9000}", "a number of thousands of digits"),
+        ("negate: 0", "negate: !!bool maybe", "a value is not what it is marked as"),
+        ("negate: 0", f"negate: 0x{'f' * 9000}", "'negate' must be 0 or 1"),
+        ("image: map.pgm", 'image: "\\ud800.pgm"', "not a file name"),
         (GOOD, "# " * 40000, "too large"),
         ("image: map.pgm\n", "", "the key 'image' is missing; add a line like 'image: map.pgm'"),
         ("resolution: 0.05\n", "", "the key 'resolution' is missing"),
@@ -123,6 +131,16 @@ def test_description_that_cannot_be_read_says_why(
         load_map(file)
     assert str(caught.value).startswith(f"map {caught.value.file}: ")
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize("key", ["resolution", "origin", "negate", "mode"])
+def test_a_value_that_repeats_itself_without_end_is_not_written_out(folder: Path, key: str) -> None:
+    tenfold = [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 9)]
+    lines = ["a0: &a0 x", *tenfold, *GOOD.splitlines(), f"{key}: *a8"]
+    (folder / "map.yaml").write_text("\n".join(lines))
+    with pytest.raises(MapError) as caught:
+        load_map(folder / "map.yaml")
+    assert len(str(caught.value)) < 500
 
 
 def test_description_in_another_encoding_says_so(folder: Path) -> None:

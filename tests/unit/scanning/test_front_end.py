@@ -5,6 +5,7 @@ import struct
 from dataclasses import replace
 
 import pytest
+from msgspec import structs
 
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Odometry, Scan, Transform
@@ -92,6 +93,12 @@ def test_without_mounting_or_odometry_a_scan_is_useless() -> None:
     assert assemble(scan(160), HISTORY, elsewhere) is Reject.NO_LASER_MOUNTING
     assert assemble(scan(160), [], LASER) is Reject.NO_ODOMETRY
     assert assemble(scan(900), HISTORY, LASER) is Reject.NO_ODOMETRY
+
+
+@pytest.mark.parametrize("time_increment", [1e300, -1e300, 1e308])
+def test_a_scan_that_takes_for_ever_is_useless(time_increment: float) -> None:
+    endless = structs.replace(scan(160), time_increment=time_increment)
+    assert assemble(endless, HISTORY, LASER) is Reject.NO_ODOMETRY
 
 
 def test_a_scan_waits_for_the_odometry_of_its_last_beam() -> None:

@@ -22,7 +22,7 @@ from msgspec import Struct
 from trolley.files import make_folder, read_file, sync_folder, write_atomically
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, MapError, load_map
-from trolley.gridmap.description import read_description, render_description
+from trolley.gridmap.description import parse_yaml, read_description, render_description
 from trolley.gridmap.io import render_map
 from trolley.messages import Zone
 from trolley.state_file import Unreadable, keep_unreadable, parse, render
@@ -244,7 +244,7 @@ class MapVersions:
         import yaml
 
         try:
-            document = cast("object", yaml.safe_load(read_file(file)))
+            document = parse_yaml(read_file(file))
             found = cast("dict[str, object]", document) if isinstance(document, dict) else {}
             said = found.get("trolley")
         except (OSError, yaml.YAMLError, ValueError, RecursionError):
