@@ -22,6 +22,9 @@ MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")
 OCCUPIED_THRESH = 0.65
 FREE_THRESH = 0.196
 
+# Farther from the origin of the map frame, numbers do not tell a tenth of a millimetre any more.
+_MOST_ORIGIN_M = 1e12
+
 # A description is a dozen lines; a larger file is something else.
 _MAX_BYTES = 64 * 1024
 # Half of a character pair, which YAML writes as "\ud800", can name no file and be in no message.
@@ -216,6 +219,12 @@ def _origin(file: Path, value: object) -> Pose2D:
             file,
             f"'origin' must be a list of three numbers x, y, yaw, not {_shown(value)}",
             f"write '{_EXAMPLES['origin']}'",
+        )
+    if max(abs(numbers[0]), abs(numbers[1])) > _MOST_ORIGIN_M:
+        raise MapError(
+            file,
+            f"the origin lies too far away ({_shown(value)})",
+            f"use coordinates of at most {_MOST_ORIGIN_M:.0e} m",
         )
     return Pose2D(numbers[0], numbers[1], wrap_angle(numbers[2]))
 

@@ -51,6 +51,8 @@ class Mapping:
         self.inputs: RobotInputs | None = None
         self._service, self._config, self._on_end = service, config, on_end
         self._checkpointer = Checkpointer(service)
+        self._is_reading = False
+        """Whether it is not known yet if the run before left a map."""
         self._places: SavedPlaces | None = None
         self._published_version = _NOTHING_PUBLISHED
         # Said as long as nothing is the matter.
@@ -61,9 +63,11 @@ class Mapping:
     def start(self) -> None:
         """Continue the map of the previous run, if it was not finished."""
         self.publish_status()
+        self._is_reading = True
         self._service.work(partial(checkpoints.read, self._service.state.path), self._resume)
 
     def _resume(self, checkpoint: Checkpoint | str | None) -> None:
+        self._is_reading = False
         if isinstance(checkpoint, str):
             self._service.log.error(checkpoint)
             self.announce(checkpoint)
@@ -89,9 +93,18 @@ class Mapping:
             self.inputs.begin_epoch()
 
     def check_idle(self) -> None:
-        """Raise `Refused` while a map is being made or handed over."""
+        """Refuse while a map is being made or handed over, or may be about to be continued.
+
+        Raises:
+            Refused: `mapping` or `not_ready`.
+        """
         if self.session is not None:
-            raise Refused(codes.MAPPING)
+            raise Refused(
+                codes.MAPPING,
+                f"The map {self.session.name} is being made; save or cancel it first.",
+            )
+        if self._is_reading:
+            raise Refused(codes.NOT_READY, "The mapper is starting; try again in a moment.")
 
     def check_may_change(self) -> MapSession:
         """Return the map in the making.

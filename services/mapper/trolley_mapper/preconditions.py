@@ -2,9 +2,12 @@
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
+from trolley.gridmap import MAX_CELLS
 from trolley.gridmap.wire import grid_of
 from trolley.messages import MappingStatus, OccupancyGrid, PoseEstimate, Transform, Zones
 from trolley.messages.request_params import MapNamed
@@ -20,10 +23,12 @@ class Preconditions:
     Args:
         service: that asks for them.
         extends: the map that the robot must be on; None: a new map needs nothing.
+        resolution_m: edge of the cells in which it will be drawn [m].
     """
 
-    def __init__(self, service: Service, extends: str | None) -> None:
+    def __init__(self, service: Service, extends: str | None, resolution_m: float) -> None:
         self._extends = extends
+        self._resolution_m = resolution_m
         self._map: OccupancyGrid | None = None
         self._zones: Zones | None = None
         self._pose: PoseEstimate | None = None
@@ -48,7 +53,8 @@ class Preconditions:
             missing: names of what has not come in time.
 
         Raises:
-            Refused: `not_ready`, `wrong_map` or `not_localized`.
+            Refused: `not_ready`, `wrong_map`, `not_localized`, or `bad_request` where the map is
+                too large.
         """
         if missing:
             raise Refused(
@@ -64,6 +70,14 @@ class Preconditions:
         is_localized = self._pose is not None and self._pose.state == "localized"
         if not is_localized or self._correction is None:
             raise Refused(codes.NOT_LOCALIZED)
+        width, height = np.ptp(grid_of(self._map).corners(), axis=0)
+        if width * height > MAX_CELLS * self._resolution_m**2:
+            raise Refused(
+                codes.BAD_REQUEST,
+                f"The map {self._extends} is {width:.0f} x {height:.0f} m, too large to be drawn "
+                f"in cells of {self._resolution_m:g} m: crop it first, or set a larger [mapper] "
+                "resolution_m.",
+            )
 
     def apply(self, session: MapSession) -> None:
         """Let a session continue the map, after `check`."""
@@ -91,11 +105,14 @@ class PendingStart:
         service: that was asked.
         session: what is to be begun.
         params: how: whether the robot is to explore then, and how fast.
+        resolution_m: edge of the map's cells [m].
     """
 
-    def __init__(self, service: Service, session: MapSession, params: MapNamed) -> None:
+    def __init__(
+        self, service: Service, session: MapSession, params: MapNamed, resolution_m: float
+    ) -> None:
         self.session, self.params = session, params
-        self.preconditions = Preconditions(service, session.extends)
+        self.preconditions = Preconditions(service, session.extends, resolution_m)
         self.reply: Later[MappingStatus] = service.later()
         self.until_ns = service.monotonic_ns + ANSWER_NS
 
@@ -138,13 +155,13 @@ class MapStarter:
         return self._begin(MapSession(self._config.mapper, params.name, params.name), params)
 
     def _begin(self, session: MapSession, params: MapNamed) -> Later[MappingStatus]:
-        current = self._mapping.session
-        if current is not None or self._pending is not None:
-            which = f"The map {current.name}" if current is not None else "A map"
-            raise Refused(codes.MAPPING, f"{which} is being made; save or cancel it first.")
+        self._mapping.check_idle()
+        if self._pending is not None:
+            raise Refused(codes.MAPPING, "A map is being made; save or cancel it first.")
         if self._is_editing():
             raise Refused(codes.NOT_READY, "A map is being edited; try again when that is done.")
-        pending = PendingStart(self._service, session, params)
+        resolution_m = self._config.mapper.resolution_m
+        pending = PendingStart(self._service, session, params, resolution_m)
         self._mapping.listen()
         self._pending = pending
         self._try_to_begin()

@@ -12,8 +12,12 @@ from support.flatland import Flatland
 
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D, Twist2D
-from trolley.gridmap import MapError
+from trolley.gridmap import GridMap, MapError
+from trolley.gridmap.wire import map_message
+from trolley.messages import PoseEstimate, Zones
 from trolley.messages.request_params import MapNamed, SaveMap
+from trolley.runtime.lockstep import _LockstepHost
+from trolley.runtime.service import Service, every
 from trolley.scan_matching.sweep import read_sweep
 from trolley.scanning import ScanInput
 from trolley_mapper import checkpoint
@@ -23,6 +27,7 @@ from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between
 from trolley_mapper.slam.serialization import State, pack
+from trolley_mapper.wire import odom_transform
 
 from .conftest import Stage
 
@@ -257,3 +262,76 @@ def test_a_map_that_contradicts_itself_is_saved_and_said_to_be_doubtful(
     assert "in use" in stage.status.message
     assert stage.ask(requests.MAP_LIST) == ["home"]
     assert ("contradict each other" in stage.status.message) == is_doubted
+
+
+class OnHugeMap(Service):
+    """A localizer that knows where it is on a coarse map of a square kilometre."""
+
+    name = "localizer"
+
+    @every(0.2)
+    def say(self) -> None:
+        now_ns, here = self.stamp_ns, Pose2D(500.0, 500.0, 0.0)
+        grid = GridMap("land", 10.0, Pose2D.identity(), np.zeros((100, 100), np.int8))
+        self.publish(topics.MAP, map_message(now_ns, grid))
+        self.publish(topics.ZONES, Zones(stamp_ns=now_ns, map="land", zones=[]))
+        self.publish(topics.TF, odom_transform(now_ns, here), "odom")
+        known = PoseEstimate(
+            stamp_ns=now_ns,
+            map="land",
+            pose=here,
+            covariance=None,
+            state="localized",
+            match=1.0,
+            spread=0.0,
+        )
+        self.publish(topics.POSE, known)
+
+
+def test_a_map_too_large_for_the_mappers_cells_is_not_extended(
+    make_stage: Callable[..., Stage],
+) -> None:
+    stage = make_stage("mapper")
+    stage.bus.add(OnHugeMap())
+    stage.bus.run(0.5)
+    refused = stage.refusal(requests.MAP_EXTEND, MapNamed(name="land"))
+    assert refused.code == codes.BAD_REQUEST, refused.message
+    assert "1000 x 1000 m, too large to be drawn in cells of 0.05 m" in refused.message
+    assert stage.status.state == "idle"
+
+
+@pytest.mark.usefixtures("often")
+def test_no_map_begins_before_it_is_known_whether_one_is_unfinished(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage.map(seconds=2.0)
+    stage.bus.run(KEPT_S)
+    stage.bus.kill("mapper")
+    slow_disk: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []
+    with monkeypatch.context() as disk:
+        disk.setattr(_LockstepHost, "work", lambda _, fn, done: slow_disk.append((fn, done)))
+        stage.begin("mapper")
+    stage.bus.run(0.1)
+    assert stage.refusal(requests.MAP_NEW, MapNamed(name="other")).code == codes.NOT_READY
+    for fn, done in slow_disk:
+        done(fn())
+    stage.bus.run(1.0)
+    assert (stage.status.state, stage.status.name) == ("mapping", "home")
+
+
+def test_a_map_that_is_long_in_writing_stays_the_mappers(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage.map(seconds=2.0)
+    slow_disk: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []
+    with monkeypatch.context() as disk:
+        disk.setattr(_LockstepHost, "work", lambda _, fn, done: slow_disk.append((fn, done)))
+        assert stage.ask(requests.MAP_SAVE, SaveMap()).state == "saving"
+        num_poses = len(stage.poses)
+        stage.bus.run(6.0)
+    assert {one.state for one in stage.poses[num_poses:]} == {"mapping"}
+    assert stage.refusal(requests.POSE_FIND).code == codes.MAPPING
+    for fn, done in slow_disk:
+        done(fn())
+    stage.bus.run(2.0)
+    assert (stage.pose.state, stage.pose.map) == ("localized", "home")

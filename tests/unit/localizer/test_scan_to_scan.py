@@ -6,7 +6,7 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley_localizer.filter.scan_to_scan import PARAMS, ScanToScan
+from trolley_localizer.filter.scan_to_scan import PARAMS, ScanToScan, View
 from trolley_localizer.matching.map_matcher import BeamSet, read_beams
 
 from .conftest import RESOLUTION, at, make_scan
@@ -66,3 +66,16 @@ def test_the_covariance_is_never_less_than_that_of_the_earlier_scan(
     led = scans.align(in_cells(flat, pose), beams_at(flat, pose))
     assert led is not None
     assert led.covariance[0, 0] > SURE[0, 0] + (PARAMS.floor_m / RESOLUTION) ** 2
+
+
+def test_on_a_map_as_fine_as_a_millimetre_the_field_stays_small(flat: GridMap) -> None:
+    fine, pose = 0.001, at(flat, 5.5, 3.0, 0.4)
+    scan = make_scan(flat, pose, Pose2D.identity())
+    view = View(read_beams(scan, fine, LocalizerConfig().max_range_m), fine)
+    assert view.field.nbytes < 100e6
+    scans = ScanToScan(fine)
+    assert not scans.follow(view.beams, np.zeros(3), SURE, 0.1)
+    told = np.array([15.0, 10.0, 0.01])
+    led = scans.align(told, view.beams)
+    assert led is not None
+    assert np.hypot(led.pose[0], led.pose[1]) < 5.0

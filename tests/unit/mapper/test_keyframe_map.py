@@ -1,13 +1,17 @@
 """What the map keeps of the scans of hours on the same floor."""
 
 import math
+import tracemalloc
 from collections.abc import Set
 
 import numpy as np
 
 from trolley.config.mapper import MapperConfig
+from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_map import PARAMS, KeyframeMap
+from trolley_mapper.slam.occupancy_grid import LogOddsGrid
 from trolley_mapper.slam.pose_graph import ODOMETRY, SCAN_MATCH, Edge, between
 
 SIDE_M = 1.5
@@ -79,3 +83,19 @@ def test_the_scan_that_a_part_begins_with_stays_until_it_is_known_how_the_part_l
         add_at(made, pose, {begin})
     assert begin in made.store.rows
     assert len(made.store) < begin
+
+
+def test_to_draw_a_large_earlier_map_takes_little_more_memory_than_to_keep_it() -> None:
+    cells = np.random.default_rng(3).choice(np.array([-1, 0, 100], np.int8), (1500, 1000))
+    prior = GridMap("flat", 0.05, Pose2D(-3.0, 7.0, 0.0), cells)
+    tracemalloc.start()
+    drawn = LogOddsGrid(0.05, prior)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 5 * drawn.num_bytes
+    again = drawn.grid()
+    known = prior.cells >= 0
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    assert (rows[0], cols[0]) == (0, 0)
+    assert again.origin == prior.origin
+    assert np.array_equal(again.cells, prior.cells[: rows[-1] + 1, : cols[-1] + 1])

@@ -48,6 +48,9 @@ class ScanToScanParams:
     """Time after which the earlier scan is replaced [s]."""
     field_m: float = 10.0
     """Distance from the robot within which scans are aligned with each other [m]."""
+    most_field_cells: int = 2000
+    """The same in cells at most, which is less on a map finer than 5 mm: at 1 mm the field would
+    take some 5 GB."""
     wall_m: float = 0.5
     """Distance from an echo beyond which nothing is aligned with it [m]."""
     widths_m: tuple[float, ...] = (0.25, 0.1)
@@ -79,6 +82,11 @@ class LedPose:
     """(3,) x, y [cells], yaw [rad] in `grid`."""
     covariance: NDArray[np.float64]
     """(3, 3) of the pose."""
+
+
+def half_of_field(resolution: float) -> int:
+    """Return half the edge of the field within which scans are aligned with each other [cells]."""
+    return min(math.ceil(PARAMS.field_m / resolution), PARAMS.most_field_cells)
 
 
 class View:
@@ -118,7 +126,7 @@ class View:
     @cached_property
     def field(self) -> NDArray[np.float32]:
         """Distance to the nearest echo [cells], with a ring, the robot in the middle."""
-        half = math.ceil(PARAMS.field_m / self._resolution)
+        half = half_of_field(self._resolution)
         rows, cols = (np.floor(part).astype(np.int64) + half for part in (self.ends.y, self.ends.x))
         inside = (rows >= 0) & (rows < 2 * half) & (cols >= 0) & (cols < 2 * half)
         echoes = np.zeros((2 * half, 2 * half), np.uint8)
@@ -227,7 +235,7 @@ class ScanToScan:
         if earlier is None:
             return None
         points = self._view_of(beams).ends
-        middle = float(math.ceil(PARAMS.field_m * cells))
+        middle = float(half_of_field(self._resolution))
         start = (earlier.pose.inverse() @ Pose2D.from_array(pose)).as_array()
         start[:2] += middle
         moved, information = start.copy(), np.zeros((3, 3))

@@ -32,6 +32,9 @@ class OccupancyParams:
     """Distance behind a mirror up to which an echo is of its frame, or of its wall [m]."""
     drawn_together: int = 40
     """Number of keyframes that are drawn in one slice."""
+    looked_up_together: int = 1 << 18
+    """Number of cells whose value on an earlier map is looked up at once: each takes some 100
+    bytes meanwhile."""
     margin_cells: int = 40
     """Cells that are added on each side when the grid must grow."""
 
@@ -146,15 +149,18 @@ class LogOddsGrid:
         """Take over the cells of a map, which may be turned and of another resolution."""
         corners = prior.corners()
         self._grow(corners.min(axis=0), corners.max(axis=0))
+        self._mark += 1
         rows, cols = self._cells.marks.shape
         x = (self._origin[0] + np.arange(cols) + 0.5) * self._resolution
         y = (self._origin[1] + np.arange(rows) + 0.5) * self._resolution
-        centres = np.column_stack([np.tile(x, rows), np.repeat(y, cols)])
-        values = prior.values_at(centres).reshape(rows, cols)
-        self._cells.log_odds[prior_walls(values)] = 3 * PARAMS.rise
-        self._cells.log_odds[(values >= 0) & ~prior_walls(values)] = -6 * PARAMS.fall
-        self._mark += 1
-        self._cells.marks[values >= 0] = self._mark
+        together = max(PARAMS.looked_up_together // cols, 1)
+        for first in range(0, rows, together):
+            part = np.s_[first : first + together]
+            centres = np.column_stack([np.tile(x, len(y[part])), np.repeat(y[part], cols)])
+            values = prior.values_at(centres).reshape(-1, cols)
+            self._cells.log_odds[part][prior_walls(values)] = 3 * PARAMS.rise
+            self._cells.log_odds[part][(values >= 0) & ~prior_walls(values)] = -6 * PARAMS.fall
+            self._cells.marks[part][values >= 0] = self._mark
 
 
 def _blank(rows: int, cols: int) -> Cells:
