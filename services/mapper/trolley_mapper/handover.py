@@ -123,6 +123,7 @@ class MapSaver:
     def __init__(self, service: Service, config: RobotConfig, mapping: Mapping) -> None:
         self._service, self._config, self._mapping = service, config, mapping
         self._pending: _PendingReply | None = None
+        self._is_writing = False
         self._handover: Handover | None = None
 
     @answers(requests.MAP_SAVE)
@@ -141,6 +142,7 @@ class MapSaver:
         job = core.finishing()
         write = partial(_write, job, self._service.maps.path, name, zones)
         self._mapping.begin_saving()
+        self._is_writing = True
         reply: Later[MappingStatus] = self._service.later()
         self._pending = _PendingReply(reply, self._service.monotonic_ns + ANSWER_NS)
         written = partial(self._written, session, name, job)
@@ -157,13 +159,16 @@ class MapSaver:
 
     @every(1.0, clock="local")
     def _hand_over(self) -> None:
-        """Ask the localizer to take over, until it has."""
-        if self._handover is not None:
+        """Ask the localizer to take over, until it has; not before the map is written."""
+        if self._is_writing:
+            self._service.request(requests.LOCALIZER_YIELD, Yield(), lambda _: None)
+        elif self._handover is not None:
             self._handover.ask()
 
     def _written(
         self, session: MapSession, name: str, job: "FinishJob", problem: str | None
     ) -> None:
+        self._is_writing = False
         if self._mapping.session is not session:
             return
         if problem is not None:
