@@ -54,6 +54,10 @@ class PosePublisher:
         self._suspects = []
         self._is_correction_told = False
 
+    def forget_odometry(self) -> None:
+        """Know nothing of where the odometry of a new run of base begins."""
+        self.map_T_odom = None
+
     def publish(self, loaded: LoadedMap, estimate: Estimate) -> None:
         """Publish an estimate and what goes with it."""
         service, stamp_ns = self._service, estimate.stamp_ns

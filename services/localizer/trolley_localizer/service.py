@@ -70,6 +70,7 @@ class LocalizerService(Service):
     def epoch_began(self) -> None:
         """Forget the odometry of base's previous run; the robot itself has not moved."""
         self._assembler.clear()
+        self._publisher.forget_odometry()
         if self._maps.current is not None:
             self._maps.current.localizer.restart_odometry()
 

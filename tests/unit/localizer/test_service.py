@@ -514,3 +514,22 @@ def test_a_restart_of_base_keeps_the_pose(make_robot: MakeRobot, flat: GridMap) 
     assert len(robot.poses) == before + 10
     assert {pose.state for pose in robot.poses[before:]} == {"localized"}
     assert robot.error_m() < 0.05
+
+
+def test_a_stop_just_after_a_restart_of_base_does_not_mix_up_two_odometries(
+    make_robot: MakeRobot, flat: GridMap
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.drive(4.0, 0.2, 0.3)
+    # Base begins anew, and its lidar takes seconds to spin up.
+    robot.odom, robot.epoch_ns = Pose2D.identity(), 1
+    clock = Clock(stamp_ns=robot.bus.now_ns, rate=1.0, epoch=robot.epoch_ns)
+    robot.bus.publish(topics.CLOCK, clock)
+    robot.bus.run(0.5)
+    robot.bus.close()
+    robot.begin()
+    robot.drive(0.1)
+    assert robot.error_m() < 0.05
+    robot.drive(0.5)
+    assert robot.last.state == "localized"
+    assert robot.error_m() < 0.05
