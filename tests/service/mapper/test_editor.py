@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from trolley import codes, requests, topics
+from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, load_map, save_map
 from trolley.messages import (
@@ -288,3 +289,26 @@ def test_one_that_asks_again_hears_of_the_same_change(home: Home) -> None:
     assert home.ask(requests.MAP_EDIT, params) == home.ask(requests.MAP_EDIT, params)
     other = EditMap(name="flat", ops=[Turn(angle=0.6)], id="a1")
     assert home.refusal(requests.MAP_EDIT, other).code == codes.BAD_REQUEST
+
+
+def test_zones_and_places_stay_where_they_are_while_the_edited_map_cannot_be_loaded(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise Refused(codes.BAD_REQUEST, "The map cannot be read.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MapServer, "_read_map", refuse)
+        reply = home.edit(Turn(angle=0.5), as_name="turned")
+    assert "The map cannot be read. The robot stays on the map of before" in reply.message
+    assert home.poses[-1].map == "flat"
+    assert home.newest(home.zones).zones == [RUG]
+    assert home.newest(home.places).poses == [SOFA]
+    home.bus.kill("mapper")
+    home.begin("mapper")
+    home.bus.run(3.0)
+    assert home.newest(home.zones).map == "turned"
+    wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
+    np.testing.assert_allclose(home.newest(home.zones).zones[0].points, wanted, atol=1e-9)
+    assert home.newest(home.places).poses[0].map == "turned"
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))

@@ -29,6 +29,7 @@ KNOWN = ("localized", "unsure")
 STANDS_IN_OBSTACLE = (
     "The robot stands in an obstacle of this map, or outside it, and now searches for its position."
 )
+FOLLOWS = "The robot stays on the map of before; restart the mapper to try again."
 OTHER_MAP = "The robot is on another map by now."
 NO_ROOM = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP)
 """Refusals of a pose, not of the map."""
@@ -177,8 +178,15 @@ class MapSwitch:
             self._remark = STANDS_IN_OBSTACLE
             self._ask_to_load(None)
         else:
-            self._problems.append(result.message)
-            self._next()
+            self._give_up(result.message)
+
+    def _give_up(self, why: str) -> None:
+        """Leave all as it is: zones would move on the map of before, which the robot is still on.
+
+        The plan stays, so that the next run carries it out.
+        """
+        self._service.log.error("An edited map was not loaded", map=self._plan.map, why=why)
+        self._done(f"{why} {FOLLOWS}")
 
     def _hear_zones(self, found: dict[tuple[str, ...], Zones]) -> None:
         """A localizer that has loaded the map publishes its zones."""
@@ -190,8 +198,7 @@ class MapSwitch:
             self._next()
         elif self._service.monotonic_ns > self._waits_until_ns:
             self._waits_until_ns = None
-            self._problems.append(f"The localizer has not loaded {self._plan.map}.")
-            self._next()
+            self._give_up(f"The localizer has not loaded {self._plan.map}.")
 
     # What lies on it.
 
