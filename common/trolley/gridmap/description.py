@@ -14,6 +14,7 @@ from typing import Any, Literal, cast
 
 from trolley.files import read_file
 from trolley.geometry import Pose2D, wrap_angle
+from trolley.messages.mapping import MAX_ORIGIN_M
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")
@@ -21,9 +22,6 @@ MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")
 # The thresholds that ROS's tools write: a pixel of 205 (unknown) lies just between them.
 OCCUPIED_THRESH = 0.65
 FREE_THRESH = 0.196
-
-# Farther from the origin of the map frame, numbers do not tell a tenth of a millimetre any more.
-_MOST_ORIGIN_M = 1e12
 
 # A description is a dozen lines; a larger file is something else.
 _MAX_BYTES = 64 * 1024
@@ -220,11 +218,11 @@ def _origin(file: Path, value: object) -> Pose2D:
             f"'origin' must be a list of three numbers x, y, yaw, not {_shown(value)}",
             f"write '{_EXAMPLES['origin']}'",
         )
-    if max(abs(numbers[0]), abs(numbers[1])) > _MOST_ORIGIN_M:
+    if max(abs(numbers[0]), abs(numbers[1])) > MAX_ORIGIN_M:
         raise MapError(
             file,
             f"the origin lies too far away ({_shown(value)})",
-            f"use coordinates of at most {_MOST_ORIGIN_M:.0e} m",
+            f"use coordinates of at most {MAX_ORIGIN_M:.0f} m",
         )
     return Pose2D(numbers[0], numbers[1], wrap_angle(numbers[2]))
 

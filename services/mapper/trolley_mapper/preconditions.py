@@ -7,7 +7,7 @@ import numpy as np
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
-from trolley.gridmap import MAX_CELLS
+from trolley.gridmap import MAX_CELLS, GridMap
 from trolley.gridmap.wire import grid_of
 from trolley.messages import MappingStatus, OccupancyGrid, PoseEstimate, Transform, Zones
 from trolley.messages.request_params import MapNamed
@@ -15,6 +15,10 @@ from trolley.runtime.service import Later, Service, answers, every
 from trolley_mapper.map_names import check_name_is_free
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import ANSWER_NS, Mapping
+
+MOST_AWAY_M = 20_000.0
+"""Most that a map to be extended may lie from its origin: its walls are kept in single precision,
+whose steps are 2 mm there, and half a metre in coordinates of a country [m]."""
 
 
 class Preconditions:
@@ -54,7 +58,7 @@ class Preconditions:
 
         Raises:
             Refused: `not_ready`, `wrong_map`, `not_localized`, or `bad_request` where the map is
-                too large.
+                too large or too far away.
         """
         if missing:
             raise Refused(
@@ -70,13 +74,29 @@ class Preconditions:
         is_localized = self._pose is not None and self._pose.state == "localized"
         if not is_localized or self._correction is None:
             raise Refused(codes.NOT_LOCALIZED)
-        width, height = np.ptp(grid_of(self._map).corners(), axis=0)
+        self._check_extent(grid_of(self._map))
+
+    def _check_extent(self, grid: GridMap) -> None:
+        """Refuse a map that would take all memory, or whose walls would be blurred.
+
+        Raises:
+            Refused: `bad_request`.
+        """
+        corners = grid.corners()
+        width, height = np.ptp(corners, axis=0)
         if width * height > MAX_CELLS * self._resolution_m**2:
             raise Refused(
                 codes.BAD_REQUEST,
-                f"The map {self._extends} is {width:.0f} x {height:.0f} m, too large to be drawn "
-                f"in cells of {self._resolution_m:g} m: crop it first, or set a larger [mapper] "
+                f"The map {grid.name} is {width:.0f} x {height:.0f} m, too large to be drawn in "
+                f"cells of {self._resolution_m:g} m: crop it first, or set a larger [mapper] "
                 "resolution_m.",
+            )
+        if np.abs(corners).max() > MOST_AWAY_M:
+            raise Refused(
+                codes.BAD_REQUEST,
+                f"The map {grid.name} lies more than {MOST_AWAY_M / 1000:.0f} km from where its "
+                "coordinates are 0, too far to be extended exactly: give its file an `origin` near "
+                "0.",
             )
 
     def apply(self, session: MapSession) -> None:

@@ -264,16 +264,19 @@ def test_a_map_that_contradicts_itself_is_saved_and_said_to_be_doubtful(
     assert ("contradict each other" in stage.status.message) == is_doubted
 
 
-class OnHugeMap(Service):
-    """A localizer that knows where it is on a coarse map of a square kilometre."""
+class OnLand(Service):
+    """A localizer that knows where it is on a coarse map."""
 
     name = "localizer"
 
+    def __init__(self, num_cells: int, x: float) -> None:
+        cells = np.zeros((num_cells, num_cells), np.int8)
+        self.grid = GridMap("land", 10.0, Pose2D(x, 0.0, 0.0), cells)
+
     @every(0.2)
     def say(self) -> None:
-        now_ns, here = self.stamp_ns, Pose2D(500.0, 500.0, 0.0)
-        grid = GridMap("land", 10.0, Pose2D.identity(), np.zeros((100, 100), np.int8))
-        self.publish(topics.MAP, map_message(now_ns, grid))
+        now_ns, here = self.stamp_ns, self.grid.origin
+        self.publish(topics.MAP, map_message(now_ns, self.grid))
         self.publish(topics.ZONES, Zones(stamp_ns=now_ns, map="land", zones=[]))
         self.publish(topics.TF, odom_transform(now_ns, here), "odom")
         known = PoseEstimate(
@@ -288,15 +291,22 @@ class OnHugeMap(Service):
         self.publish(topics.POSE, known)
 
 
-def test_a_map_too_large_for_the_mappers_cells_is_not_extended(
-    make_stage: Callable[..., Stage],
+@pytest.mark.parametrize(
+    ("num_cells", "x", "sentence"),
+    [
+        (100, 0.0, "1000 x 1000 m, too large to be drawn in cells of 0.05 m"),
+        (5, 5e5, "more than 20 km from where its coordinates are 0"),
+    ],
+)
+def test_a_map_too_large_or_too_far_away_is_not_extended(
+    make_stage: MakeStage, num_cells: int, x: float, sentence: str
 ) -> None:
     stage = make_stage("mapper")
-    stage.bus.add(OnHugeMap())
+    stage.bus.add(OnLand(num_cells, x))
     stage.bus.run(0.5)
     refused = stage.refusal(requests.MAP_EXTEND, MapNamed(name="land"))
-    assert refused.code == codes.BAD_REQUEST, refused.message
-    assert "1000 x 1000 m, too large to be drawn in cells of 0.05 m" in refused.message
+    assert refused.code == codes.BAD_REQUEST
+    assert sentence in refused.message
     assert stage.status.state == "idle"
 
 

@@ -115,6 +115,7 @@ def test_negated_map_is_read(folder: Path, word: str) -> None:
         ("[-1.5, 2.0, 0.0]", "[-1.5, .inf, 0.0]", "three numbers"),
         ("[-1.5, 2.0, 0.0]", "{x: 1}", "three numbers"),
         ("[-1.5, 2.0, 0.0]", "[-1.5, -1e308, 0.0]", "the origin lies too far away"),
+        ("[-1.5, 2.0, 0.0]", "[458000.0, 5430000.0, 0.0]", "at most 1000000 m"),
         ("negate: 0", "negate: 2", "'negate' must be 0 or 1"),
         ("occupied_thresh: 0.65", "occupied_thresh: 0.1", "out of order"),
         ("occupied_thresh: 0.65", "occupied_thresh: 65", "out of order"),
