@@ -69,6 +69,7 @@ def turn(
     known = part_of(grid, known_box(grid.cells))
     corners = new_T_old.transform_points(known.corners())
     low = corners.min(axis=0)
+    _refuse_odd_numbers(*low.tolist())
     size = np.ceil((corners.max(axis=0) - low) / grid.resolution - 1e-6).astype(np.int64)
     cols, rows = (max(1, int(one)) for one in size)
     check_size(rows, cols)

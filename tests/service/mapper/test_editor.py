@@ -179,6 +179,13 @@ def test_what_cannot_be_is_refused_and_changes_nothing(home: Home) -> None:
         assert home.files() == before
 
 
+def test_no_map_is_turned_to_where_no_message_can_hold_it(home: Home) -> None:
+    far = EditMap(name="flat", ops=[Turn(angle=math.pi, about=(9e5, 0.0))])
+    assert home.refusal(requests.MAP_EDIT, far).code == codes.OUTSIDE_MAP
+    home.bus.run(1.0)
+    assert home.poses[-1].state == "localized"
+
+
 def test_a_preview_stores_nothing(home: Home) -> None:
     before = home.files()
     params = EditMap(name="flat", ops=[Turn(angle=0.2)], preview=True)
