@@ -9,6 +9,7 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED, UNKNOWN, GridMap
+from trolley_localizer.matching import global_search
 from trolley_localizer.matching.global_search import build_pyramid, find_places
 from trolley_localizer.matching.likelihood_field import build_field, make_lines
 from trolley_localizer.matching.map_matcher import MapMatcher, read_beams
@@ -62,3 +63,30 @@ def test_maps_that_say_nothing_give_no_place_and_no_error(shape: tuple[int, int]
     matcher = MapMatcher(field, make_lines(field, []), CONFIG)
     beams = read_beams(make_scan(blank, Pose2D(0.02, 0.02, 0.0), Pose2D.identity()), 0.05, 60.0)
     assert find_places(field, build_pyramid(field), beams, matcher) == []
+
+
+@pytest.mark.parametrize(("shape", "resolution"), [((1000, 1000), 10.0), ((1, 2_000_000), 0.05)])
+def test_a_coarse_or_a_long_map_takes_no_more_memory_than_a_large_one(
+    shape: tuple[int, int], resolution: float
+) -> None:
+    cells = np.zeros(shape, np.int8)
+    cells[0, ::7] = OCCUPIED
+    field = build_field(GridMap("land", resolution, Pose2D.identity(), cells), CONFIG)
+    pyramid = build_pyramid(field)
+    bytes_per_heading = 4 * int(pyramid.rows[-1] * pyramid.cols[-1])
+    assert 480 * bytes_per_heading < 100e6
+
+
+def test_with_larger_blocks_the_best_place_is_the_same(
+    flat: GridMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field = build_field(flat, CONFIG)
+    matcher = MapMatcher(field, make_lines(field, []), CONFIG)
+    scan = make_scan(flat, at(flat, 5.5, 3.0, 0.4), Pose2D.identity())
+    beams = read_beams(scan, 0.05, 60.0)
+    usual = find_places(field, build_pyramid(field), beams, matcher)
+    monkeypatch.setattr(global_search, "PARAMS", replace(global_search.PARAMS, most_top_blocks=1))
+    pyramid = build_pyramid(field)
+    assert (pyramid.rows[-1], pyramid.cols[-1]) == (1, 1)
+    found = find_places(field, pyramid, beams, matcher)
+    np.testing.assert_allclose(found[0].pose, usual[0].pose, atol=0.1)

@@ -50,7 +50,10 @@ class SearchParams:
     around_rad: float = 0.25
     """Turn to each side of such a place [rad]."""
     top_block_m: float = 1.6
-    """Edge of the largest blocks of cells of branch and bound [m]."""
+    """Edge of the largest blocks of cells of branch and bound, unless there were too many [m]."""
+    most_top_blocks: int = 40_000
+    """Number of these blocks at most; each has a bound for each of some 480 headings. The largest
+    map in cells of 5 cm has 33,000."""
     leaf_block_m: float = 0.1
     """Edge of the smallest blocks of cells of branch and bound [m]."""
     edge_m: float = 0.1
@@ -78,9 +81,10 @@ def build_pyramid(field: LikelihoodField) -> kernels.Pyramid:
     levels = max(1, round(math.log2(PARAMS.top_block_m / resolution))) + 1
     rows = [field.grid.rows]
     cols = [field.grid.cols]
-    for _ in range(1, levels):
+    while len(rows) < levels or rows[-1] * cols[-1] > PARAMS.most_top_blocks:
         rows.append((rows[-1] + 1) // 2)
         cols.append((cols[-1] + 1) // 2)
+    levels = len(rows)
     sizes = np.array([r * c for r, c in zip(rows, cols, strict=True)], np.int64)
     offset = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     pyramid = kernels.Pyramid(
