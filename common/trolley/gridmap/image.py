@@ -53,6 +53,9 @@ def read_cells(file: Path, description: MapDescription) -> NDArray[np.int8]:
     except too_large as error:
         raise MapError(file, "the image is too large", _size_remedy()) from error
     except (OSError, SyntaxError, ValueError, EOFError, OverflowError, zlib.error) as error:
+        if isinstance(error, OSError) and error.strerror:  # not of Pillow: the file itself
+            remedy = "check 'image:' in the YAML file beside it, and who may read it"
+            raise MapError(file, f"it cannot be read ({error.strerror})", remedy) from error
         raise MapError(file, f"the image is damaged or cut short ({error})", _REMEDY) from error
 
 
