@@ -25,6 +25,9 @@ MAX_EXTRAPOLATION_S = 0.2
 """Odometry is carried on by its twist for at most this long [s]."""
 MAX_WAIT_S = 0.1
 """A scan waits for the odometry of its last beam for at most this long [s, robot time]."""
+REACH_M = 100.0
+"""No lidar sits farther from the middle of its robot, and none drives farther during a scan: the
+odometry was reset meanwhile [m]."""
 _MOST_NS = 2.0**62
 """No scan takes longer, whatever it says: 146 years [ns]."""
 
@@ -55,8 +58,8 @@ class Reject(Enum):
     NO_LASER_MOUNTING = "it is not known where the lidar is mounted"
     NO_ODOMETRY = "there is no odometry for the time of the scan"
     OLD_STAMP = "the scan is not newer than the previous one"
-    BAD_ODOMETRY = "the odometry is not finite"
-    BAD_GEOMETRY = "the scan's angles, ranges or mounting are not finite"
+    BAD_ODOMETRY = "the odometry is not finite, or leads out of reach during the scan"
+    BAD_GEOMETRY = "the scan's angles, ranges or mounting are not finite, or out of reach"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,10 +223,16 @@ def problem_of(scan: ScanInput, last_stamp_ns: int | None) -> Reject | None:
         return Reject.OLD_STAMP
     if not (scan.odom_T_base.is_finite() and scan.odom_T_base_end.is_finite()):
         return Reject.BAD_ODOMETRY
+    if not _is_within_reach(scan.motion):
+        return Reject.BAD_ODOMETRY
     numbers = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
     if not (all(math.isfinite(n) for n in numbers) and scan.base_T_laser.is_finite()):
         return Reject.BAD_GEOMETRY
-    return None
+    return None if _is_within_reach(scan.base_T_laser) else Reject.BAD_GEOMETRY
+
+
+def _is_within_reach(pose: Pose2D) -> bool:
+    return math.hypot(pose.x, pose.y) <= REACH_M
 
 
 def motion_since(before: ScanInput | None, scan: ScanInput, params: FrontEndParams) -> Motion:

@@ -147,6 +147,16 @@ def test_a_scan_must_be_new_and_finite() -> None:
     assert problem_of(replace(good, base_T_laser=broken), None) is Reject.BAD_GEOMETRY
 
 
+@pytest.mark.parametrize("x", [400.0, 1e9, -1e308])
+def test_a_scan_during_which_the_odometry_was_reset_is_not_drawn_out_over_kilometres(
+    x: float,
+) -> None:
+    good, elsewhere = scan_input(100, 0.0), Pose2D(x, 0.0, 0.0)
+    assert problem_of(replace(good, odom_T_base_end=elsewhere), None) is Reject.BAD_ODOMETRY
+    assert problem_of(replace(good, odom_T_base=elsewhere), None) is Reject.BAD_ODOMETRY
+    assert problem_of(replace(good, base_T_laser=elsewhere), None) is Reject.BAD_GEOMETRY
+
+
 def test_the_motion_since_the_scan_before_is_that_of_the_odometry() -> None:
     assert motion_since(None, scan_input(100, 3.0), PARAMS) == Motion(Pose2D.identity(), 0.0)
     motion = motion_since(scan_input(100, 1.0), scan_input(200, 1.2), PARAMS)
