@@ -154,6 +154,8 @@ class Mapping:
             self.end(why)
             return
         self.session = result or session
+        if session.is_paused:  # by somebody, while it was loaded
+            self.session.pause(is_on=True)
         self._service.request(
             requests.LOCALIZER_YIELD, Yield(), partial(self._take_topics, self.session)
         )

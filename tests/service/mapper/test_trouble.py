@@ -15,12 +15,12 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, MapError
 from trolley.gridmap.wire import map_message
 from trolley.messages import PoseEstimate, Zones
-from trolley.messages.request_params import MapNamed, SaveMap
+from trolley.messages.request_params import MapNamed, PauseMap, SaveMap
 from trolley.runtime.lockstep import _LockstepHost
 from trolley.runtime.service import Service, every
 from trolley.scan_matching.sweep import read_sweep
 from trolley.scanning import ScanInput
-from trolley_mapper import checkpoint
+from trolley_mapper import checkpoint, mapping
 from trolley_mapper.edit.map_versions import MapVersions
 from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.keyframe import Keyframe
@@ -345,3 +345,27 @@ def test_a_map_that_is_long_in_writing_stays_the_mappers(
         done(fn())
     stage.bus.run(2.0)
     assert (stage.pose.state, stage.pose.map) == ("localized", "home")
+
+
+@pytest.mark.usefixtures("often")
+def test_a_pause_while_an_unfinished_map_is_loaded_holds(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage.map(seconds=2.0)
+    stage.bus.run(KEPT_S)
+    stage.bus.kill("mapper")
+    slow: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []
+
+    def work(_: _LockstepHost, fn: Callable[[], Any], done: Callable[[Any], None]) -> None:
+        is_loading = getattr(fn, "func", None) is mapping._load
+        slow.append((fn, done)) if is_loading else done(fn())
+
+    with monkeypatch.context() as computer:
+        computer.setattr(_LockstepHost, "work", work)
+        stage.begin("mapper")
+        stage.bus.run(0.5)
+        assert stage.ask(requests.MAP_PAUSE, PauseMap()).state == "starting"
+    ((load, loaded),) = slow
+    loaded(load())
+    stage.bus.run(1.0)
+    assert (stage.status.state, stage.status.name) == ("paused", "home")
