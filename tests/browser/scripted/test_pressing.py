@@ -29,8 +29,12 @@ def test_what_is_written_anew_between_press_and_release_is_pressed(
     expect(page.get_by_text("Written later")).to_be_visible()  # so the first is known, too
     page.mouse.up()
     expect(page.get_by_text("2 trips")).to_be_visible()
-    pressed = [said.press for _, said in viewer.said if said.press is not None]
-    assert [(one.control, one.value) for one in pressed] == [(listed.id, "t1")]
+
+    def pressed() -> list[Press]:
+        return [said.press for _, said in viewer.said if said.press is not None]
+
+    wait_until(pressed, "it is pressed")
+    assert [(one.control, one.value) for one in pressed()] == [(listed.id, "t1")]
     assert other.id != listed.id
 
 

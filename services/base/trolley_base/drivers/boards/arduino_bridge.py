@@ -410,7 +410,7 @@ QUESTION = BoardQuestion(
     wait_s=0.2,
     rest_s=0.2,
     boots=True,
-    follow_up=FollowUp(0.2, lambda data: read_counts(data) is not None, describe, ask=b"e\r"),
+    follow_up=FollowUp(1.0, lambda data: read_counts(data) is not None, describe, ask=b"e\r"),
 )
 
 
