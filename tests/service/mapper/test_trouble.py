@@ -1,7 +1,8 @@
 """What goes wrong while a map is made: nothing is lost, nothing is bent, and it is said."""
 
 import errno
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,30 @@ from .conftest import Stage
 
 MakeStage = Callable[..., Stage]
 KEPT_S = 6.0
+
+
+Work = Callable[[], Any]
+HeldUp = list[tuple[Work, Callable[[Any], None]]]
+
+
+@contextmanager
+def held_up(
+    monkeypatch: pytest.MonkeyPatch, is_held: Callable[[Work], bool] = lambda _: True
+) -> Iterator[HeldUp]:
+    """Hold up work in the background that is begun meanwhile; `finish` does it."""
+    held: HeldUp = []
+
+    def work(_: _LockstepHost, fn: Work, done: Callable[[Any], None]) -> None:
+        held.append((fn, done)) if is_held(fn) else done(fn())
+
+    with monkeypatch.context() as computer:
+        computer.setattr(_LockstepHost, "work", work)
+        yield held
+
+
+def finish(held: HeldUp) -> None:
+    for fn, done in held:
+        done(fn())
 
 
 @pytest.fixture
@@ -317,14 +342,11 @@ def test_no_map_begins_before_it_is_known_whether_one_is_unfinished(
     stage.map(seconds=2.0)
     stage.bus.run(KEPT_S)
     stage.bus.kill("mapper")
-    slow_disk: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []
-    with monkeypatch.context() as disk:
-        disk.setattr(_LockstepHost, "work", lambda _, fn, done: slow_disk.append((fn, done)))
+    with held_up(monkeypatch) as slow_disk:
         stage.begin("mapper")
     stage.bus.run(0.1)
     assert stage.refusal(requests.MAP_NEW, MapNamed(name="other")).code == codes.NOT_READY
-    for fn, done in slow_disk:
-        done(fn())
+    finish(slow_disk)
     stage.bus.run(1.0)
     assert (stage.status.state, stage.status.name) == ("mapping", "home")
 
@@ -333,16 +355,13 @@ def test_a_map_that_is_long_in_writing_stays_the_mappers(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage.map(seconds=2.0)
-    slow_disk: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []
-    with monkeypatch.context() as disk:
-        disk.setattr(_LockstepHost, "work", lambda _, fn, done: slow_disk.append((fn, done)))
+    with held_up(monkeypatch) as slow_disk:
         assert stage.ask(requests.MAP_SAVE, SaveMap()).state == "saving"
         num_poses = len(stage.poses)
         stage.bus.run(6.0)
     assert {one.state for one in stage.poses[num_poses:]} == {"mapping"}
     assert stage.refusal(requests.POSE_FIND).code == codes.MAPPING
-    for fn, done in slow_disk:
-        done(fn())
+    finish(slow_disk)
     stage.bus.run(2.0)
     assert (stage.pose.state, stage.pose.map) == ("localized", "home")
 
@@ -354,18 +373,11 @@ def test_a_pause_while_an_unfinished_map_is_loaded_holds(
     stage.map(seconds=2.0)
     stage.bus.run(KEPT_S)
     stage.bus.kill("mapper")
-    slow: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []
-
-    def work(_: _LockstepHost, fn: Callable[[], Any], done: Callable[[Any], None]) -> None:
-        is_loading = getattr(fn, "func", None) is mapping._load
-        slow.append((fn, done)) if is_loading else done(fn())
-
-    with monkeypatch.context() as computer:
-        computer.setattr(_LockstepHost, "work", work)
+    with held_up(monkeypatch, lambda fn: getattr(fn, "func", None) is mapping._load) as slow:
         stage.begin("mapper")
         stage.bus.run(0.5)
         assert stage.ask(requests.MAP_PAUSE, PauseMap()).state == "starting"
-    ((load, loaded),) = slow
-    loaded(load())
+    assert len(slow) == 1
+    finish(slow)
     stage.bus.run(1.0)
     assert (stage.status.state, stage.status.name) == ("paused", "home")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, segments_meet
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley_mapper.kernels.trace import Cells, trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
@@ -158,8 +158,9 @@ class LogOddsGrid:
             part = np.s_[first : first + together]
             centres = np.column_stack([np.tile(x, len(y[part])), np.repeat(y[part], cols)])
             values = prior.values_at(centres).reshape(-1, cols)
-            self._cells.log_odds[part][prior_walls(values)] = 3 * PARAMS.rise
-            self._cells.log_odds[part][(values >= 0) & ~prior_walls(values)] = -6 * PARAMS.fall
+            is_wall = prior_walls(values)
+            self._cells.log_odds[part][is_wall] = 3 * PARAMS.rise
+            self._cells.log_odds[part][(values >= 0) & ~is_wall] = -6 * PARAMS.fall
             self._cells.marks[part][values >= 0] = self._mark
 
 
@@ -187,15 +188,13 @@ def is_behind(
     start: NDArray[np.float64], ends: NDArray[np.float64], lines: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Say which beams from a start (2,) end behind lines (m, 4), given by their ends (n, 2)."""
-    first, along = lines[:, :2] - start, lines[:, 2:] - lines[:, :2]
-    beam = (ends - start)[:, None]
-    beyond = PARAMS.mirror_m / np.maximum(np.hypot(beam[..., 0], beam[..., 1]), PARAMS.mirror_m)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cross = beam[..., 0] * along[:, 1] - beam[..., 1] * along[:, 0]
-        share = (first[:, 0] * along[:, 1] - first[:, 1] * along[:, 0]) / cross
-        place = (first[:, 0] * beam[..., 1] - first[:, 1] * beam[..., 0]) / cross
-    crosses = (share > 0.0) & (share < 1.0 - beyond) & (place >= 0.0) & (place <= 1.0)
-    return np.asarray(crosses.any(axis=1))
+    beams = ends - start
+    lengths = np.hypot(beams[:, 0], beams[:, 1])
+    # Up to where an echo would be of the mirror's own frame or wall.
+    share = 1.0 - PARAMS.mirror_m / np.maximum(lengths, PARAMS.mirror_m)
+    before = start + share[:, None] * beams
+    meets = segments_meet(start, before[:, None], lines[:, :2], lines[:, 2:])
+    return np.asarray(meets.any(axis=1))
 
 
 def prior_walls(values: NDArray[np.int8]) -> NDArray[np.bool_]:
