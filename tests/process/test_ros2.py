@@ -406,8 +406,13 @@ def test_of_a_thousand_velocities_a_second_base_gets_fifty_and_the_last_one(
         moving, began_s = cdr.write(twist(0.2)), time.monotonic()
         for _ in range(3000):
             twists.put(moving)
-        twists.publish(twist(0.0))
-        wait_until(lambda: robot.commands[-1].twist.is_zero, "the last one comes")
+        # Zenoh may lose any one of a flood.
+        still = twist(0.0)
+        repeat(
+            lambda: twists.publish(still),
+            lambda: robot.commands[-1].twist.is_zero,
+            "the last one comes",
+        )
         lasted_s = time.monotonic() - began_s
         assert len(robot.commands) <= 2 + lasted_s * 50 + 50
         wait_until(lambda: counters(endpoint).get("cmd_vel/flood", 0) > 100, "it is counted")

@@ -42,6 +42,7 @@ class Input:
         obey: called with a message.
         period_ns: least time between two [ns].
         late_ns: how much longer than usual one may be on its way [ns].
+        holds_late: whether a message is obeyed however long it was on its way.
     """
 
     def __init__(
@@ -53,11 +54,13 @@ class Input:
         obey: Callable[[Any], None],
         period_ns: int,
         late_ns: int,
+        holds_late: Callable[[Any], bool] = lambda _message: False,
     ) -> None:
         self._service, self._graph = service, graph
         self._name, self._type_names = name, type_names
         self._obey = obey
         self._period_ns, self._late_ns = period_ns, late_ns
+        self._holds_late = holds_late
         self._delays = Delays()
         self._lock = threading.Lock()
         self._newest: tuple[ForeignSample, int] | None = None
@@ -124,9 +127,13 @@ class Input:
         attachment = attachment_of(sample.attached)
         if attachment is None:
             raise Dropped("no_attachment", "nothing says who sent it when, as rmw_zenoh does")
-        if self._delays.is_late(attachment.gid, attachment.source_ns, arrived_ns, self._late_ns):
+        is_late = self._delays.is_late(
+            attachment.gid, attachment.source_ns, arrived_ns, self._late_ns
+        )
+        message = decoded(type_name, sample.payload)
+        if is_late and not self._holds_late(message):
             raise Dropped("late", "it was too long on its way")
-        return decoded(type_name, sample.payload)
+        return message
 
 
 class Inputs:
@@ -143,6 +150,8 @@ class Inputs:
             self._drive,
             VELOCITY_PERIOD_NS,
             VELOCITY_LATE_NS,
+            # What stops the robot is never too late.
+            lambda message: twist_of(message).is_zero,
         )
         self._goals = Input(
             service, graph, "goal_pose", (cdr.POSE,), self._go, WISH_PERIOD_NS, WISH_LATE_NS

@@ -36,25 +36,47 @@ class Bridge(Service):
     name = "ros2"
 
 
-def test_an_input_goes_on_after_a_flood_of_other_things_to_do() -> None:
-    heard: list[float] = []
-    with Lockstep() as lockstep:
-        bridge, nodes = lockstep.add(Bridge()), Nodes()
-        velocities = Input(
-            bridge,
-            cast("Graph", nodes),
+class Heard:
+    """An input of velocities, and what it lets through."""
+
+    def __init__(self, lockstep: Lockstep) -> None:
+        self.bridge, self._nodes = lockstep.add(Bridge()), Nodes()
+        self.velocities: list[float] = []
+        Input(
+            self.bridge,
+            cast("Graph", self._nodes),
             "cmd_vel",
             (cdr.TWIST,),
-            lambda message: heard.append(message.linear.x),
+            lambda message: self.velocities.append(message.linear.x),
             20_000_000,
             300_000_000,
-        )
-        velocities.start()
+            lambda message: message.linear.x == 0.0,
+        ).start()
+        self._number = 0
+
+    def publish(self, vx: float, took_s: float = 0.0) -> None:
+        self._number += 1
+        source_ns = self.bridge.unix_ns - round(took_s * 1e9)
+        stamp = Attachment(self._number, source_ns, bytes(16)).pack()
+        self._nodes.hear(ForeignSample(KEY, cdr.write(twist(vx)), stamp))
+
+
+def test_an_input_goes_on_after_a_flood_of_other_things_to_do() -> None:
+    with Lockstep() as lockstep:
+        heard = Heard(lockstep)
         lockstep.run(0.1)
         for _ in range(MAX_WAITING):
-            bridge.call_soon(lambda: None, urgent=True)
-        for number, vx in enumerate((0.1, 0.2), start=1):
-            stamp = Attachment(number, bridge.unix_ns, bytes(16)).pack()
-            nodes.hear(ForeignSample(KEY, cdr.write(twist(vx)), stamp))
+            heard.bridge.call_soon(lambda: None, urgent=True)
+        for vx in (0.1, 0.2):
+            heard.publish(vx)
             lockstep.run(1.0)
-    assert heard == [0.1, 0.2]
+    assert heard.velocities == [0.1, 0.2]
+
+
+def test_of_what_was_long_on_its_way_only_a_stop_holds() -> None:
+    with Lockstep() as lockstep:
+        heard = Heard(lockstep)
+        for vx, took_s in ((0.1, 0.0), (0.2, 0.5), (0.0, 0.5), (0.3, 0.5), (0.4, 0.0)):
+            heard.publish(vx, took_s)
+            lockstep.run(0.1)
+    assert heard.velocities == [0.1, 0.0, 0.4]
