@@ -31,7 +31,7 @@ def refused(ride, pose: Pose2D) -> Refused:
 
 
 def map_of(cells: np.ndarray) -> OccupancyGrid:
-    grid = GridMap("odd", 0.05, Pose2D.identity(), cells.astype(np.int8))
+    grid = GridMap(empty_room().name, 0.05, Pose2D.identity(), cells.astype(np.int8))
     return Flatland(grid, START).map()
 
 

@@ -1,5 +1,6 @@
 """Goals from being sent to being over."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -251,6 +252,23 @@ def test_it_stands_while_the_pose_is_lost_and_drives_on_after(ride, state: str) 
     assert drive.until_over().state == "arrived"
 
 
+def test_it_stands_while_pose_and_map_are_of_different_maps_and_drives_on_after(ride) -> None:
+    world = Flatland(empty_room(), START)
+    drive = ride(world)
+    drive.send(Pose2D(5.0, 3.0, 0.0))
+    drive.step(40)
+    before = world.grid
+    world.grid = dataclasses.replace(before, name="upstairs")
+    drive.step(8)
+    assert world.twist.is_zero
+    status = drive.navigator.current.status(drive.now_ns)
+    assert (status.state, status.reason) == ("recovering", codes.STALE)
+    with pytest.raises(Refused, match="No current pose"):
+        drive.send(Pose2D(4.0, 3.0, 0.0))
+    world.grid = before
+    assert drive.until_over().state == "arrived"
+
+
 def test_a_pose_that_stays_lost_fails_the_goal(ride) -> None:
     drive = ride(Flatland(empty_room(), START), PlannerConfig(give_up_s=5.0))
     drive.send(Pose2D(5.0, 3.0, 0.0))
@@ -489,7 +507,8 @@ def test_after_a_change_of_map_a_change_of_its_zones_is_not_taken_for_another_ma
     world = Flatland(empty_room(), START)
     drive = ride(world)
     inputs = drive.navigator.inputs
-    inputs.map = msgspec.structs.replace(world.map(), name="upstairs")
+    world.grid = dataclasses.replace(world.grid, name="upstairs")
+    inputs.map = world.map()
     inputs.zones = Zones(stamp_ns=0, map="upstairs", zones=[])
     drive.step(4)
     drive.send(Pose2D(6.0, 3.0, 0.0))

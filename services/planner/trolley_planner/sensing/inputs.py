@@ -157,6 +157,9 @@ class Inputs:
             return "lost"
         if self.frame_T_odom is None:
             return "stale"
+        # After another map was loaded, its first pose may come before the map itself.
+        if self.map is not None and self.pose.map not in (None, self.map.name):
+            return "stale"
         return "stale" if now_ns - self.pose.stamp_ns > INPUTS.stale_s * 1e9 else None
 
     def silence(self, now_ns: int) -> str | None:
