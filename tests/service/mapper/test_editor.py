@@ -32,6 +32,7 @@ from trolley.messages import (
 from trolley.messages.request_params import LoadMap, MapNamed
 from trolley_localizer.map_server import MapServer
 from trolley_mapper.edit import editor, map_switch
+from trolley_tour.stored import places, tours
 
 from .conftest import START, Stage, flat
 
@@ -72,6 +73,11 @@ class Home(Stage):
         reply = self.ask(requests.MAP_EDIT, params)
         self.bus.run(1.0)
         return reply
+
+    def restart_mapper(self) -> None:
+        self.bus.kill("mapper")
+        self.begin("mapper")
+        self.bus.run(3.0)
 
     @property
     def zone_names(self) -> list[str]:
@@ -211,9 +217,7 @@ def test_what_did_not_follow_before_a_cut_follows_at_the_next_start(
         patch.setattr(editor.MapSwitch, "begin", lambda *_: None)
         assert home.ask(requests.MAP_EDIT, params).state == "working"
     assert home.zones[-1].zones == [RUG]
-    home.bus.kill("mapper")
-    home.begin("mapper")
-    home.bus.run(3.0)
+    home.restart_mapper()
     wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
     np.testing.assert_allclose(home.zones[-1].zones[0].points, wanted, atol=1e-9)
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))
@@ -225,9 +229,7 @@ def test_an_edit_after_which_the_robot_stands_in_a_wall_is_not_repeated_later(ho
     assert home.poses[-1].map == "walled"
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))
     home.ask(requests.MAP_LOAD, LoadMap(name="flat", pose=START))
-    home.bus.kill("mapper")
-    home.begin("mapper")
-    home.bus.run(3.0)
+    home.restart_mapper()
     assert home.poses[-1].map == "flat"
 
 
@@ -244,9 +246,7 @@ def test_a_switch_that_failed_does_not_take_the_robot_off_a_map_loaded_since(
     home.bus.run(3.0)
     assert home.poses[-1].map == "attic"
     home.ask(requests.MAP_LOAD, LoadMap(name="flat", pose=START))
-    home.bus.kill("mapper")
-    home.begin("mapper")
-    home.bus.run(3.0)
+    home.restart_mapper()
     wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
     np.testing.assert_allclose(home.zones[-1].zones[0].points, wanted, atol=1e-9)
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))
@@ -311,11 +311,44 @@ def test_zones_and_places_stay_where_they_are_while_the_edited_map_cannot_be_loa
     assert home.poses[-1].map == "flat"
     assert home.newest(home.zones).zones == [RUG]
     assert home.newest(home.places).poses == [SOFA]
-    home.bus.kill("mapper")
-    home.begin("mapper")
-    home.bus.run(3.0)
+    home.restart_mapper()
     assert home.newest(home.zones).map == "turned"
     wanted = Pose2D(0.0, 0.0, 0.5).transform_points(np.array(RUG.points))
     np.testing.assert_allclose(home.newest(home.zones).zones[0].points, wanted, atol=1e-9)
     assert home.newest(home.places).poses[0].map == "turned"
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+
+
+def test_what_was_refused_after_the_switch_is_not_tried_again_at_each_start(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise Refused(codes.TOO_LARGE, "There is no room for it.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tours.Tours, "_put", refuse)
+        reply = home.edit(Turn(angle=0.5))
+    assert "There is no room for it." in reply.message
+    home.ask(requests.POSES_PUT, SOFA)
+    home.restart_mapper()
+    assert home.newest(home.places).poses == [SOFA]
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+
+
+def test_only_what_could_not_be_saved_is_tried_again_at_the_next_start(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise Refused(codes.NOT_SAVED, "The disk is full.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(places.Places, "put", refuse)
+        reply = home.edit(Turn(angle=0.5))
+    assert "The disk is full." in reply.message
+    assert home.newest(home.places).poses == [SOFA]
+    home.ask(requests.ZONES_PUT, RUG)
+    home.restart_mapper()
+    assert home.newest(home.zones).zones == [RUG]
+    wanted = Pose2D(0.0, 0.0, 0.5) @ SOFA.pose
+    assert home.newest(home.places).poses[0].pose.distance_to(wanted) < 1e-6
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))

@@ -34,7 +34,9 @@ OTHER_MAP = "The robot is on another map by now."
 NO_ROOM = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP)
 """Refusals of a pose, not of the map."""
 LATE = (codes.TIMEOUT, codes.NOT_READY)
-"""Refusals that may pass."""
+"""Refusals that may pass soon."""
+MAY_PASS = (*LATE, codes.NOT_SAVED)
+"""Refusals that may have passed by the next start of the mapper."""
 
 
 class SwitchPlan(Struct, frozen=True, kw_only=True):
@@ -114,6 +116,25 @@ def forget_plan(state: Path) -> str | None:
     return None
 
 
+def _shorten_plan(state: Path, plan: SwitchPlan, left: list[Any]) -> str | None:
+    """Leave in the plan only what the next run is to try again; says why that failed.
+
+    The rest would undo what people have changed by then.
+    """
+    shorter = msgspec.structs.replace(
+        plan,
+        zones=[zone for zone in plan.zones if zone in left],
+        zones_gone=[name for name in plan.zones_gone if Named(name=name) in left],
+        places=[place for place in plan.places if place in left],
+        tours=[tour for tour in plan.tours if tour in left],
+    )
+    try:
+        store_plan(state, shorter)
+    except OSError as error:
+        return f"{PLAN_FILE} cannot be written: {error.strerror}."
+    return None
+
+
 class MapSwitch:
     """Tells localizer and tour of a changed map, one request after the other.
 
@@ -129,6 +150,7 @@ class MapSwitch:
         self._service, self._plan, self._done = service, plan, done
         self._remark = ""
         self._problems: list[str] = []
+        self._left: list[Any] = []
         self._todo: list[tuple[requests.Request[Any, Any], Any]] = []
         self._num_tries = 0
         self._zones_before: Zones | None = None
@@ -207,13 +229,17 @@ class MapSwitch:
             request, params = self._todo[0]
             self._service.request(request, params, self._answered)
             return
-        if not self._problems:
-            self._service.work(partial(forget_plan, self._service.state.path), self._forgotten)
+        state = self._service.state.path
+        if self._left:
+            settle = partial(_shorten_plan, state, self._plan, self._left)
+        else:
+            settle = partial(forget_plan, state)
+        self._service.work(settle, self._settled)
         for problem in self._problems:
             self._service.log.error("A change of the map did not go through", why=problem)
         self._done(self._problems[0] if self._problems else self._remark)
 
-    def _forgotten(self, problem: str | None) -> None:
+    def _settled(self, problem: str | None) -> None:
         if problem is not None:
             self._service.log.error(problem)
 
@@ -225,6 +251,8 @@ class MapSwitch:
             return
         if is_refused and result.code != codes.UNKNOWN_NAME:
             self._problems.append(result.message)
+        _, params = self._todo.pop(0)
+        if is_refused and result.code in MAY_PASS:
+            self._left.append(params)
         self._num_tries = 0
-        self._todo.pop(0)
         self._next()
