@@ -50,6 +50,8 @@ class FrontEndParams:
     """No wheeled indoor robot is faster: more is a reset or a fault of the odometry [m/s]."""
     max_jump_m: float = 0.5
     """What the odometry may be off by between two scans, beside `max_speed_mps` [m]."""
+    max_blind_s: float = 10.0
+    """No robot drives on for longer without a scan [s]."""
 
 
 class Reject(Enum):
@@ -241,7 +243,8 @@ def motion_since(before: ScanInput | None, scan: ScanInput, params: FrontEndPara
         return Motion(Pose2D.identity(), 0.0)
     step = before.odom_T_base.inverse() @ scan.odom_T_base
     elapsed_s = (scan.stamp_ns - before.stamp_ns) * 1e-9
-    if math.hypot(step.x, step.y) > params.max_jump_m + params.max_speed_mps * elapsed_s:
+    driven_s = min(elapsed_s, params.max_blind_s)
+    if math.hypot(step.x, step.y) > params.max_jump_m + params.max_speed_mps * driven_s:
         return Motion(Pose2D.identity(), elapsed_s, is_jump=True)
     return Motion(step, elapsed_s)
 

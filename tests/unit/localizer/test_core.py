@@ -178,10 +178,14 @@ def test_bad_input_is_rejected_by_name(flat: GridMap) -> None:
     assert localizer.step(askew) is Reject.BAD_GEOMETRY
 
 
-def test_odometry_that_jumps_does_not_move_the_robot(make_drive: MakeDrive) -> None:
+@pytest.mark.parametrize("silent_s", [0.0, 3600.0])
+def test_odometry_that_jumps_does_not_move_the_robot(
+    make_drive: MakeDrive, silent_s: float
+) -> None:
     drive = make_drive()
     drive.localizer.set_pose(drive.pose)
     settle(drive)
+    drive.stamp_ns += round(silent_s * 1e9)
     drive.odom = Pose2D(500.0, -300.0, 2.0)
     estimate = drive.scan()
     assert drive.error_m(estimate) < 0.06

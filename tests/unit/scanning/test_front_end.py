@@ -171,3 +171,9 @@ def test_a_step_that_no_robot_drives_is_a_jump(x: float, is_jump: bool) -> None:
     assert motion.is_jump == is_jump
     assert motion.step.x == pytest.approx(0.0 if is_jump else x)
     assert motion.elapsed_s == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("x", "is_jump"), [(40.0, False), (41.0, True)])
+def test_however_long_there_was_no_scan_a_large_step_is_a_jump(x: float, is_jump: bool) -> None:
+    after_hours = scan_input(3 * 3_600_000, x)
+    assert motion_since(scan_input(100, 0.0), after_hours, PARAMS).is_jump == is_jump
