@@ -16,6 +16,9 @@ class NormalParams(NamedTuple):
     """Distance within which neighbours count [m]."""
     reach_gaps: float = 3.5
     """Number of gaps between beams within which neighbours count where beams lie farther apart."""
+    most: int = 100
+    """Number of neighbours on each side after which no more are needed: those within reach are more
+    only in a corner of centimetres, or with beams that lie 1.2 mm apart."""
     jump: float = 0.08
     """Distance beyond which neighbours belong to two objects [m]."""
     jump_gaps: float = 4.0
@@ -40,6 +43,8 @@ def _run_end(
     last = at
     following = at + step
     while 0 <= following < beams.size and abs(beams[following] - beams[last]) <= 2:
+        if abs(following - at) > NORMAL.most:
+            break
         if (
             math.hypot(
                 points[following, 0] - points[last, 0], points[following, 1] - points[last, 1]

@@ -50,6 +50,21 @@ def test_normals_look_from_the_walls_to_the_laser() -> None:
     assert cloud.normals[right] == pytest.approx(np.tile([-1.0, 0.0], (right.sum(), 1)), abs=1e-4)
 
 
+def test_a_normal_depends_on_few_neighbours_however_dense_the_beams_are() -> None:
+    count = 3000
+    x = np.linspace(-0.05, 0.05, count)
+    points = np.column_stack([x, np.full(count, 0.05)])
+    bent = points.copy()
+    bent[count // 2 + 150 :, 1] += 0.05
+    normals, of_bent = np.empty((count, 2)), np.empty((count, 2))
+    beams = np.arange(count, dtype=np.int32)
+    for out, seen in ((normals, points), (of_bent, bent)):
+        lines.fit_normals(out, seen, beams, np.zeros(2), math.pi / count)
+    middle = count // 2
+    assert normals[middle] == pytest.approx([0.0, -1.0])
+    assert of_bent[middle] == pytest.approx(normals[middle])
+
+
 @settings(max_examples=cases(30))
 @given(x=st.floats(-0.12, 0.12), y=st.floats(-0.12, 0.12), yaw=st.floats(-0.06, 0.06))
 def test_alignment_finds_the_way_back(x: float, y: float, yaw: float) -> None:
