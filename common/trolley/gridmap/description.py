@@ -134,14 +134,16 @@ def parse_yaml(content: bytes) -> object:
     """Return what a YAML file holds.
 
     Raises:
-        yaml.YAMLError: it is not YAML.
+        yaml.YAMLError: it is not YAML, or full of references.
         ValueError: it is not text (`UnicodeError`), or a value is not what it is marked as.
         RecursionError: it is nested too deeply.
     """
     import yaml
 
+    from trolley.yaml_loader import FewReferencesLoader
+
     try:
-        return yaml.safe_load(content)
+        return yaml.load(content, FewReferencesLoader)
     except UnicodeError:
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:

@@ -146,6 +146,18 @@ def test_a_value_that_repeats_itself_without_end_is_not_written_out(folder: Path
     assert len(str(caught.value)) < 500
 
 
+def test_a_description_that_doubles_with_each_line_is_refused_at_once(folder: Path) -> None:
+    doubled = [f"a{i}: &a{i} {{<<: [*a{i - 1}, *a{i - 1}]}}" for i in range(1, 28)]
+    (folder / "map.yaml").write_text("\n".join([GOOD, "a0: &a0 {x: 1}", *doubled]))
+    with pytest.raises(MapError, match=r"line 14 .*; write out what they stand for"):
+        load_map(folder / "map.yaml")
+
+
+def test_a_description_may_refer_to_itself_a_few_times(folder: Path) -> None:
+    (folder / "map.yaml").write_text("zero: &zero 0\n" + GOOD.replace("negate: 0", "negate: *zero"))
+    assert load_map(folder / "map.yaml").name == "map"
+
+
 def test_description_in_another_encoding_says_so(folder: Path) -> None:
     (folder / "map.yaml").write_bytes(b"image: k\xfcche.pgm\n")
     with pytest.raises(MapError, match="not valid YAML"):

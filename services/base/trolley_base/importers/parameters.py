@@ -5,6 +5,7 @@ from pathlib import Path
 import yaml
 
 from trolley.files import read_text
+from trolley.yaml_loader import FewReferencesLoader
 from trolley_base.importers.findings import Value, shown
 
 _REASONS: dict[type[Exception], str] = {
@@ -23,7 +24,7 @@ def read_parameters(path: Path, folder: Path, problems: list[str]) -> dict[str, 
     """
     found: dict[str, Value] = {}
     try:
-        loader = yaml.SafeLoader(read_text(path))
+        loader = FewReferencesLoader(read_text(path))
         root = loader.get_single_node()
         if root is not None:
             _flatten(loader, root, path, "", found)

@@ -8,6 +8,7 @@ import yaml
 
 from trolley.geometry import footprint_from_polygon, footprint_from_radius
 from trolley.gridmap import MapError, load_map
+from trolley.yaml_loader import FewReferencesLoader
 from trolley_base.importers.findings import Findings, Value
 
 SAME_M = 1e-6
@@ -37,7 +38,7 @@ def _footprint(value: object) -> tuple[dict[str, Any], str]:
         TypeError: it is none.
         ValueError: it is none, or makes no robot; says why.
     """
-    plain: Any = yaml.safe_load(value) if isinstance(value, str) else value
+    plain: Any = yaml.load(value, FewReferencesLoader) if isinstance(value, str) else value
     if isinstance(plain, int | float) and not isinstance(plain, bool):
         footprint_from_radius(plain)
         return {"radius_m": float(plain)}, f"footprint with a radius of {plain:g} m"

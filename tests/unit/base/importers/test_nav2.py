@@ -159,6 +159,13 @@ def test_a_namespace_and_omni_wheels_are_understood(tmp_path: Path) -> None:
         (b"- 1", "says nothing that Nav2 would read"),
         (b"amcl: {ros__parameters: {alpha1: 1}}", "says nothing that Nav2 would read"),
         (b"[", "p.yaml:1 is not valid YAML"),
+        (
+            b"a: &a {x: 1}\n"
+            + b"".join(
+                b"%c: &%c {<<: [*%c, *%c]}\n" % (n, n, n - 1, n - 1) for n in range(98, 123)
+            ),
+            "p.yaml:7 is not valid YAML (more than 10 references",
+        ),
         (b"\xff\xfe\0", "p.yaml is not valid YAML (not UTF-8 text)"),
     ],
 )
