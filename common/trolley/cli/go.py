@@ -14,7 +14,7 @@ from trolley.cli.options import NumbersCommand, as_number, given, json_option, w
 from trolley.cli.printing import say
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, seconds_text
-from trolley.client import Place, Robot, goal_to, person_at
+from trolley.client import GOAL_ENDS, Place, Robot, goal_to, person_at
 from trolley.codes import SENTENCES, Refused
 from trolley.messages import GoalStatus, request_params
 from trolley.requests import Request
@@ -128,7 +128,8 @@ def _drive(
         if status.warning:
             say(f"Careful: {SENTENCES.get(status.warning, status.warning)}", err=True)
         for status in robot.follow(goal.id, timeout):
-            progress.show(_progress_text(status), f"{status.state} {status.reason}")
+            if status.state not in GOAL_ENDS:  # the caller says how it ended
+                progress.show(_progress_text(status), f"{status.state} {status.reason}")
     except (KeyboardInterrupt, Refused) as error:
         progress.clear()
         if isinstance(error, Refused) and error.code != codes.TIMEOUT:

@@ -141,10 +141,11 @@ class Progress:
         self._live = sys.stderr.isatty()
         self._length = 0
         self._kind: str | None = None
+        self._text = ""
         self._printed_s = -math.inf
 
     def show(self, text: str, kind: str = "") -> None:
-        """Show `text`; without a terminal only when `kind` changes, and every 5 s."""
+        """Show `text`; without a terminal when `kind` changes, and if it is new every 5 s."""
         if self._live:
             width = max(NARROWEST, shutil.get_terminal_size().columns - 1)
             line = escape(text)[:width]
@@ -152,9 +153,10 @@ class Progress:
             self._length = len(line)
             return
         now_s = time.monotonic()
-        if kind != self._kind or now_s - self._printed_s >= QUIET_PERIOD_S:
+        is_due = text != self._text and now_s - self._printed_s >= QUIET_PERIOD_S
+        if kind != self._kind or is_due:
             say(text, err=True)
-            self._kind, self._printed_s = kind, now_s
+            self._kind, self._text, self._printed_s = kind, text, now_s
 
     def clear(self) -> None:
         """Take the line away, so that something else can be printed."""

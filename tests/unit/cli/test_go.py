@@ -1,14 +1,17 @@
-"""`trolley go` and `trolley follow`: what an interrupt leaves behind."""
+"""`trolley go` and `trolley follow`: what they print, and what an interrupt leaves behind."""
 
 import contextlib
+from types import SimpleNamespace
 from typing import Any
 
 import click
 import pytest
 from click.testing import CliRunner
+from msgspec import structs
 
 from trolley.cli import go
 from trolley.codes import Refused
+from trolley.messages import GoalStatus
 
 
 class Silent:
@@ -44,6 +47,18 @@ def test_a_goal_that_is_not_answered_yet_is_canceled(
     assert CliRunner().invoke(command, words).exit_code == 1
     assert robot.canceled == robot.sent
     assert len(robot.sent) == 1
+
+
+def test_how_a_drive_ended_is_printed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    driving = GoalStatus(stamp_ns=1, id="g1", state="driving", elapsed=1.0)
+    arrived = structs.replace(driving, state="arrived", elapsed=4.0)
+    robot = SimpleNamespace(
+        ask=lambda request, params: driving, follow=lambda goal, timeout: iter((driving, arrived))
+    )
+    monkeypatch.setattr(go, "one_robot", lambda: contextlib.nullcontext(robot))
+    result = CliRunner().invoke(go.go_command, ["kitchen"])
+    assert result.output.splitlines() == ["driving, 1 s so far", "arrived after 4 s"]
+    assert result.exit_code == 0
 
 
 def test_a_goal_that_was_only_sent_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from trolley.cli.show import as_json, describe, pose_text, print_table, seconds_text
+from trolley.cli import show
+from trolley.cli.show import Progress, as_json, describe, pose_text, print_table, seconds_text
 from trolley.geometry import Pose2D
 from trolley.messages import OccupancyGrid, Path, Scan, floats_to_bytes
 from trolley.messages.arrays import ARRAY_FIELDS, arrays_of
@@ -96,3 +97,13 @@ def test_columns_line_up_whatever_a_name_holds(capsys: pytest.CaptureFixture[str
     lines = capsys.readouterr().out.splitlines()
     assert lines[1] == "\\x1b[31mred  x"
     assert lines[2] == "longer       y"
+
+
+def test_without_a_terminal_progress_is_not_printed_again_while_it_says_the_same(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(show, "QUIET_PERIOD_S", 0.0)
+    progress = Progress()
+    for text in ("round: driving, stop 1", "round: driving, stop 1", "round: driving, stop 2"):
+        progress.show(text, "driving")
+    assert capsys.readouterr().err == "round: driving, stop 1\nround: driving, stop 2\n"
