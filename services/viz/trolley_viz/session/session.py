@@ -7,6 +7,7 @@ from functools import partial
 import viser
 
 from trolley.geometry import Pose2D
+from trolley.geometry.frames import MAP
 from trolley.messages import MapChange, SuspectLine
 from trolley_viz.controls.controls import Controls, Folder
 from trolley_viz.features.driving.aiming import Aiming
@@ -123,6 +124,8 @@ class Session:
         self.change_requests = ChangeRequests(
             service, self.actions, lambda: self._robot, self._map_name
         )
+        self._put_aside: dict[str, Callable[[], None]] = {}
+        """Takes up what is drawn on the map of a robot that was followed before, by its name."""
         self.take_tap: Callable[[Touched], bool] | None = None
         """Takes what is touched, as while a tour is made of it; says whether it did."""
 
@@ -213,8 +216,11 @@ class Session:
     def follow(self, robot: str) -> None:
         """Show another robot."""
         if robot != self._robot:
+            # First the map: a zone is drawn on the map that is stored.
+            take_up = self.map_editor.put_aside() or self.zone_editor.put_aside()
+            if take_up is not None:
+                self._put_aside[self._robot] = take_up
             self.put_tools_away()
-            self.map_editor.leave()
             self.actions.forget()
             self.past.close()
             self._hub.let_go(self._page.number)
@@ -271,6 +277,7 @@ class Session:
             scene.past.draw(self.past.picture, view)
             self.window.update(self._robot)
         self._keep_one_tool()
+        self._take_up_drawing()
         self.zone_editor.update()
         self.map_editor.update()
         dismissed = self.preferences.choices.dismissed
@@ -334,6 +341,14 @@ class Session:
                 fn()
 
         self._hub.service.call_soon(call)
+
+    def _take_up_drawing(self) -> None:
+        """Go on with what was drawn here before another robot was followed."""
+        view = self.view
+        if view.map is not None and view.placement.world == MAP:
+            take_up = self._put_aside.pop(self._robot, None)
+            if take_up is not None:
+                take_up()
 
     def _begin_zone(self) -> None:
         """Put away what else draws on the map: zones belong to the map that is stored."""

@@ -118,6 +118,22 @@ class MapEditor:
         self.pencil.take("look")
         self.hide()
 
+    def put_aside(self) -> Callable[[], None] | None:
+        """Leave; returns what takes the steps so far up again, None where there are none."""
+        stored, draft = self.drafting.stored, self.drafting.draft
+        as_name = self.as_name
+        is_kept = bool(draft.ops) and not self.is_busy
+        self.leave()
+
+        def take_up() -> None:
+            self.open()
+            if stored is not None:
+                self.drafting.begin(stored)
+                self.as_name = as_name
+                self.drafting.put(draft)
+
+        return take_up if is_kept else None
+
     def choose(self, tool: Tool) -> None:
         """Take up a tool; with "look" drags turn the camera."""
         if self.is_open:

@@ -152,6 +152,21 @@ class ZoneEditor:
         self.mode, self.sketch, self.selected, self.hint = "idle", None, None, ""
         self._canvas.clear()
 
+    def put_aside(self) -> Callable[[], None] | None:
+        """Leave; returns what takes a new zone up again, None where nothing of one is drawn."""
+        sketch, form, map_name = self.sketch, self.form, self._map
+        is_drawn = self.mode == "draw" and sketch is not None and bool(sketch.points)
+        self.leave()
+
+        def take_up() -> None:
+            if sketch is not None:
+                self.start(sketch.kind)
+                self.sketch, self._map = sketch, map_name
+                self._fill(form)
+                self.show()
+
+        return take_up if is_drawn else None
+
     # Changing.
     def pick(self) -> None:
         """Let the person tap a zone on the map."""
@@ -188,12 +203,15 @@ class ZoneEditor:
         if self.mode == "edit" and self.sketch is not None:
             self._canvas.resize_handles(self.sketch)
         zones = self._view().streams.latest(topics.ZONES)
-        if zones is self._seen or self.zone_requests.is_busy:
+        if zones is None or zones is self._seen or self.zone_requests.is_busy:
             return
         self._seen = zones
-        name = "" if zones is None else zones.map
-        if name != self._map:
-            self._map = name
+        if zones.map != self._map:
+            self._map = zones.map
+            if self.sketch is not None and self.sketch.points:
+                self._tell(
+                    "Map changed", "The robot's map has changed. Please start again.", "warn"
+                )
             self.leave()
         if self.mode != "edit" or self.selected is None:
             return

@@ -302,3 +302,24 @@ def test_the_map_is_changed_from_the_page(hand: Hand, mapper: Mapper) -> None:
     page.press("Back to the previous version")
     hand.wait()
     assert mapper.asked[-1].ops == [TakeBack()]
+
+
+def test_the_steps_so_far_stay_with_their_robot(hand: Hand, mapper: Mapper) -> None:
+    hand.stage.runtime.add(type(hand.stage.robot)(), robot="kart")
+    hand.editor.choose("wall")
+    hand.drag((0.0, 0.0), (1.0, 0.0))
+    hand.editor.as_name = "room-2"
+    steps = hand.editor.drafting.draft.ops
+    assert len(steps) == 1
+    hand.stage.session.follow("kart")
+    hand.wait()
+    assert not hand.editor.is_open
+    hand.stage.session.follow("trolley")
+    hand.wait()
+    assert hand.editor.drafting.draft.ops == steps
+    assert (hand.cells == 100).sum() > 60, "the new wall is shown"
+    hand.editor.store()
+    hand.wait()
+    assert mapper.asked[-1] == EditMap(
+        id=mapper.asked[-1].id, name="room", ops=list(steps), as_name="room-2"
+    )

@@ -280,6 +280,41 @@ def test_a_zone_that_is_renamed_on_one_robot_stays_on_the_next(
     assert other.names == ["hall mirror"]
 
 
+def test_a_zone_that_is_drawn_stays_with_its_robot(hand: Hand, keeper: ZoneKeeper) -> None:
+    hand.stage.runtime.add(type(hand.stage.robot)(), robot="kart")
+    other = hand.stage.runtime.add(ZoneKeeper(), robot="kart")
+    hand.editor.start("keepout")
+    for corner in ((0.0, 0.0), (1.0, 0.0), (1.0, 0.5)):
+        hand.tap(*corner)
+    hand.editor.form.name = "rug"
+    drawn = hand.editor.sketch
+    hand.stage.session.follow("kart")
+    hand.wait()
+    assert (hand.editor.mode, hand.editor.sketch) == ("idle", None)
+    hand.stage.session.follow("trolley")
+    hand.wait()
+    assert (hand.editor.mode, hand.editor.sketch) == ("draw", drawn)
+    hand.editor.done()
+    hand.wait()
+    assert "rug" in keeper.names
+    assert "rug" not in other.names
+
+
+def test_a_zone_drawn_on_a_map_that_is_gone_meanwhile_is_left_and_that_is_told(
+    hand: Hand, keeper: ZoneKeeper
+) -> None:
+    hand.stage.runtime.add(type(hand.stage.robot)(), robot="kart")
+    hand.editor.start("keepout")
+    hand.tap(0.0, 0.0)
+    hand.stage.session.follow("kart")
+    hand.wait()
+    keeper.publish(topics.ZONES, Zones(stamp_ns=0, map="attic", zones=[]))
+    hand.stage.session.follow("trolley")
+    hand.wait()
+    assert hand.editor.mode == "idle"
+    assert hand.browser.notices[-1][0] == "Map changed"
+
+
 def test_rename_delete_and_undo(hand: Hand, keeper: ZoneKeeper) -> None:
     hand.editor.select("hall mirror")
     hand.editor.form.name = "big mirror"
