@@ -70,6 +70,7 @@ function welcome(hello) {
   document.body.classList.toggle("only-looks", !hello.may_drive);
   sayLook();
   line.say("say", { language: deviceLanguage() });
+  line.say("say", { time_zone: Intl.DateTimeFormat().resolvedOptions().timeZone });
   controls.forget();
 }
 

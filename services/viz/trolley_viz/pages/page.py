@@ -270,6 +270,8 @@ class Page:
             self.session.prefer_dark(is_dark=said.prefers_dark)
         if said.language is not None:
             self.session.preferences.note_device_language(said.language)
+        if said.time_zone is not None:
+            self.session.preferences.note_time_zone(said.time_zone)
 
     def _is_timely(self, pressed: Press | Resume, now_ms: float) -> bool:
         """Whether a press is new; says so to the page if it is not."""

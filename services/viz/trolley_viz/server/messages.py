@@ -87,6 +87,8 @@ class Said(Struct, frozen=True, kw_only=True):
     """How the device is set."""
     language: Name | None = None
     """That of the device, as a tag such as "de-AT"."""
+    time_zone: Name | None = None
+    """That of the device, such as "Europe/Vienna"."""
     gesture: Gesture | None = None
     grip: Grip | None = None
     hold: Hold | None = None

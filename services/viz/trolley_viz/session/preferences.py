@@ -1,5 +1,7 @@
 """What the person at a browser has chosen, and what the device is set to where nothing was."""
 
+import datetime
+import zoneinfo
 from collections.abc import Callable, Mapping
 
 from msgspec import structs
@@ -29,6 +31,8 @@ class Preferences:
         """Which layers are shown, by key."""
         self.device_is_dark = False
         """Whether the device is set to the dark look."""
+        self.time_zone: datetime.tzinfo | None = None
+        """That of the device; None, that of the viewer's computer, where it is not known."""
         self._device_language = ""
         self._save = save
 
@@ -74,6 +78,13 @@ class Preferences:
     def note_device_language(self, tag: str) -> None:
         """Note the language of the device, if it is one of ours."""
         self._device_language = known_language(tag)
+
+    def note_time_zone(self, name: str) -> None:
+        """Note the time zone of the device, if this computer knows it."""
+        try:
+            self.time_zone = zoneinfo.ZoneInfo(name)
+        except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
+            self.time_zone = None
 
     def switch_letters(self, *, is_on: bool) -> None:
         """Let keys that are single letters do something or not."""

@@ -81,7 +81,13 @@ class Session:
         self.actions = RobotActions(
             service, lambda: self._robot, lambda: self.view, self.tell, self._note_sent
         )
-        self.past = Looking(service, hub.past, lambda: self._robot, self.tell)
+        self.past = Looking(
+            service,
+            hub.past,
+            lambda: self._robot,
+            lambda: self.preferences.time_zone,
+            self.tell,
+        )
         """Whether it looks at what is, or at a moment of the past."""
         self.actions.before_ask = self.past.asks
         self.aiming = Aiming(

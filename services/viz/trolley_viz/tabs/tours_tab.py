@@ -45,7 +45,12 @@ class TourTab:
             self._editor = TourEditor(
                 gui, session.folder, session.aiming, lambda: session.view, session.tell, self._save
             )
-        self._past = PastTripsPanel(gui, self._has_record, session.past.show_trip)
+        self._past = PastTripsPanel(
+            gui,
+            self._has_record,
+            session.past.show_trip,
+            lambda: session.preferences.time_zone,
+        )
 
     def update(self, view: View) -> None:
         """Show what is."""

@@ -92,6 +92,7 @@ def words(stage: "Stage") -> dict[str, list[Said]]:
         "scene": [Said(scene=secret) for secret in ("", "x", stage.browsers[0].secret)],
         "prefers_dark": [Said(prefers_dark=True), Said(prefers_dark=False)],
         "language": [Said(language="de"), Said(language="xx")],
+        "time_zone": [Said(time_zone="Asia/Kolkata"), Said(time_zone="x")],
         "gesture": [
             Said(gesture=Gesture(at_ms=now_ms, released=(0.5, 0.5))),
             Said(gesture=Gesture(at_ms=now_ms, cancelled=True)),

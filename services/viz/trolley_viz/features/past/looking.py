@@ -60,7 +60,12 @@ class Looking:
     """
 
     def __init__(
-        self, service: Service, keeper: Keeper, robot: Callable[[], str], tell: Tell
+        self,
+        service: Service,
+        keeper: Keeper,
+        robot: Callable[[], str],
+        time_zone: Callable[[], datetime.tzinfo | None],
+        tell: Tell,
     ) -> None:
         self.is_open = False
         """Whether its person has the bar open."""
@@ -69,7 +74,7 @@ class Looking:
         self.speed = 0.0
         """How many seconds pass in one; 0: none."""
         self._service, self._keeper = service, keeper
-        self._robot, self._tell = robot, tell
+        self._robot, self._time_zone, self._tell = robot, time_zone, tell
         self._record: Record | None = None
         """What is looked at, as it was when its person began to; None: now."""
         self._at_ns = self._ticked_ns = 0
@@ -123,9 +128,9 @@ class Looking:
         return self._picture
 
     def wall_time(self, at_ns: int) -> datetime.datetime:
-        """A time by this host's clock, as that is set now."""
+        """A time by this host's clock, as that is set now, in its person's time zone."""
         unix_s = (at_ns + self._keeper.store.unix_offset_ns) * 1e-9
-        return datetime.datetime.fromtimestamp(unix_s, datetime.UTC).astimezone()
+        return datetime.datetime.fromtimestamp(unix_s, datetime.UTC).astimezone(self._time_zone())
 
     def sentence(self, map_name: str) -> StatusLine | None:
         """Say that this is the past, and what was said of the robot then; None for now.
@@ -251,7 +256,7 @@ class Looking:
         at, now = self.wall_time(then.at_ns), self.wall_time(self._service.monotonic_ns)
         if at.date() != now.date():
             return f"On {at:%d %b} at {at:%H:%M:%S}:".replace("On 0", "On ")
-        ago_s = max((now - at).total_seconds() // 1.0, 0.0)
+        ago_s = max((self._service.monotonic_ns - then.at_ns) // 1_000_000_000, 0)
         return f"At {at:%H:%M:%S}, {duration(ago_s).replace('.0 s', ' s')} ago:"
 
 

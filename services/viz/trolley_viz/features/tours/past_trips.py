@@ -25,6 +25,7 @@ class PastTripsPanel:
     Args:
         has_record: whether it is recorded what the robot did on a trip.
         look_at: shows that, or the moment of a stop that was not reached.
+        time_zone: of the person at the page.
     """
 
     def __init__(
@@ -32,8 +33,9 @@ class PastTripsPanel:
         gui: Controls,
         has_record: HasRecord,
         look_at: Callable[[PastTrip, StopResult | None], None],
+        time_zone: Callable[[], datetime.tzinfo | None],
     ) -> None:
-        self._has_record, self._look_at = has_record, look_at
+        self._has_record, self._look_at, self._time_zone = has_record, look_at, time_zone
         self._trips: dict[str, PastTrip] = {}
         """Those that are listed."""
         self._is_open = False
@@ -70,7 +72,7 @@ class PastTripsPanel:
         self._more.visible = len(chosen) > self._num_shown
         shown = chosen[: self._num_shown]
         self._trips = {one.trip: one for one in shown}
-        self._list.content = trips_html(past, shown, self._has_record, robot)
+        self._list.content = trips_html(past, shown, self._has_record, robot, self._time_zone())
 
     def _lead(self, press: str) -> None:
         """Show a trip, "t1", or what became of one of its stops, "t1 3"."""
@@ -94,6 +96,7 @@ def trips_html(
     trips: Sequence[PastTrip],
     has_record: HasRecord = lambda _: False,
     robot: str = "",
+    time_zone: datetime.tzinfo | None = None,
 ) -> str:
     """The trips, each of which opens to what came of its stops, and leads to what was recorded.
 
@@ -102,6 +105,7 @@ def trips_html(
         trips: those to show.
         has_record: whether a trip was recorded.
         robot: whose they are: its photos are shown.
+        time_zone: in which times are told; None: that of this computer.
     """
     problem = (
         row(StatusLine("Past trips are not available right now", "warn", past.problem))
@@ -112,10 +116,14 @@ def trips_html(
         return problem or note("Loading …")
     if not past.trips:
         return problem + note("No trips yet.")
-    return problem + "".join(_trip(robot, trip, is_recorded=has_record(trip)) for trip in trips)
+    return problem + "".join(
+        _trip(robot, trip, time_zone, is_recorded=has_record(trip)) for trip in trips
+    )
 
 
-def _trip(robot: str, trip: PastTrip, *, is_recorded: bool) -> str:
+def _trip(
+    robot: str, trip: PastTrip, time_zone: datetime.tzinfo | None, *, is_recorded: bool
+) -> str:
     shown = list(enumerate(trip.results))[-MAX_RESULTS:]
     left_out = trip.reached + trip.missed - len(shown)
     photos = dict(enumerate(trip.photos))
@@ -127,7 +135,7 @@ def _trip(robot: str, trip: PastTrip, *, is_recorded: bool) -> str:
     )
     if left_out > 0:
         results = note(f"{left_out} earlier stops are not shown.") + results
-    title = " · ".join(filter(None, [trip.name or UNNAMED, when_text(trip.started_at)]))
+    title = " · ".join(filter(None, [trip.name or UNNAMED, when_text(trip.started_at, time_zone)]))
     words = StatusLine(title, tone_of(trip), summary(trip))
     names = [trip.name] if trip.name else []
     look = lead(trip.trip, LOOK) if is_recorded else ""
@@ -153,7 +161,7 @@ def summary(trip: PastTrip) -> str:
     return " · ".join([*parts, why] if trip.state != "done" and why else parts)
 
 
-def when_text(started_at: str | None) -> str:
+def when_text(started_at: str | None, time_zone: datetime.tzinfo | None = None) -> str:
     """Write a moment (ISO 8601) as local time for people, "" where it is not known."""
     if started_at is None:
         return ""
@@ -163,4 +171,4 @@ def when_text(started_at: str | None) -> str:
         return ""
     if moment.tzinfo is None:
         moment = moment.replace(tzinfo=datetime.UTC)
-    return f"{moment.astimezone():%d %b %H:%M}".lstrip("0")
+    return f"{moment.astimezone(time_zone):%d %b %H:%M}".lstrip("0")

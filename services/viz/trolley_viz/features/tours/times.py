@@ -40,7 +40,9 @@ class TimesEditor:
         with folder("Starts by itself"):
             self._list = gui.add_folder()
             self._none = gui.add_html("")
-            self._at = gui.add_text("At", "", hint="A time of day such as 08:30.")
+            self._at = gui.add_text(
+                "At", "", hint="A time of day by the robot's clock, such as 08:30."
+            )
             self._when = gui.add_list("Days", (*PRESETS, CHOSEN_DAYS))
             self._days: dict[Day, Check] = {
                 day: gui.add_check(day.title(), False, visible=False) for day in DAYS

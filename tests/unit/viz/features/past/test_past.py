@@ -1,5 +1,6 @@
 """The past in the viewer: what is recorded, who looks at it, and how one returns to now."""
 
+import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -205,6 +206,18 @@ def test_who_looks_back_sees_where_the_robot_was_and_that_it_is_the_past(stage: 
     assert ghost(stage) is None
     assert stage.drawn().is_visible("trolley", "robot")
     assert browser.state.sentence == now
+
+
+def test_the_past_is_told_in_the_time_zone_of_the_page(stage: "Stage") -> None:
+    browser = stage.browse()
+    drive(stage, 30.0)
+    stage.say(browser, Said(time_zone="Asia/Kolkata"))
+    open_past(stage)
+    look_back(stage, 10.0)
+    at = stage.session.past.wall_time(stage.session.past.at_ns)
+    assert at.utcoffset() == datetime.timedelta(hours=5, minutes=30)
+    assert browser.state.sentence.headline.startswith(f"At {at:%H:%M:}")
+    assert "10 s ago: " in browser.state.sentence.headline
 
 
 def test_each_page_looks_at_a_time_of_its_own(stage: "Stage") -> None:

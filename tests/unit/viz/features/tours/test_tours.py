@@ -4,6 +4,7 @@ import asyncio
 import re
 import threading
 from typing import TYPE_CHECKING, Any
+from zoneinfo import ZoneInfo
 
 import msgspec
 import numpy as np
@@ -51,6 +52,7 @@ from trolley_viz.features.tours.tour_actions import copy_name
 from trolley_viz.features.tours.trip import progress, visits_to_come
 from trolley_viz.graphics.pictures import PIN_HEIGHT_PX, pin_picture
 from trolley_viz.robots.past_trips import PastTrips, trouble_spots
+from trolley_viz.server.messages import Said
 from trolley_viz.server.photos import Photos
 from trolley_viz.server.visitors import Visitor
 
@@ -243,6 +245,21 @@ def test_a_past_trip_in_a_line() -> None:
 def test_unknown_times_are_told_as_unknown() -> None:
     assert when_text(None) == when_text("noon") == ""
     assert "21 Nov" in when_text("2026-11-21T12:00:00Z")
+
+
+def test_past_trips_are_told_in_the_time_zone_of_the_page() -> None:
+    past = PastTrips(lambda limit, then: None)
+    past.trips = (past_trip(started_at="2026-07-21T23:30:00+00:00"),)
+    assert "22 Jul 05:00" in trips_html(past, past.trips, time_zone=ZoneInfo("Asia/Kolkata"))
+
+
+@pytest.mark.parametrize("name", ["", "Middle/Earth", "../../etc/passwd", "Europe", "\ud800"])
+def test_a_time_zone_that_nobody_knows_is_that_of_the_viewer(stage: "Stage", name: str) -> None:
+    browser = stage.browse()
+    stage.say(browser, Said(time_zone="Asia/Kolkata"))
+    assert stage.session.preferences.time_zone == ZoneInfo("Asia/Kolkata")
+    stage.say(browser, Said(time_zone=name))
+    assert stage.session.preferences.time_zone is None
 
 
 def test_past_trips_are_asked_for_once_for_each_trip() -> None:
