@@ -29,6 +29,7 @@ from trolley.config import ConfigError, RobotConfig, load_config
 from trolley.files import (
     READABLE_BY_ALL,
     SECRET,
+    exchange,
     open_file,
     read_file,
     sync_folder,
@@ -299,6 +300,9 @@ class Unpacked:
     def put_state(self, state: Path, now: datetime) -> Path | None:
         """Replace the state, and return the new name of the old one.
 
+        Wherever the power is cut the old state or the new one is in place, except on a file system
+        that cannot swap two names in one step.
+
         Raises:
             BackupError: What is there cannot be moved aside.
         """
@@ -306,11 +310,13 @@ class Unpacked:
         fresh.mkdir(exist_ok=True)
         aside: Path | None = None
         try:
+            _sync_folders(fresh)
             if state.exists():
                 _take_over_owner(state, fresh)
                 aside = _free_name(state, now)
-                state.rename(aside)
-            fresh.rename(state)
+                _swap(fresh, state, aside)
+            else:
+                fresh.rename(state)
             sync_folder(state.parent)
         except OSError as error:
             if aside is not None and aside.exists() and not state.exists():
@@ -360,6 +366,24 @@ def _free_name(path: Path, now: datetime) -> Path:
         number += 1
         aside = first.with_name(f"{first.name}-{number}")
     return aside
+
+
+def _swap(fresh: Path, state: Path, aside: Path) -> None:
+    """Put a folder in the place of another one, which is called `aside` afterwards."""
+    fresh.rename(aside)
+    try:
+        exchange(aside, state)
+    except OSError:
+        aside.rename(fresh)
+        state.rename(aside)
+        fresh.rename(state)
+
+
+def _sync_folders(folder: Path) -> None:
+    """Make sure that all names in a folder survive a power cut."""
+    for path in (folder, *folder.rglob("*")):
+        if path.is_dir():
+            sync_folder(path)
 
 
 def _take_over_owner(example: Path, folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Files that are written whole or not at all; broken ones are set aside."""
 
+import ctypes
 import errno
 import os
 import stat
@@ -16,6 +17,7 @@ BROKEN, NEWER = "broken", "newer"
 NOT_REGULAR = "It is a pipe or a device, not a file"
 MOST_BYTES = 256 << 20
 """No file that Trolley reads as a whole is larger."""
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
 def write_atomically(path: Path, content: bytes, mode: int = READABLE_BY_ALL) -> None:
@@ -73,6 +75,18 @@ def make_folder(path: Path) -> None:
     make_folder(path.parent)
     path.mkdir(exist_ok=True)
     sync_folder(path.parent)
+
+
+def exchange(one: Path, other: Path) -> None:
+    """Let two files or folders swap their names, in one step.
+
+    Raises:
+        OSError: They cannot, as where the file system has no such step.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    names = os.fsencode(one), os.fsencode(other)
+    if libc.renameat2(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE) != 0:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), str(one))
 
 
 def sync_folder(folder: Path) -> None:

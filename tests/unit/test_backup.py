@@ -1,13 +1,17 @@
 """Backups: whole, consistent, and nothing foreign put in place."""
 
+import contextlib
+import errno
 import io
 import os
 import shutil
 import sqlite3
 import tarfile
+from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -187,6 +191,71 @@ def test_what_was_there_is_kept(tmp_path: Path) -> None:
     assert "kitchen" in (state / "anna" / "poses.toml").read_text()
     assert "berta" in old_config.read_text()
     assert config.stat().st_mode & 0o777 == 0o640
+
+
+class PowerCut(BaseException):
+    """Nothing runs any more."""
+
+
+def cut_at(step: int, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Cut the power before the nth change of a name; returns what is done until then."""
+    done: list[str] = []
+
+    def cutting(name: str, act: Callable[..., Any]) -> Callable[..., Any]:
+        def cut_or_act(*paths: Path) -> Any:
+            if len(done) == step:
+                raise PowerCut
+            done.append(name)
+            return act(*paths)
+
+        return cut_or_act
+
+    monkeypatch.setattr(Path, "rename", cutting("rename", Path.rename))
+    monkeypatch.setattr(backup, "exchange", cutting("exchange", backup.exchange))
+    return done
+
+
+def test_wherever_the_power_is_cut_the_old_or_the_new_state_is_in_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = tmp_path / "state"
+    fill(state)
+    save(tmp_path / "b.tar.gz", state, None, MADE)
+    (state / "anna" / "poses.toml").write_text("[cellar]\nx = 2.0\n")
+    old, found = files(state), list[str]()
+    for step in range(10):
+        unpacked = Unpacked(tmp_path / "b.tar.gz", state)
+        with monkeypatch.context() as patch:
+            done = cut_at(step, patch)
+            with contextlib.suppress(PowerCut):
+                unpacked.put_state(state, NOW)
+        assert state.is_dir(), done
+        is_new = "kitchen" in (state / "anna" / "poses.toml").read_text()
+        found.append("new" if is_new else "old")
+        if is_new or len(done) < step:
+            break
+        assert files(state) == old
+    assert found == ["old", "old", "new"]
+    (aside,) = [path for path in tmp_path.glob("state.before-*") if files(path) == old]
+    assert files(state).keys() < files(aside).keys()
+
+
+def test_where_two_names_cannot_be_swapped_they_change_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = tmp_path / "state"
+    fill(state)
+    save(tmp_path / "b.tar.gz", state, None, MADE)
+    old = files(state)
+
+    def refuse(*_: Path) -> None:
+        raise OSError(errno.EINVAL, "no such step")
+
+    monkeypatch.setattr(backup, "exchange", refuse)
+    aside = Unpacked(tmp_path / "b.tar.gz", state).put_state(state, NOW)
+    assert aside is not None
+    assert files(aside) == old
+    assert "anna/poses.toml" in files(state)
 
 
 def test_what_cannot_be_taken_along_is_told(tmp_path: Path) -> None:
