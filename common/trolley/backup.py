@@ -345,7 +345,7 @@ class Unpacked:
                     kept.append(_free_name(target, now))
                     shutil.copy2(target, kept[-1])
                 # The old file's owner and mode, else those that let services of its group read it.
-                example = kept[-1].stat() if target.exists() else target.parent.stat()
+                example = target.stat() if target.exists() else target.parent.stat()
                 mode = example.st_mode if target.exists() else path.stat().st_mode | stat.S_IRGRP
                 write_atomically(target, path.read_bytes(), stat.S_IMODE(mode))
                 if os.geteuid() == 0:

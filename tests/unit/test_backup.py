@@ -193,6 +193,20 @@ def test_what_was_there_is_kept(tmp_path: Path) -> None:
     assert config.stat().st_mode & 0o777 == 0o640
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
+def test_a_restored_robot_toml_stays_with_the_group_that_may_read_it(tmp_path: Path) -> None:
+    state, config = tmp_path / "state", tmp_path / "robot.toml"
+    fill(state)
+    config.write_text(ROBOT)
+    save(tmp_path / "b.tar.gz", state, config, MADE)
+    config.write_text(ROBOT.replace("anna", "berta"))
+    config.chmod(0o640)
+    os.chown(config, 0, 12345)
+    Unpacked(tmp_path / "b.tar.gz", state).put_config(config, NOW)
+    about = config.stat()
+    assert (about.st_gid, about.st_mode & 0o777) == (12345, 0o640)
+
+
 class PowerCut(BaseException):
     """Nothing runs any more."""
 
