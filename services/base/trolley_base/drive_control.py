@@ -10,6 +10,7 @@ from trolley_base.drivers import Hardware
 from trolley_base.motion_watch import MotionWatch
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.robot_clock import RobotClock
+from trolley_base.safety.arbiter import WHY
 from trolley_base.safety.estop_latch import EstopLatch
 from trolley_base.safety.safety_state import find_restriction
 from trolley_base.safety.velocity_limiter import Decision, VelocityLimiter
@@ -86,7 +87,10 @@ class DriveControl:
         if rejected is not None:
             name = f"cmd_vel/{rejected.value}"
             self._service.count(name)
-            self._service.log.limited(name, "Command dropped", source=source, why=rejected.value)
+            late_s = round((arrived_ns - command.stamp_ns) * 1e-9, 3)
+            self._service.log.limited(
+                name, "Command dropped", source=source, late_s=late_s, why=WHY[rejected]
+            )
 
     @answers(requests.BASE_STOP)
     def stop(self, _: Nothing) -> Later[BaseState]:

@@ -92,6 +92,21 @@ def test_bad_commands_are_dropped_and_counted(rig: Rig) -> None:
     }
 
 
+@pytest.mark.parametrize("off_s", [-1.5, 3600.0])
+def test_who_stamps_commands_by_another_clock_reads_in_the_log_what_to_do(
+    rig: Rig, caplog: pytest.LogCaptureFixture, off_s: float
+) -> None:
+    rig.run(2.0)
+    for _ in range(3):
+        rig.send(AHEAD, stamp_ns=rig.now_ns + round(off_s * 1e9))
+        rig.run(0.1)
+    (said,) = [one for one in caplog.records if one.getMessage() == "Command dropped"]
+    about = vars(said)["trolley_fields"]
+    assert about["source"] == "teleop"
+    assert about["late_s"] == pytest.approx(-off_s, abs=0.1)
+    assert "stamp commands by robot time" in about["why"]
+
+
 def test_what_was_recorded_of_a_drive_cannot_be_played_back_to_the_robot(rig: Rig) -> None:
     """Nor can a command that waited on its way for longer than half a second."""
     rig.run(2.0)

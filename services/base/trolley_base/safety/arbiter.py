@@ -29,6 +29,20 @@ class Reject(enum.Enum):
     AHEAD = "ahead"
 
 
+_BY_ROBOT_TIME = "stamp commands by robot time, as on `clock`, not by a computer's clock"
+WHY: Mapping[Reject, str] = {
+    Reject.UNKNOWN_SOURCE: "[base] sources does not name its source",
+    Reject.NOT_FINITE: "its velocity is not a number",
+    Reject.NOT_VALID: "its valid_for is not a number of seconds above 0",
+    Reject.OLD: f"its stamp is more than 0.5 s old: the link is slow, or {_BY_ROBOT_TIME}",
+    Reject.REPEATED: "it was heard before",
+    Reject.OUT_OF_ORDER: "its stamp is not newer than that of its source's last command: "
+    f"{_BY_ROBOT_TIME}, and let one program send them",
+    Reject.AHEAD: f"its stamp is more than 0.2 s ahead: {_BY_ROBOT_TIME}",
+}
+"""Why a command was dropped, in words for the log."""
+
+
 @dataclass(frozen=True, slots=True)
 class Choice:
     """Who drives.
