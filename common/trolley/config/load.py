@@ -10,6 +10,7 @@ import msgspec
 from msgspec import Struct
 
 from trolley.config.base import BaseConfig
+from trolley.config.hints import in_words_of_robot_toml
 from trolley.config.localizer import LocalizerConfig
 from trolley.config.mapper import MapperConfig
 from trolley.config.mcp import McpConfig
@@ -21,7 +22,6 @@ from trolley.config.tour import TourConfig
 from trolley.config.viz import VizConfig
 from trolley.config.webhook import WebhookConfig
 from trolley.files import read_text
-from trolley.invalid import in_words_of_a_file
 
 DEFAULT_PATH = Path("/etc/trolley/robot.toml")
 
@@ -105,7 +105,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         ConfigError: It cannot be read.
     """
     try:
-        return tomllib.loads(read_text(path))
+        text = read_text(path)
+        if text.startswith("\ufeff"):
+            raise ConfigError(
+                f"{path}: begins with a byte order mark; save it as UTF-8 without one (BOM)"
+            )
+        return tomllib.loads(text)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -164,4 +169,4 @@ def _converted(plain: Mapping[str, Any], path: Path, kind: type[C]) -> C:
     try:
         return msgspec.convert({**plain, "folder": str(file.parent), "file": str(file)}, type=kind)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {in_words_of_a_file(str(error))}") from error
+        raise ConfigError(f"{path}: {in_words_of_robot_toml(str(error), kind)}") from error

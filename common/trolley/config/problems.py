@@ -6,13 +6,13 @@ from typing import Any, cast
 
 import msgspec
 
+from trolley.config.hints import in_words_of_robot_toml
 from trolley.config.load import (
     SET_ON_LOADING,
     ConfigError,
     HostConfig,
     read_toml,
 )
-from trolley.invalid import in_words_of_a_file
 
 MOST = 30
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`\Z", re.DOTALL)
@@ -49,7 +49,7 @@ def _problems_of(section: str, plain: dict[str, Any]) -> list[str]:
             # A table that lacks what was taken out of it for being wrong has not one fault more.
             is_result = any(one[: len(keys)] == tuple(keys) for one in taken_out)
             if unknown or not is_result or not _is_table(tables, keys):
-                found.append(in_words_of_a_file(str(error)))
+                found.append(in_words_of_robot_toml(str(error), HostConfig))
             if not _take_out(tables, gone):
                 return found
             taken_out.add(tuple(gone))

@@ -36,7 +36,16 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
     ("more", "told"),
     [
         ("[planner]\nmax_sped_mps = 1.0", "[planner] unknown key `max_sped_mps`"),
-        ("[plan]\n", "unknown key `plan`"),
+        ("[plan]\n", "unknown key `plan`. Did you mean planner?"),
+        ("[planner]\nmax_speed = 1.0", "unknown key `max_speed`. Did you mean max_speed_mps"),
+        ("critics_per_s = 1.0", "[robot] unknown key `critics_per_s`. There are "),
+        ("[localizer]\nmap = 'x'", "[localizer] unknown key `map`"),
+        (
+            "[base]\nmax_speed_mps = 1.0",
+            "unknown key `max_speed_mps`; it belongs in [base.limits], [planner]",
+        ),
+        ("[lidar]\n", "unknown key `lidar`; it belongs in [base.lidar]"),
+        ("[base.scans.left]\nmodel = 'x'", "[base.scans[...]] unknown key `model`"),
         ("folder = 'x'", "[robot] unknown key `folder`"),
         ('[planner]\nmax_speed_mps = "fast"', "[planner.max_speed_mps]"),
         ("[planner]\nmax_speed_mps = -1.0", "[planner.max_speed_mps]"),
@@ -101,6 +110,12 @@ def test_a_file_that_cannot_be_read_says_why(tmp_path: Path):
     (tmp_path / "noise").write_bytes(b"\xff\xfe")
     with pytest.raises(ConfigError, match="UTF-8"):
         load_config(tmp_path / "noise")
+
+
+def test_a_byte_order_mark_is_named(file: Path) -> None:
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    with pytest.raises(ConfigError, match="byte order mark; save it as UTF-8 without"):
+        load_config(file)
 
 
 def test_the_file_is_found_where_it_is_named(tmp_path: Path):
