@@ -421,7 +421,7 @@ def _unpack(source: Path, folder: Path) -> Manifest:
                     _write(archive.extractfile(entry), target, entry)
             while stream.read(1 << 20):  # the checksum stands behind all of it
                 pass
-    except (tarfile.TarError, EOFError, zlib.error, ValueError) as error:
+    except (gzip.BadGzipFile, tarfile.TarError, EOFError, zlib.error, ValueError) as error:
         raise BackupError(f"{source} is not a backup, or is damaged: {error}") from error
     except OSError as error:
         raise BackupError(f"{source} cannot be unpacked: {error}") from error

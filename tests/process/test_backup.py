@@ -70,5 +70,5 @@ def test_what_is_no_backup_is_refused(trolley: Trolley, config: Path, tmp_path: 
     (tmp_path / "cat.tar.gz").write_bytes(b"meow")
     refused = trolley("--config", str(config), "restore", "cat.tar.gz")
     assert refused.returncode != 0
-    assert "is not a backup" in refused.stderr or "cannot be unpacked" in refused.stderr
+    assert "cat.tar.gz is not a backup" in refused.stderr
     assert "kitchen" in (tmp_path / "cli-state" / "one" / "poses.toml").read_text()

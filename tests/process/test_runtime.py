@@ -105,6 +105,7 @@ def test_without_a_router_it_waits_and_can_be_ended(
     # systemd is asked for patience meanwhile.
     wait_until(lambda: notify_socket.hears("EXTEND_TIMEOUT_USEC=30000000"), "patience")
     assert not notify_socket.hears("READY=1")
+    wait_until(lambda: "Waiting for the router; `trolley router` starts one" in process.log, "told")
     process.send(signal.SIGTERM)
     wait_until(lambda: not process.is_running, "it ends")
     assert process.wait() == 0
@@ -244,6 +245,7 @@ def test_two_that_meet_after_a_reconnection_settle_it(keeper: Process, bus: Zeno
     assert keeper.wait() == 3
     assert "host=elder" in keeper.log
     assert "pid=77" in keeper.log
+    assert "give this robot another [robot] name" in keeper.log
 
 
 def test_a_token_that_nobody_answers_for_ends_no_service(

@@ -7,6 +7,7 @@ SIGHUP end it cleanly, an exception ends it with a trace for the supervisor to r
 import argparse
 import ctypes
 import gc
+import math
 import os
 import queue
 import secrets
@@ -38,6 +39,8 @@ STOPS = signal.SIGTERM, signal.SIGINT, signal.SIGHUP
 CRASH = "The service ends because of an internal error"
 POLL_S = 0.05
 ROUTER_PATIENCE_S = 30.0
+TELLS_AFTER_S = 2.0
+"""A service that has waited for so long says so: a router may start at the same time [s]."""
 LONGEST_WAIT_S = 1.0
 SAVING_S = 8.0
 """How long a service that ends waits for its last files; an SD card stalls for seconds."""
@@ -132,6 +135,7 @@ class ServiceProcess:
         self._run = Run.here()
         self._supervision = Supervision()
         self._patience_until_s = 0.0
+        self._tells_from_s = time.monotonic() + TELLS_AFTER_S
         self._node: Node | None = None
         # A plain flag: a threading.Event may not be set by a signal that interrupts its `wait`.
         self._should_stop = False
@@ -162,6 +166,10 @@ class ServiceProcess:
 
     def _wait_for_router(self) -> bool:
         now_s = time.monotonic()
+        if now_s >= self._tells_from_s:
+            self._tells_from_s = math.inf
+            where = ", ".join(self._config.zenoh.connect)
+            self._log.warning("Waiting for the router; `trolley router` starts one", where=where)
         if now_s >= self._patience_until_s:
             self._supervision.waiting(ROUTER_PATIENCE_S, "waiting for the router")
             self._patience_until_s = now_s + 0.5 * ROUTER_PATIENCE_S
@@ -242,7 +250,8 @@ class ServiceProcess:
 
     def _give_way(self, oldest: Run) -> int:
         self._log.error(
-            "An older process of this service is running, so this one ends",
+            "An older process of this service is running, so this one ends: stop that one, or give "
+            "this robot another [robot] name",
             robot=self._robot,
             host=oldest.host,
             pid=oldest.pid,

@@ -19,6 +19,7 @@ from trolley.messages import MapInfo, Zone
 from trolley.messages.mapping import MAP_NAME
 from trolley.messages.request_params import LoadMap, Nothing
 from trolley.runtime.service import Later, Service, answers
+from trolley.suggestions import did_you_mean
 from trolley_localizer.core import Localizer
 from trolley_localizer.mapper_lease import MapperLease
 from trolley_localizer.warmup import warm_up
@@ -222,7 +223,8 @@ class MapServer:
         """
         file = self._store.file_of(name)
         if file is None:
-            raise Refused(codes.UNKNOWN_NAME, f"There is no map {name!r}.")
+            hint = did_you_mean(name, self._store.names())
+            raise Refused(codes.UNKNOWN_NAME, f"There is no map {name!r}. {hint}")
         self._service.work(partial(read_map, file, self._config.localizer, self._seed), then)
 
     def _first_map_read(self, result: LoadedMap | MapError) -> None:

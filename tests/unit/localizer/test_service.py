@@ -447,6 +447,11 @@ def test_a_map_that_cannot_be_used_changes_nothing(
     assert len(robot.maps) == 1
 
 
+def test_a_map_whose_name_is_misspelt_is_told_with_what_may_be_meant(make_robot: MakeRobot) -> None:
+    with pytest.raises(Refused, match="Did you mean flat"):
+        make_robot().bus.ask(requests.MAP_LOAD, LoadMap(name="flatt"))
+
+
 def test_without_a_map_it_says_so_and_refuses(make_robot: MakeRobot) -> None:
     robot = make_robot(map={})
     health = robot.bus.record(topics.HEALTH, "localizer")
