@@ -47,7 +47,11 @@ def start_tour(name: str, no_wait: bool, as_json: bool) -> None:
     with one_robot() as robot:
         status = robot.ask(requests.TOUR_START, request_params.StartTour(name=name))
         if not no_wait:
-            status = follow_trip(robot, status.trip, quiet=as_json)
+            try:
+                status = follow_trip(robot, status.trip, quiet=as_json)
+            except KeyboardInterrupt:
+                say("The tour goes on; `trolley tour stop` ends it.", err=True)
+                raise
     if as_json:
         print_json(status)
     else:

@@ -1,6 +1,7 @@
 """`trolley tour start`: what it prints while a trip goes, and at its end."""
 
 import contextlib
+from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
@@ -32,6 +33,20 @@ def test_how_a_trip_ended_is_printed_once(monkeypatch: pytest.MonkeyPatch) -> No
         "round: done",
     ]
     assert result.exit_code == 0
+
+
+def test_who_interrupts_the_command_reads_that_the_tour_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def follow(_: str | None) -> Iterator[TourStatus]:
+        yield STARTED
+        raise KeyboardInterrupt
+
+    robot = SimpleNamespace(ask=lambda request, params: STARTED, follow_tour=follow)
+    monkeypatch.setattr(tour, "one_robot", lambda: contextlib.nullcontext(robot))
+    result = CliRunner().invoke(tour.tour_command, ["start", "round"])
+    assert result.exit_code != 0
+    assert "The tour goes on; `trolley tour stop` ends it." in result.output.splitlines()
 
 
 def test_a_trip_so_long_that_its_first_results_are_left_out_is_told_to_its_end(
