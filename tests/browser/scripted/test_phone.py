@@ -72,6 +72,28 @@ def test_a_card_leaves_the_buttons_over_the_map_free(page: Page, viewer: Viewer)
     assert box_of(bar) == before
 
 
+def test_the_last_control_can_be_pressed_while_the_strip_of_the_past_is_open(
+    page: Page, viewer: Viewer
+) -> None:
+    page.set_viewport_size(PHONE)
+    controls = Controls()
+    strip = controls.add_strip()
+    with strip:
+        controls.add_timeline("Time of day")
+        controls.add_button("Now", colour="green")
+        controls.add_html("The last 10 minutes. Past trips are in the “Tours” tab.")
+    for i in range(30):
+        controls.add_button(f"button {i}")
+    strip.visible = True
+    viewer.greet()
+    viewer.tell_controls(controls)
+    expect(page.get_by_role("button", name="Now")).to_be_visible()
+    last = page.get_by_role("button", name="button 29")
+    page.locator("#panel").evaluate("it => it.scrollTop = it.scrollHeight")
+    below, top = box_of(last), box_of(page.locator(".strip"))["y"]
+    assert below["y"] + below["height"] <= top
+
+
 def test_the_sheet_is_opened_and_closed_by_who_has_no_finger_on_it(
     page: Page, viewer: Viewer
 ) -> None:
