@@ -36,6 +36,18 @@ port = {viewer}
 TRIES = 5
 MAY_IT_DRIVE = "Is the floor free, and may it drive?"
 DRIVES_MS = 3.0 * PATIENCE_MS
+# Counts what keeps the screen on.
+COUNT_LOCKS = """() => {
+  const ask = WakeLock.prototype.request;
+  window.locks = [];
+  WakeLock.prototype.request = async function (kind) {
+    const lock = await ask.call(this, kind);
+    window.locks.push(lock);
+    return lock;
+  };
+}"""
+IS_KEPT_ON = "window.locks.filter((one) => !one.released).length === 1"
+MAY_GO_DARK = "window.locks.every((one) => one.released)"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -224,3 +236,22 @@ def test_a_page_that_is_out_of_sight_stops_the_robot_and_takes_it_all_back(rig: 
     answer(other, "What next?", "End the setup")
     assert rig.command.wait(3 * PATIENCE_S) == 130, rig.command.log
     assert rig.config.read_text() == rig.before
+
+
+def test_the_screen_stays_on_while_the_page_has_its_hand_on_stop(rig: Rig) -> None:
+    phone = rig.open(390, 844)
+    phone.evaluate(COUNT_LOCKS)
+    try_wheels(phone)
+    reach(phone, MAY_IT_DRIVE)
+    rig.robot.fault(f"{BOARD}:ok")
+    assert phone.evaluate(MAY_GO_DARK)
+    answer(phone, MAY_IT_DRIVE, "Yes")
+    wait_until(rig.drives, "it turns")
+    wait_until(lambda: phone.evaluate(IS_KEPT_ON), "the screen is kept on")
+    # A browser may let the screen go dark again at any time, as it does where a page was hidden.
+    phone.evaluate("window.locks[0].release()")
+    wait_until(lambda: phone.evaluate(IS_KEPT_ON), "the screen is kept on again")
+    phone.locator("#stop").click()
+    wait_until(rig.stands, "it stands")
+    asked(phone, "What next?")
+    wait_until(lambda: phone.evaluate(MAY_GO_DARK), "the screen may go dark")

@@ -2,6 +2,7 @@
 // is said, and a field shows again what holds.
 import { letMove } from "./dragging.js";
 import { fill } from "./html.js";
+import { keepScreenOn } from "./screen.js";
 import { t } from "./words.js";
 
 const TYPING_MS = 300, HOLD_MS = 200, OVER_MAP = ["bar", "card", "strip"];
@@ -203,8 +204,11 @@ const MAKERS = {
   // Says that the page is in sight; who locks the screen or looks at something else has let go.
   hold(controls, id) {
     const element = make("div"), timer = setInterval(() => {
+      const isInSight = element.isConnected && !document.hidden
+        && element.closest("[hidden]") === null;
+      if (isInSight) controls.line.hold(Number(id));
+      keepScreenOn(isInSight && controls.line.isOpen);
       if (!element.isConnected) clearInterval(timer);
-      else if (!document.hidden && element.closest("[hidden]") === null) controls.line.hold(Number(id));
     }, HOLD_MS);
     return { element, show: () => {} };
   },
