@@ -138,6 +138,10 @@ class Simulation:
         """Make the wheels smaller: what is left of each; their encoders do not notice."""
         self._drive.wear(left, right)
 
+    def widen_track(self, share: float) -> None:
+        """Move the wheels apart, to so much of what it was; nobody is told."""
+        self._drive.widen_track(share)
+
     def remove_people(self) -> None:
         """Take everybody out of the world."""
         self._solids.remove_people()

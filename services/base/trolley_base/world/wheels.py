@@ -77,6 +77,10 @@ class Drive:
         self._left_scale /= left
         self._right_scale /= right
 
+    def widen_track(self, share: float) -> None:
+        """Move the wheels apart, to so much of what it was: the robot turns less."""
+        self._turn_scale *= share
+
     def step(self, command: Twist2D, dt: float, grip: Grip = GOOD) -> WheelMotion:
         """Follow a command for `dt` seconds, on a floor that holds the wheels so well."""
         self._actuator.step(command, dt)

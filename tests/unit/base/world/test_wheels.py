@@ -93,3 +93,13 @@ def test_slip_grows_with_the_square_root_of_the_way() -> None:
         turned.append(pose.yaw)
     assert np.std(turned) == pytest.approx(0.03, rel=0.15)
     assert np.std(along) * math.sqrt(len(along) / 300) == pytest.approx(0.02, rel=0.15)
+
+
+def test_worn_wheels_drive_less_and_a_wider_track_turns_less_than_is_reported() -> None:
+    drive = make_drive(EXACT)
+    drive.wear(0.97, 0.97)
+    drive.widen_track(1.03)
+    for _ in range(200):
+        motion = drive.step(Twist2D(0.3, 0.0, 0.8), DT)
+    assert motion.own.vx == pytest.approx(0.97 * 0.3)
+    assert motion.own.wz == pytest.approx(0.97 * 0.8 / 1.03)

@@ -1,0 +1,113 @@
+"""A driver that costs next to nothing: it knows the truth, and follows the shortest roomy path."""
+
+import heapq
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trolley import topics
+from trolley.geometry import Pose2D, Twist2D, angle_difference
+from trolley.gridmap import GridMap, distance_transform
+from trolley.messages import VelocityCommand
+from trolley.runtime.lockstep import Lockstep
+
+PERIOD_S = 0.1
+LEAST_M, ROOMY_M = 0.22, 0.45
+"""Nearer to a wall it does not drive; further away all places are as good [m]."""
+AHEAD_CELLS = 9
+FAST_MPS, TURN_RADPS = 0.45, 1.0
+AT_M, AT_RAD = 0.1, 0.1
+STUCK_S, BACK_S = 4.0, 1.5
+STEPS = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if r or c]
+
+
+class Cruise:
+    """Drives a robot in lock-step from goal to goal.
+
+    Args:
+        lockstep: in which base runs.
+        grid: the map.
+        meanwhile: called at each moment of the drive.
+    """
+
+    def __init__(self, lockstep: Lockstep, grid: GridMap, meanwhile: Callable[[], bool]) -> None:
+        self._lockstep, self._grid, self._meanwhile = lockstep, grid, meanwhile
+        self._truths = lockstep.record(topics.SIM_TRUTH)
+        room = distance_transform(1 - grid.free_mask(), grid.resolution)
+        self._cost = 1.0 + 20.0 * np.maximum(0.0, ROOMY_M - room)
+        self._cost[room < LEAST_M] = np.inf
+
+    @property
+    def pose(self) -> Pose2D:
+        """Where the robot is."""
+        del self._truths[:-1]
+        return self._truths[-1].pose
+
+    def go_to(self, goal: Pose2D) -> bool:
+        """Drive there; back off and return False where it does not get on."""
+        path = self._plan(goal)
+        far_m, stuck_s = math.inf, 0.0
+        while path is not None and stuck_s < STUCK_S:
+            twist = self._choose(path, goal)
+            if twist is None:
+                return True
+            self._drive(twist)
+            left_m = self.pose.distance_to(goal) + abs(angle_difference(goal.yaw, self.pose.yaw))
+            stuck_s = 0.0 if abs(left_m - far_m) > 0.02 else stuck_s + PERIOD_S
+            far_m = left_m if stuck_s == 0.0 else far_m
+        for _ in range(round(BACK_S / PERIOD_S)):
+            self._drive(Twist2D(-0.15, 0.0, 0.0))
+        return False
+
+    def _drive(self, twist: Twist2D) -> None:
+        command = VelocityCommand(
+            stamp_ns=self._lockstep.now_ns, twist=twist, valid_for=2.0 * PERIOD_S
+        )
+        self._lockstep.publish(topics.COMMAND, command, "teleop")
+        self._lockstep.run_until(self._meanwhile, PERIOD_S)
+
+    def _choose(self, path: NDArray[np.float64], goal: Pose2D) -> Twist2D | None:
+        """Return what to drive; None: it is there."""
+        pose = self.pose
+        if pose.distance_to(goal) < AT_M:
+            turn = angle_difference(goal.yaw, pose.yaw)
+            if abs(turn) < AT_RAD:
+                return None
+            return Twist2D(0.0, 0.0, math.copysign(min(TURN_RADPS, 0.2 + abs(turn)), turn))
+        nearest = int(np.argmin(np.hypot(path[:, 0] - pose.x, path[:, 1] - pose.y)))
+        x, y = path[min(nearest + AHEAD_CELLS, len(path) - 1)].tolist()
+        turn = angle_difference(math.atan2(y - pose.y, x - pose.x), pose.yaw)
+        if abs(turn) > 1.0:
+            return Twist2D(0.0, 0.0, math.copysign(TURN_RADPS, turn))
+        return Twist2D(FAST_MPS * (1.0 - 0.8 * abs(turn)), 0.0, 1.6 * turn)
+
+    def _plan(self, goal: Pose2D) -> NDArray[np.float64] | None:
+        """Return the path (n, 2) [m] by Dijkstra's algorithm; None: there is none."""
+        start, end = (
+            tuple(self._grid.world_to_cell(np.array([[one.x, one.y]]))[0].tolist())
+            for one in (self.pose, goal)
+        )
+        cost, best, towards = self._cost, {end: 0.0}, {end: end}
+        queue = [(0.0, end)]
+        while queue:
+            so_far, cell = heapq.heappop(queue)
+            if cell == start:
+                break
+            if so_far > best[cell]:
+                continue
+            for row, col in STEPS:
+                to = cell[0] + row, cell[1] + col
+                # It may stand nearer to a wall than it drives.
+                here = cost[to] if np.isfinite(cost[to]) or to != start else 10.0
+                there = so_far + math.hypot(row, col) * float(here)
+                if there < best.get(to, math.inf):
+                    best[to], towards[to] = there, cell
+                    heapq.heappush(queue, (there, to))
+        if start not in towards:
+            return None
+        cells = [start]
+        while cells[-1] != end:
+            cells.append(towards[cells[-1]])
+        return self._grid.cell_to_world(np.array(cells))
