@@ -72,12 +72,6 @@ class Errors:
     num_legs: float
     misfit: float
 
-    @property
-    def correction(self) -> Correction:
-        """Of the wheels."""
-        linear, angular, bend = self.values[: BEND + 1].tolist()
-        return Correction(1.0 + linear, 1.0 + angular, bend)
-
     def combined(self, *weights: tuple[int, float]) -> tuple[float, float]:
         """Return a sum of some of them, each with a weight, and its standard deviation."""
         gradient = np.zeros(6)

@@ -1,8 +1,9 @@
 """What to propose of what `upkeep` has found, in words and as settings."""
 
 import math
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from trolley.geometry import Pose2D
 from trolley.messages import Proposal
@@ -69,35 +70,58 @@ def find_proposals(
             )
         ]
 
-    def is_off(name: str, figure: tuple[float, float], least: float) -> bool:
-        value, std = figure
-        share = FINDING.stays if name in proposed else 1.0
-        return abs(value) > share * max(least, FINDING.sure * std)
-
     found: list[Proposal] = []
+    share = FINDING.stays if "lidar" in proposed else 1.0
     yaw, x, y = (errors.combined((index, 1.0)) for index in (YAW, X, Y))
-    if (
-        is_off("lidar", yaw, FINDING.lidar_rad)
-        or is_off("lidar", x, FINDING.lidar_m)
-        or is_off("lidar", y, FINDING.lidar_m)
-    ):
+    least = FINDING.lidar_rad, FINDING.lidar_m, FINDING.lidar_m
+    if max(map(_excess, (yaw, x, y), least)) > share:
         found.append(_of_lidar(yaw, x, y, in_force))
-    half_m = in_force.half_track_m
-    left = errors.combined((LINEAR, 1.0), (BEND, -half_m))
-    right = errors.combined((LINEAR, 1.0), (BEND, half_m))
-    track = errors.combined((LINEAR, 1.0), (ANGULAR, -1.0))
-    uneven = errors.combined((BEND, 2.0 * half_m))
-    wheels = ("left wheel", left), ("right wheel", right)
-    off: list[tuple[str, tuple[float, float]]] = []
-    if is_off("wheels", errors.combined((LINEAR, 1.0)), FINDING.both):
-        off += wheels
-    elif is_off("wheels", uneven, FINDING.wheel):
-        off.append(max(wheels, key=lambda one: abs(one[1][0])))
-    if is_off("wheels", track, FINDING.track):
-        off.append(("track", track))
-    if off:
-        found.append(_of_wheels(off, errors.correction, in_force))
+    wheels = _wheels_that_are_off(errors, in_force.half_track_m, is_proposed="wheels" in proposed)
+    if wheels is not None:
+        found.append(_of_wheels(wheels, in_force))
     return found
+
+
+def _excess(figure: tuple[float, float], least: float) -> float:
+    """Return how far off a figure is, as a share of what is worth a proposal."""
+    value, std = figure
+    return abs(value) / max(least, FINDING.sure * std)
+
+
+class _Wheels(NamedTuple):
+    """By which share wheels and track are larger than robot.toml says; 0: not enough to tell."""
+
+    left: float
+    right: float
+    track: float
+
+
+def _wheels_that_are_off(errors: Errors, half_m: float, *, is_proposed: bool) -> _Wheels | None:
+    linear = errors.combined((LINEAR, 1.0))
+    uneven = errors.combined((BEND, 2.0 * half_m))
+    track = errors.combined((LINEAR, 1.0), (ANGULAR, -1.0))
+    excess = {
+        "both": _excess(linear, FINDING.both),
+        "uneven": _excess(uneven, FINDING.wheel),
+        "track": _excess(track, FINDING.track),
+    }
+    worst = max(excess, key=lambda name: excess[name])
+    off = {name for name, share in excess.items() if share > 1.0}
+    if is_proposed and excess[worst] > FINDING.stays:
+        off.add(worst)
+    if not off:
+        return None
+    left = right = 0.0
+    if "both" in off:
+        left, right = linear[0] - 0.5 * uneven[0], linear[0] + 0.5 * uneven[0]
+    elif "uneven" in off:
+        # Which wheel it is shows in what both have lost. How much is told by their difference: rugs
+        # hold both back.
+        if linear[0] * uneven[0] < 0.0:
+            left = -uneven[0]
+        else:
+            right = uneven[0]
+    return _Wheels(left, right, track[0] if "track" in off else 0.0)
 
 
 def _of_lidar(
@@ -108,7 +132,7 @@ def _of_lidar(
         value if abs(value) > FINDING.stays * max(FINDING.lidar_m, FINDING.sure * std) else 0.0
         for value, std in (x, y)
     )
-    dyaw = yaw[0] if abs(yaw[0]) > FINDING.sure * yaw[1] else 0.0
+    dyaw = yaw[0] if abs(yaw[0]) > FINDING.stays * FINDING.sure * yaw[1] else 0.0
     before = in_force.base_T_laser
     pose = Pose2D(before.x + dx, before.y + dy, before.yaw + dyaw).wrapped()
     words = [f"turned by {math.degrees(dyaw):.1f}°"] if dyaw else []
@@ -126,19 +150,21 @@ def _of_lidar(
     )
 
 
-def _of_wheels(
-    off: Sequence[tuple[str, tuple[float, float]]], correction: Correction, in_force: InForce
-) -> Proposal:
+def _of_wheels(wheels: _Wheels, in_force: InForce) -> Proposal:
+    named = ("left wheel", wheels.left), ("right wheel", wheels.right), ("track", wheels.track)
     words = [
         f"The {what} is {100.0 * abs(value):.1f} % {_more(what, value)} than robot.toml says."
-        for what, (value, _) in off
+        for what, value in named
+        if value
     ]
     message = f"{' '.join(words)} Take it over?"
+    linear = 1.0 + 0.5 * (wheels.left + wheels.right)
+    bend = (wheels.right - wheels.left) / (2.0 * in_force.half_track_m)
     scales = in_force.scales
     if scales.track_m is None:
         message += " Its wheel_ratio can only be proposed where [base.odometry] track_m is set."
-        correction = replace(correction, bend=0.0)
-    to_be = combined(correction, scales)
+        bend = 0.0
+    to_be = combined(Correction(linear, linear - wheels.track, bend), scales)
     settings = {
         "base.odometry.linear_scale": round(to_be.linear, 4),
         "base.odometry.angular_scale": round(to_be.angular, 4),

@@ -8,7 +8,7 @@ import pytest
 from trolley.geometry import Pose2D
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.upkeep.correction import Correction
-from trolley_base.upkeep.evidence import ANGULAR, BEND, LINEAR, YAW, Upkeep, X, Y
+from trolley_base.upkeep.evidence import ANGULAR, BEND, LINEAR, YAW, Errors, Upkeep, X, Y
 from trolley_base.upkeep.findings import InForce, find_proposals
 from trolley_base.upkeep.legs import Leg
 
@@ -18,6 +18,7 @@ MOUNT = Pose2D(0.08, -0.03, 0.4)
 IN_FORCE = InForce(MOUNT, WheelScales(track_m=0.2), 0.1)
 RIGHT = Correction()
 ERROR_M, ERROR_RAD = 0.025, 0.015
+ASKED = "Take it over?"
 
 
 def drive(
@@ -120,6 +121,46 @@ def test_rugs_that_hold_both_wheels_back_are_no_worn_tyres() -> None:
     for part in range(4):
         drive(upkeep, 60, 20 + part, wheels=Correction(0.965, 0.965))
         assert proposed(upkeep) == {}
+
+
+def errors_of(
+    linear: float, angular: float, bend: float, yaw: float = 0.0, yaw_std: float = 1e-3
+) -> Errors:
+    """What is wrong, as if it were known well."""
+    stds = np.array([2e-3, 2e-3, 2e-3, yaw_std, 2e-3, 2e-3])
+    values = np.array([linear, angular, bend, yaw, 0.0, 0.0])
+    return Errors(values, np.diag(stds**2), 80.0, 1.0)
+
+
+def test_a_worn_tyre_on_rugs_is_not_said_to_be_worn_by_what_the_rugs_take() -> None:
+    # The left wheel is 3 % smaller, and rugs take 2.2 % of both.
+    errors = errors_of(-0.037, -0.037, 0.15)
+    # Proposed before or not: the right wheel is as robot.toml says.
+    for before in ((), ("wheels",)):
+        (proposal,) = find_proposals(errors, IN_FORCE, before)
+        assert proposal.message == "The left wheel is 3.0 % smaller than robot.toml says. " + ASKED
+        assert proposal.settings == {
+            "base.odometry.linear_scale": 0.985,
+            "base.odometry.angular_scale": 0.985,
+            "base.odometry.wheel_ratio": pytest.approx(1.031, abs=0.002),
+        }
+
+
+def test_a_wider_track_is_proposed_without_what_rugs_take() -> None:
+    (proposal,) = find_proposals(errors_of(-0.02, -0.06, 0.0), IN_FORCE)
+    assert proposal.message == "The track is 4.0 % wider than robot.toml says. " + ASKED
+    assert proposal.settings["base.odometry.linear_scale"] == 1.0
+    assert proposal.settings["base.odometry.angular_scale"] == 0.96
+    assert proposal.settings["base.odometry.wheel_ratio"] == 1.0
+
+
+def test_a_turned_lidar_is_said_to_be_turned_while_it_stays_proposed() -> None:
+    # It is less sure than it was when it was proposed.
+    errors = errors_of(0.0, 0.0, 0.0, yaw=math.radians(2.0), yaw_std=math.radians(0.45))
+    assert find_proposals(errors, IN_FORCE) == []
+    (proposal,) = find_proposals(errors, IN_FORCE, ("lidar",))
+    assert "turned by 2.0°" in proposal.message
+    assert proposal.settings["base.lidar.pose.yaw"] == pytest.approx(0.4 + math.radians(2.0), 1e-3)
 
 
 def test_wheels_of_quite_another_size_are_proposed_both() -> None:
