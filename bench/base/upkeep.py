@@ -63,7 +63,10 @@ pull_per_m = 0.06
 
 
 class Case(NamedTuple):
-    """What changes, and which of `CAUSES` a true proposal names; empty: none is to come."""
+    """What changes, and which of `CAUSES` a true proposal names; empty: none is to come.
+
+    Of rugs it says that they, or both wheels, may be the cause; they lie there from the beginning.
+    """
 
     plant: Callable[[Simulation], None] = lambda _: None
     truth: tuple[str, ...] = ()
@@ -81,19 +84,19 @@ def worn(left: float, right: float) -> Callable[[Simulation], None]:
     return lambda world: world.wear_wheels(left, right)
 
 
-CAUSES = ("lidar is turned", "moved by", "left wheel", "right wheel", "track", "fit each other")
+CAUSES = ("lidar is turned", "moved by", "left wheel", "right wheel", "The track", "both", "fit")
 CASES = {
     "none": Case(),
     "companion": Case(has_companion=True),
-    "rug": Case(world=RUG),
+    "rug": Case(truth=("both",), world=RUG),
     "lidar": Case(lidar_at(0.0, 0.0, 3.0), ("lidar is turned",)),
     "lidar-back": Case(lidar_at(0.0, 0.0, -2.0), ("lidar is turned",)),
     "lidar-ahead": Case(lidar_at(0.02, 0.0, 0.0), ("moved by",)),
     "lidar-aside": Case(lidar_at(0.0, 0.02, 0.0), ("moved by",)),
     "tyre": Case(worn(0.97, 1.0), ("left wheel",)),
     "right-tyre": Case(worn(1.0, 0.97), ("right wheel",)),
-    "both-tyres": Case(worn(0.98, 0.98), ("left wheel", "right wheel")),
-    "track": Case(lambda world: world.widen_track(1.03), ("track",)),
+    "both-tyres": Case(worn(0.98, 0.98), ("both",)),
+    "track": Case(lambda world: world.widen_track(1.03), ("The track",)),
 }
 
 
@@ -138,7 +141,7 @@ class Trial:
         self._poses, self._said = lockstep.record(topics.POSE), lockstep.record(topics.GOAL)
         self._proposed = lockstep.record(topics.PROPOSALS)
         self._cruise = Cruise(lockstep, load_map(MAP), self._meanwhile)
-        self._person = START
+        self._person = START @ Pose2D(-COMPANION_M, 0.0, 0.0)
         self._changed_s: float | None = None
         self._last = START
         self.way_m = 0.0
@@ -169,7 +172,7 @@ class Trial:
             since = -1.0 if self._changed_s is None else one.stamp_ns * 1e-9 - self._changed_s
             for proposal in one.proposals:
                 named = tuple(cause for cause in CAUSES if cause in proposal.message)
-                is_true = since >= 0.0 and named == self._case.truth
+                is_true = named == self._case.truth and (since >= 0.0 or self._case.world != "")
                 self.found.append(Found(since / 60.0, proposal, is_true))
                 print(f"  {proposal.message} {proposal.settings}", flush=True)
         for heard in (self._poses, self._said):

