@@ -91,37 +91,36 @@ def _excess(figure: tuple[float, float], least: float) -> float:
 class _Wheels(NamedTuple):
     """By which share wheels and track are larger than robot.toml says; 0: not enough to tell."""
 
+    both: float
     left: float
     right: float
     track: float
 
 
 def _wheels_that_are_off(errors: Errors, half_m: float, *, is_proposed: bool) -> _Wheels | None:
-    linear = errors.combined((LINEAR, 1.0))
+    linear, linear_std = errors.combined((LINEAR, 1.0))
     uneven = errors.combined((BEND, 2.0 * half_m))
     track = errors.combined((LINEAR, 1.0), (ANGULAR, -1.0))
-    excess = {
-        "both": _excess(linear, FINDING.both),
-        "uneven": _excess(uneven, FINDING.wheel),
-        "track": _excess(track, FINDING.track),
-    }
+    # Which wheel it is shows in what both have lost. How much is told by their difference, since
+    # rugs hold both back.
+    is_left = linear * uneven[0] < 0.0
+    one = -uneven[0] if is_left else uneven[0]
+    excess = {"one": _excess(uneven, FINDING.wheel), "track": _excess(track, FINDING.track)}
+    both = linear - 0.5 * one if excess["one"] > 1.0 else linear
+    excess["both"] = _excess((both, linear_std), FINDING.both)
     worst = max(excess, key=lambda name: excess[name])
     off = {name for name, share in excess.items() if share > 1.0}
     if is_proposed and excess[worst] > FINDING.stays:
         off.add(worst)
     if not off:
         return None
-    left = right = 0.0
-    if "both" in off:
-        left, right = linear[0] - 0.5 * uneven[0], linear[0] + 0.5 * uneven[0]
-    elif "uneven" in off:
-        # Which wheel it is shows in what both have lost. How much is told by their difference: rugs
-        # hold both back.
-        if linear[0] * uneven[0] < 0.0:
-            left = -uneven[0]
-        else:
-            right = uneven[0]
-    return _Wheels(left, right, track[0] if "track" in off else 0.0)
+    one = one if "one" in off else 0.0
+    return _Wheels(
+        both=both if "both" in off else 0.0,
+        left=one if is_left else 0.0,
+        right=0.0 if is_left else one,
+        track=track[0] if "track" in off else 0.0,
+    )
 
 
 def _of_lidar(
@@ -157,8 +156,10 @@ def _of_wheels(wheels: _Wheels, in_force: InForce) -> Proposal:
         for what, value in named
         if value
     ]
+    if wheels.both:
+        words.insert(0, _of_both(wheels.both))
     message = f"{' '.join(words)} Take it over?"
-    linear = 1.0 + 0.5 * (wheels.left + wheels.right)
+    linear = 1.0 + wheels.both + 0.5 * (wheels.left + wheels.right)
     bend = (wheels.right - wheels.left) / (2.0 * in_force.half_track_m)
     scales = in_force.scales
     if scales.track_m is None:
@@ -172,6 +173,16 @@ def _of_wheels(wheels: _Wheels, in_force: InForce) -> Proposal:
     if scales.track_m is not None:
         settings["base.odometry.wheel_ratio"] = round(to_be.wheel_ratio, 4)
     return Proposal(id="wheels", message=message, settings=settings)
+
+
+def _of_both(value: float) -> str:
+    percent = 100.0 * abs(value)
+    if value > 0.0:
+        return f"The wheels drive {percent:.1f} % further than robot.toml says: both are larger."
+    return (
+        f"The wheels drive {percent:.1f} % less far than robot.toml says: both are smaller, or "
+        "rugs hold them back."
+    )
 
 
 def _more(what: str, value: float) -> str:
