@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from bench.harness.wandering import IN_THE_WAY
 from numpy.typing import NDArray
 
 from trolley import topics
@@ -21,6 +20,10 @@ AHEAD_CELLS = 9
 FAST_MPS, TURN_RADPS = 0.45, 1.0
 AT_M, AT_RAD = 0.1, 0.1
 STUCK_S, BACK_S = 4.0, 1.5
+THINGS = ((4.25, 1.2), (5.0, -1.35), (-0.72, -0.68), (6.03, -3.47), (6.3, -2.04))
+"""What stands in `worlds/real.toml` beside the map: bag, bucket, lamp, scales, drawer [m]."""
+THING_M = 0.12
+"""Radius of them, or a bit less, so that it can drive past [m]."""
 STEPS = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if r or c]
 
 
@@ -37,8 +40,10 @@ class Cruise:
         self._lockstep, self._grid, self._meanwhile = lockstep, grid, meanwhile
         self._truths = lockstep.record(topics.SIM_TRUTH)
         blocked = 1 - grid.free_mask()
-        for x, y, _ in IN_THE_WAY:
-            blocked[tuple(grid.world_to_cell(np.array([x, y])).tolist())] = 1
+        rows, cols = np.indices(blocked.shape)
+        for x, y in THINGS:
+            row, col = grid.world_to_cell(np.array([x, y])).tolist()
+            blocked[np.hypot(rows - row, cols - col) * grid.resolution < THING_M] = 1
         room = distance_transform(blocked, grid.resolution)
         self._cost = 1.0 + 20.0 * np.maximum(0.0, ROOMY_M - room)
         self._cost[room < LEAST_M] = np.inf
