@@ -4,7 +4,8 @@
 
 An empty hall, with the wheels, motors and lidar of `worlds/real.toml`: commands that come late, a
 dead band, backlash, castors that kick, slip. Base, localizer and planner run in lock-step. Each
-seed drives 6 m to a goal straight ahead, then to one at the side that faces elsewhere, and back.
+seed drives 6 m to a goal straight ahead, askew to the map's cells as drawn, then to one at the side
+that faces elsewhere, and back.
 `--delay` is another delay of the motors.
 
 The wobble is the true path's distance from its own straight line, root mean square, between the
@@ -37,8 +38,8 @@ from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
 from trolley_planner.service import PlannerService
 
-START = Pose2D(1.5, 2.0, 0.0)
-GOALS = (Pose2D(7.5, 2.0, 0.0), Pose2D(6.0, 1.0, 2.0), Pose2D(1.5, 2.0, 0.5))
+STRAIGHT_M, MOST_ASIDE_M = 6.0, 0.9
+AFTERWARDS = (Pose2D(6.0, 1.0, 2.0), Pose2D(1.5, 2.0, 0.5))
 WOBBLE_M, NEAR_M, LIMIT_S, SETTLE_S = 0.01, 0.3, 90.0, 1.0
 PARTS = ("wheels", "motors", "lidar")
 ENDED = ("arrived", "failed", "canceled")
@@ -82,8 +83,20 @@ class Heard:
     truths: list[Truth]
     commands: list[VelocityCommand]
 
+    @property
+    def xy(self) -> NDArray[np.float64]:
+        """Where the robot truly was (n, 2) [m]."""
+        return np.array([(truth.pose.x, truth.pose.y) for truth in self.truths])
 
-def hall(folder: Path, seed: int, delay_s: float | None = None) -> Path:
+
+def straight(seed: int) -> tuple[Pose2D, Pose2D]:
+    """Return where the straight begins and where it ends."""
+    aside = float(np.random.default_rng([seed, 1]).uniform(-MOST_ASIDE_M, MOST_ASIDE_M))
+    yaw = math.atan2(aside, STRAIGHT_M)
+    return Pose2D(1.5, 2.0, yaw), Pose2D(1.5 + STRAIGHT_M, 2.0 + aside, yaw)
+
+
+def hall(folder: Path, start: Pose2D, seed: int, delay_s: float | None = None) -> Path:
     """Write the hall and its world; return the world's file."""
     cells = np.zeros((80, 180), np.int8)
     cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = 100, 100, 100, 100
@@ -95,7 +108,7 @@ def hall(folder: Path, seed: int, delay_s: float | None = None) -> Path:
     real = tomllib.loads((WORLDS / "real.toml").read_text())
     if delay_s is not None:
         real["motors"]["delay_s"] = delay_s
-    lines = ['map = "hall.yaml"', f"start = {{ x = {START.x}, y = {START.y}, yaw = 0.0 }}"]
+    lines = ['map = "hall.yaml"', f"start = {{ x = {start.x}, y = {start.y}, yaw = {start.yaw} }}"]
     for part in PARTS:
         plain = {key: value for key, value in real[part].items() if not isinstance(value, dict)}
         lines += [f"[{part}]", *(f"{key} = {value}" for key, value in plain.items())]
@@ -109,15 +122,16 @@ def drive(seed: int, delay_s: float | None = None) -> list[Leg]:
     legs: list[Leg] = []
     with tempfile.TemporaryDirectory() as name, Lockstep("trolley", seed) as lockstep:
         folder = Path(name)
-        world = hall(folder, seed, delay_s)
+        start, end = straight(seed)
+        world = hall(folder, start, seed, delay_s)
         rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n'
-        config = make_config(folder / "hall.yaml", START, rest)
+        config = make_config(folder / "hall.yaml", start, rest)
         for service in (BaseService, LocalizerService, PlannerService):
             lockstep.add(service(config))
         heard = Heard(lockstep.record(topics.SIM_TRUTH), lockstep.record(topics.COMMAND, "planner"))
         poses, said = lockstep.record(topics.POSE), lockstep.record(topics.GOAL)
         lockstep.run_until(lambda: bool(poses) and poses[-1].state == "localized", 30.0)
-        for goal in GOALS:
+        for goal in (end, *AFTERWARDS):
             begin = len(heard.truths), len(heard.commands)
             lockstep.ask(requests.GOAL_SEND, SendGoal(pose=goal))
             lockstep.run_until(lambda: said[-1].state in ENDED, LIMIT_S)
@@ -125,6 +139,8 @@ def drive(seed: int, delay_s: float | None = None) -> list[Leg]:
             leg = Heard(heard.truths[begin[0] :], heard.commands[begin[1] :])
             state = said[-1].state
             legs.append(judged(leg, goal, said[-1].reason if state == "failed" else state))
+            if goal is end:
+                legs[-1].wobble_m = wobble_of(leg.xy)
     return legs
 
 
@@ -136,10 +152,7 @@ def judged(heard: Heard, goal: Pose2D, ending: str) -> Leg:
         end.distance_to(goal),
         math.degrees(abs(wrap_angle(end.yaw - goal.yaw))),
     )
-    xy = np.array([(truth.pose.x, truth.pose.y) for truth in heard.truths])
-    if goal is GOALS[0]:
-        leg.wobble_m = wobble_of(xy)
-    far = np.hypot(xy[:, 0] - goal.x, xy[:, 1] - goal.y)
+    far = np.hypot(*(heard.xy - (goal.x, goal.y)).T)
     near = np.flatnonzero(far > NEAR_M)
     since_ns = heard.truths[int(near[-1])].stamp_ns if near.size else heard.truths[0].stamp_ns
     times = np.array([one.stamp_ns for one in heard.commands]) * 1e-9

@@ -260,10 +260,26 @@ def test_a_path_along_a_border_of_cells_counts_for_both_rows(seed: int, on_borde
     remaining_m = rng.uniform(0.0, 9.0, len(points))
     weights = np.ones((size, size), np.uint8)
     found = seeds_along(points, remaining_m, price, weights, corner, edge_m)
-    plain: list[tuple[int, int]] = []
-    for (x, y), left_m in zip(((points - corner) / edge_m).tolist(), remaining_m, strict=True):
+    plain: list[int] = []
+    for x, y in ((points - corner) / edge_m).tolist():
         for beside in (-LOCAL.border_cells, LOCAL.border_cells):
             col, row = math.floor(x + beside), math.floor(y + beside)
             if 1 <= col <= size - 2 and 1 <= row <= size - 2:
-                plain.append((row * size + col, round(float(left_m) * price)))
-    assert [tuple(seed) for seed in found.tolist()] == plain
+                plain.append(row * size + col)
+    assert found[:, 0].tolist() == plain
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(0.02, 0.1), st.floats(0.5, 4.0))
+def test_cells_of_a_straight_path_cost_what_is_left_from_abreast_of_their_centres(
+    yaw: float, step_m: float, dearness: float
+) -> None:
+    size, edge_m, price = 80, 0.05, 2720.0
+    ahead, start = np.array([math.cos(yaw), math.sin(yaw)]), np.array([2.01, 1.97])
+    along_m = np.arange(0.0, 1.9, step_m)
+    points = start + along_m[:, None] * ahead
+    weights = np.ones((size, size), np.uint8)
+    remaining_m = dearness * (along_m[-1] - along_m)
+    found = seeds_along(points, remaining_m, price, weights, (0.0, 0.0), edge_m)
+    centres = (np.stack([found[:, 0] % size, found[:, 0] // size], axis=1) + 0.5) * edge_m
+    left_m = np.maximum(along_m[-1] - (centres - start) @ ahead, 0.0)
+    np.testing.assert_allclose(found[:, 1], price * dearness * left_m, atol=1.0)

@@ -73,6 +73,7 @@ def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> floa
     enough = max(limits.caution_m, CRITICS.near_m)
     clearance = clearance_turned(field, body, (x, y), turned, enough)
     floor = min(limits.clearance_m, clearance - ROLLOUT.same_clearance_m)
+    is_in_the_open = clearance >= enough and len(field.walkers) == 0
     walked = body.few_points, body.inscribed_m, body.circumscribed_m
     cost, steps = 0.0, len(controls)
     for step in range(steps):
@@ -92,6 +93,8 @@ def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> floa
             return cost + ROLLOUT.collision_cost + steps - step + cost_at(field, x, y)
         cost += CRITICS.proximity * near * limits.dt
         cost += step_cost(Velocity(v, w), Velocity(*before), clearance, limits.dt)
+        if step + 1 == steps // 2 and is_in_the_open:
+            cost += ROLLOUT.middle * cost_at(field, x, y)
         if step + 1 in (steps // 2, steps):
             then_s = (step + 1) * limits.dt
             stands = standing_cost(field.walkers, walked, place, turned, then_s)

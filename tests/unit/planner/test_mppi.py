@@ -1,6 +1,9 @@
 """Model predictive path integral control."""
 
+import math
+
 import numpy as np
+import pytest
 from support.flatland import empty_room
 
 from trolley.config import PlannerConfig
@@ -45,3 +48,26 @@ def test_the_controller_is_deterministic_smooth_and_within_limits() -> None:
     assert changes[:, 0].max() <= 0.05 * LIMITS.deceleration + 1e-9
     assert changes[:, 1].max() <= 0.05 * LIMITS.turn_acceleration + 1e-9
     assert speeds[-1, 0] > 0.45
+
+
+@pytest.mark.parametrize("yaw", [0.35, 0.6, -0.4, 2.8])
+def test_a_straight_path_at_an_angle_to_the_cells_is_kept(yaw: float) -> None:
+    context = PlanningContext(empty_room(10.0, 10.0), FOOTPRINT, CONFIG, 0.5)
+    local_costmap, controller = context.local_costmap, Mppi(CONFIG)
+    ahead, start, last = np.array([math.cos(yaw), math.sin(yaw)]), np.array([5.03, 5.01]), 80
+    points = start + np.linspace(0.0, 3.5, last + 1)[:, None] * ahead
+    remaining = np.linspace(3.5, 0.0, last + 1)
+    pose, twist, off_m = Pose2D(5.03, 5.01, yaw), Twist2D.zero(), []
+    while (along := float((pose.as_array()[:2] - start) @ ahead)) < 3.0:
+        first = max(0, int(along / 3.5 * last) - 1)
+        part = slice(first, min(first + 50, last + 1))
+        local_costmap.update(pose.x, pose.y)
+        local_costmap.compute_cost_to_go(points[part], remaining[part] - remaining[part][-1])
+        x, y = points[part][-1]
+        target = Target(x, y, 0.1, goes_on=part.stop <= last)
+        twist = controller.command(Motion(pose, twist), local_costmap, LIMITS, target, 0.05)
+        assert twist is not None
+        pose = integrate_twist(pose, twist, 0.05)
+        away = pose.as_array()[:2] - start
+        off_m.append(abs(ahead[0] * away[1] - ahead[1] * away[0]))
+    assert max(off_m) < 0.035

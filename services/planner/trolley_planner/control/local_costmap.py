@@ -55,6 +55,8 @@ class LocalCostmapParams(NamedTuple):
     narrow_factor: float = 3.0
     """Weight of a metre of the path in narrow places: progress must be worth driving close to
     walls, and backwards."""
+    usual_factor: float = 0.88
+    """The same elsewhere: less than a metre beside the path, so that the robot returns to it."""
 
 
 LOCAL = LocalCostmapParams()
@@ -177,7 +179,9 @@ class LocalCostmap:
         is_narrow = (is_tight and not self.is_anyone_coming(x, y)) or (
             room_m < self._narrow_m and not self._costmap.moving.people
         )
-        self._price_of_path = LOCAL.narrow_factor if is_narrow else 1.0
+        # Who makes room for people leaves the path for it.
+        usual = 1.0 if self._costmap.moving.people else LOCAL.usual_factor
+        self._price_of_path = LOCAL.narrow_factor if is_narrow else usual
         radius = LOCAL.escape_m / self.coarse_m
         soften_disc(weights, coarse.distance_m, centre, radius, LOCAL.escape_weight)
 
@@ -211,7 +215,7 @@ class LocalCostmap:
         ordered = np.ascontiguousarray(seeds[np.argsort(seeds[:, 1], kind="stable")])
         coarse = self._coarse
         flat, size = coarse.weights.reshape(-1), len(coarse.weights)
-        cost_to_go_into(coarse.costs, flat, coarse.queue, ordered, size, (-1, 0), 8)
+        cost_to_go_into(coarse.costs, flat, coarse.queue, ordered, size, (-1, 0), 16)
         costs_to_metres(coarse.cost_m, coarse.costs, 1.0 / self.cost_of_metre, LOCAL.unreached_m)
         slope_edges(coarse.cost_m, LOCAL.unreached_m, LOCAL.edge_rise_m, LOCAL.edge_cells)
         return bool(coarse.costs[self._robot_cell] != UNREACHED)
@@ -277,7 +281,8 @@ def seeds_along(
 ) -> NDArray[np.int32]:
     """Return flat coarse cells along a path and their costs, (n, 2), without the outermost cells.
 
-    A path along the border of two rows of cells counts for both.
+    A cell costs what is left of the path from abreast of its centre. A path along the border of two
+    rows of cells counts for both.
 
     Args:
         points: (n, 2) in `grid` [m].
@@ -287,16 +292,25 @@ def seeds_along(
         corner: of the cells, in `grid` [m].
         coarse_m: edge of a cell [m].
     """
-    size, count = weights.shape[0], 0
+    size, count, last = weights.shape[0], 0, points.shape[0] - 1
     seeds = np.empty((2 * points.shape[0], 2), np.int32)
     for index in range(points.shape[0]):
         x = (points[index, 0] - corner[0]) / coarse_m
         y = (points[index, 1] - corner[1]) / coarse_m
+        before, after = max(index - 1, 0), min(index + 1, last)
+        ahead_x = (points[after, 0] - points[before, 0]) / coarse_m
+        ahead_y = (points[after, 1] - points[before, 1]) / coarse_m
+        squared = ahead_x * ahead_x + ahead_y * ahead_y
+        fall_m = remaining_m[before] - remaining_m[after]
         for beside in (-LOCAL.border_cells, LOCAL.border_cells):
             col, row = math.floor(x + beside), math.floor(y + beside)
             if 0 < col < size - 1 and 0 < row < size - 1:
+                along = ahead_x * (col + 0.5 - x) + ahead_y * (row + 0.5 - y)
+                cost_m = remaining_m[index]
+                if squared > 0.0:
+                    cost_m -= fall_m * along / squared
                 seeds[count, 0] = row * size + col
-                seeds[count, 1] = np.rint(remaining_m[index] * price)
+                seeds[count, 1] = np.rint(max(cost_m, 0.0) * price)
                 count += 1
     return seeds[:count]
 

@@ -47,6 +47,9 @@ class RolloutParams(NamedTuple):
 
     collision_cost: float = 1000.0
     """Cost of touching something [m of free floor]."""
+    middle: float = 1.0
+    """Weight of the cost-to-go in the middle of a rollout in the open, which is 1 at its end. With
+    the end alone, turns back to the path are put off from command to command."""
     same_clearance_m: float = 1e-3
     """Clearances that differ by less than this count as the same."""
 
@@ -136,6 +139,8 @@ def rollouts_into(
     enough = max(limits.caution_m, CRITICS.near_m)
     turned = math.cos(start[2]), math.sin(start[2])
     clearance = clearance_turned(field, scene.body, (start[0], start[1]), turned, enough)
+    # Near things, as where it has to back out first, the middle would have it turn too early.
+    is_in_the_open = clearance >= enough and field.walkers.shape[0] == 0
     # A robot that stands too close already must not come closer.
     floor = min(limits.clearance_m, clearance - ROLLOUT.same_clearance_m)
     lanes = make_lanes(min(MOST_LANES, controls.shape[0]))
@@ -148,9 +153,12 @@ def rollouts_into(
             look_around(lanes, count, scene, enough)
             look_for_others(lanes, count, (step + 1) * limits.dt, scene)
             add_step_costs(lanes, count, limits.dt)
+            is_middle = step + 1 == steps // 2
+            if is_middle and is_in_the_open:
+                add_middle_costs(lanes, count, field)
             # In the middle, too: with the end alone, getting out of the way would be put off from
             # command to command.
-            if field.walkers.shape[0] > 0 and (step + 1 == steps // 2 or step + 1 == steps):
+            if field.walkers.shape[0] > 0 and (is_middle or step + 1 == steps):
                 add_standing_costs(lanes, count, (step + 1) * limits.dt, scene)
             count = end_lanes(out_costs, lanes, count, (step, steps), floor, scene)
         for lane in range(count):
@@ -383,6 +391,13 @@ def add_step_costs(lanes: Lanes, count: int, dt: float) -> None:
     for lane in range(count):
         now, then = Velocity(v[lane], w[lane]), Velocity(old_v[lane], old_w[lane])
         cost[lane] += step_cost(now, then, clearance[lane], dt)
+
+
+@kernel
+def add_middle_costs(lanes: Lanes, count: int, field: Field) -> None:
+    """Add what it costs to have come no further than this by the middle of the time."""
+    for lane in range(count):
+        lanes.cost[lane] += ROLLOUT.middle * cost_at(field, lanes.x[lane], lanes.y[lane])
 
 
 @kernel
