@@ -14,9 +14,13 @@ Source:
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
+from trolley.gridmap import GridMap
 from trolley.messages import BaseState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
 from trolley_mapper.explore import sentences
@@ -36,6 +40,7 @@ from trolley_mapper.explore.frontiers import (
     FrontierReport,
     path_length_to,
 )
+from trolley_mapper.explore.own_image import OwnImage
 from trolley_mapper.explore.traversable_area import TraversableArea
 from trolley_mapper.explore.visited_frontiers import SAME_M, VisitedFrontiers
 
@@ -160,6 +165,9 @@ class Explorer:
         self._run, self._sees_all_round = run, sees_all_round
         self._visited = VisitedFrontiers()
         self._barriers = Barriers()
+        self._own_image = OwnImage()
+        # Where a mirror was seen (`map`, x pointing into it) since the last step.
+        self._mirror: Pose2D | None = None
         self._goal: ExplorationGoal | None = None
         self._speed_mps: float | None = None
         # The frontier that was driven to last, and how much floor was known then [m^2].
@@ -188,7 +196,7 @@ class Explorer:
 
     @property
     def barriers(self) -> list[Zone]:
-        """Lines that it takes for walls, since the robot could not get on there."""
+        """Lines that it takes for walls: mirrors, and where the robot could not get on."""
         return self._barriers.zones
 
     @property
@@ -313,6 +321,18 @@ class Explorer:
         said = sentences.PAUSES.get(reason)
         self.pause(reason, said or sentences.paused(codes.SENTENCES.get(reason, reason)))
 
+    # The lidar.
+    def hear_scan(
+        self,
+        map_T_laser: Pose2D,
+        ranges: NDArray[np.float64],
+        angles: NDArray[np.float64],
+        mirrors: NDArray[np.float64],
+    ) -> None:
+        """Look for the robot's own image in a scan: see `OwnImage.update`."""
+        found = self._own_image.update(map_T_laser, ranges, angles, mirrors)
+        self._mirror = found or self._mirror
+
     # The map.
     def wants_survey(self, now_s: float) -> bool:
         """Whether `step` needs to see the map now (robot time [s])."""
@@ -333,6 +353,7 @@ class Explorer:
             return
         goal = self._goal
         self._barriers.update_position(scene.pose)
+        self._note_mirror(scene.grid)
         if survey is not None:
             self._surveyed_s = now_s
             self._progress.update(survey.report.area_m2)
@@ -352,6 +373,15 @@ class Explorer:
             self._actions.append(Send(goal.goal))
         elif survey is not None:
             self._reconsider(goal, scene, survey, now_s)
+
+    def _note_mirror(self, grid: GridMap) -> None:
+        """Take a mirror that was seen for a wall, and look at once what that leaves to explore."""
+        mirror, self._mirror = self._mirror, None
+        num_barriers = len(self.barriers)
+        if mirror is not None:
+            self._barriers.add_mirror(mirror, grid)
+        if len(self.barriers) != num_barriers:
+            self._surveyed_s = None
 
     def _is_lost(self, scene: Scene, now_s: float) -> bool:
         """Pause once the robot has been lost or unsure for too long; say whether it is lost."""
