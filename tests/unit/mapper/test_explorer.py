@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench.harness.houses import draw_house, free_poses
-from bench.mapper.perfect_robot import CLEARANCE, LIMITS, PerfectRobot, advance
+from bench.mapper.perfect_robot import CLEARANCE, LIMITS, REACH_M, PerfectRobot, advance
+from numpy.typing import NDArray
 
 from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
-from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
+from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap, cast_rays
 from trolley.messages import BaseState, GoalState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
 from trolley_mapper.explore import sentences
@@ -350,6 +351,25 @@ def test_what_the_robot_cannot_get_past_is_a_wall_from_the_second_stand_on() -> 
     assert len(explorer.barriers) == 1
     assert robot.pose.distance_to(START) < 0.2
     assert "places could not be reached" in explorer.message
+
+
+class SeesEchoes(PerfectRobot):
+    """Knows the floor only up to what its lidar meets, not where that meets nothing."""
+
+    def _mark(
+        self, at: Pose2D, angles: NDArray[np.float64], away: NDArray[np.float64], value: int
+    ) -> None:
+        ranges = cast_rays(self._occupied, EDGE, (at.x, at.y), angles, REACH_M)
+        is_met = np.isfinite(ranges)
+        super()._mark(at, angles[is_met], away[is_met], value)
+
+
+def test_a_corridor_longer_than_the_lidar_sees_is_explored_to_its_end() -> None:
+    cells = np.full((56, 336), OCCUPIED, np.int8)
+    cells[8:-8, 8:-8] = FREE
+    robot = SeesEchoes(GridMap("corridor", EDGE, Pose2D(-0.4, -0.4, 0.0), cells), START)
+    assert explored(robot).state == "done"
+    assert robot.share_found() > 0.97
 
 
 def test_a_corner_that_is_small_and_far_is_left_out_and_said() -> None:

@@ -46,7 +46,7 @@ def see(place: Pose2D, thing: tuple[float, float], rng: np.random.Generator) -> 
 
 
 def beam_angles() -> NDArray[np.float64]:
-    return -math.pi + np.arange(BEAMS) * (2.0 * math.pi / BEAMS)
+    return np.linspace(-math.pi, math.pi, BEAMS, endpoint=False, dtype=np.float64)
 
 
 def image(place: Pose2D) -> tuple[float, float]:

@@ -446,13 +446,13 @@ class Explorer:
         return len(places)
 
     def _best(self, report: FrontierReport) -> Frontier | None:
-        """Return the frontier that is worth most; those that failed come last, and only once.
+        """Return the place that is worth most; those that failed come last, and only once.
 
         Barren regions and small corners far away are left out.
         """
         fresh: list[Frontier] = []
         again: list[Frontier] = []
-        for one in report.frontiers:
+        for one in (goal for each in report.frontiers for goal in (each, *each.others)):
             if self._visited.is_barren(one.x, one.y) or not one.is_worth_the_way:
                 continue
             entry = self._visited.find(one.x, one.y)

@@ -1,7 +1,7 @@
 """Where the known floor ends: frontiers that a robot can drive to, and what each is worth."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,8 @@ class Frontier:
     """Length of the path to the goal [m]."""
     gain_m2: float
     """Most unknown floor that the goal would show [m^2]."""
+    others: "tuple[Frontier, ...]" = ()
+    """Other places along it, each with a goal: it may be long, and one place on it in vain."""
 
     @property
     def worth(self) -> float:
@@ -237,7 +239,8 @@ def _best_goal(
         place = int(goal.ravel()[cell])
         if place not in found:
             found[place] = _frontier(area, int(cell), place, int(cost.ravel()[place]))
-    return max(found.values(), key=lambda one: one.worth)
+    best, *others = sorted(found.values(), key=lambda one: -one.worth)
+    return replace(best, others=tuple(others))
 
 
 def _frontier(area: TraversableArea, cell: int, place: int, cost: int) -> Frontier:
