@@ -143,3 +143,6 @@ def test_nothing_is_drawn_that_is_seen_through_a_mirror() -> None:
     assert np.count_nonzero(grids[0].values_at(beyond) >= 0) > 500
     assert np.all(grids[1].values_at(beyond) < 0)
     assert gap_m(grids[1], walls[3]) <= 0.1
+    x, y = np.meshgrid(np.arange(0.75, 1.35, 0.05), np.arange(1.0, 1.9, 0.05))
+    ahead = on_map(0.0, 0.0).transform_points(np.column_stack([x.ravel(), y.ravel()]))
+    assert np.all(grids[1].values_at(ahead) == FREE)

@@ -91,23 +91,26 @@ class LogOddsGrid:
         turn = np.array([[cos, -sin], [sin, cos]])
         points, normals = keyframe.points, keyframe.normals
         ends = points @ turn.T + pose[:2]
-        if len(self.mirrors):
-            laser = turn @ keyframe.laser + pose[:2]
-            is_kept = ~is_behind(laser, ends, self.mirrors)
-            points, normals, ends = points[is_kept], normals[is_kept], ends[is_kept]
-            if len(ends) == 0:
-                return
+        shares = share_before(turn @ keyframe.laser + pose[:2], ends, self.mirrors)
+        is_behind = shares < 1.0
+        before = keyframe.laser + shares[is_behind, None] * (points[is_behind] - keyframe.laser)
+        ends[is_behind] = before @ turn.T + pose[:2]
         self._grow(np.minimum(ends.min(axis=0), pose[:2]), np.maximum(ends.max(axis=0), pose[:2]))
         self._mark += 1
         corner = self._origin * self._resolution
-        trace_keyframe(
-            self._cells,
-            np.array([corner[0], corner[1], 1.0 / self._resolution]),
-            points,
-            normals,
-            (pose, keyframe.laser),
-            (self._mark, PARAMS.rise, PARAMS.fall, PARAMS.limit),
-        )
+        # Beams pass up to a mirror, and raise no wall there: its line may reach beyond it.
+        for seen, across, rise in (
+            (points[~is_behind], normals[~is_behind], PARAMS.rise),
+            (before.astype(np.float32), np.zeros_like(normals[is_behind]), 0),
+        ):
+            trace_keyframe(
+                self._cells,
+                np.array([corner[0], corner[1], 1.0 / self._resolution]),
+                seen,
+                across,
+                (pose, keyframe.laser),
+                (self._mark, rise, PARAMS.fall, PARAMS.limit),
+            )
 
     def grid(self) -> GridMap:
         """Return walls, free floor and what is not known, cut to what was seen."""
@@ -184,17 +187,29 @@ def draw_map(blank: LogOddsGrid, store: KeyframeStore) -> Slices[LogOddsGrid]:
     return occupancy
 
 
-def is_behind(
+def share_before(
     start: NDArray[np.float64], ends: NDArray[np.float64], lines: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Say which beams from a start (2,) end behind lines (m, 4), given by their ends (n, 2)."""
+) -> NDArray[np.float64]:
+    """Return the share (n,) of beams from a start (2,) that lies before lines, 1 where all does.
+
+    Args:
+        start: of all beams [m].
+        ends: (n, 2) of the beams [m].
+        lines: (m, 4) x, y, x, y [m].
+    """
+    if len(lines) == 0:
+        return np.ones(len(ends))
     beams = ends - start
     lengths = np.hypot(beams[:, 0], beams[:, 1])
     # Up to where an echo would be of the mirror's own frame or wall.
     share = 1.0 - PARAMS.mirror_m / np.maximum(lengths, PARAMS.mirror_m)
     before = start + share[:, None] * beams
     meets = segments_meet(start, before[:, None], lines[:, :2], lines[:, 2:])
-    return np.asarray(meets.any(axis=1))
+    normals = np.stack([lines[:, 3] - lines[:, 1], lines[:, 0] - lines[:, 2]])
+    away = np.sum((lines[:, :2] - start).T * normals, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.where(meets, np.nan_to_num(away / (beams @ normals)), 1.0)
+    return np.asarray(np.clip(shares, 0.0, 1.0).min(axis=1))
 
 
 def prior_walls(values: NDArray[np.int8]) -> NDArray[np.bool_]:
