@@ -115,6 +115,22 @@ def test_wheels_that_spin_in_a_corridor_do_not_stretch_it(told: Pose2D) -> None:
     assert drive.last.message == SLIPS
 
 
+def test_a_place_that_looks_alike_behind_the_robot_is_not_where_the_wheels_led_ahead() -> None:
+    depths = np.random.default_rng(1).integers(0, 20, (2, 60))
+    cells = np.full((84, 600), OCCUPIED, np.int8)
+    for number, (low, high) in enumerate(depths.T.tolist()):
+        cells[22 - low : 62 + high, 10 * number : 10 * number + 10] = FREE
+    cells[:, [0, -1]] = OCCUPIED
+    start = Pose2D(13.0, 2.1, 0.0)
+    niches = GridMap("niches", 0.05, Pose2D.identity(), cells)
+    drive = Drive(niches, Mapper(MapperConfig(), start), start)
+    for _ in range(60):
+        drive.scan(0.3)
+    drive.grid = GridMap("alike", 0.05, Pose2D.identity(), np.roll(cells, 38, axis=1))
+    drive.scan(1.0, seconds=1.0)
+    assert drive.error_m() < 0.3
+
+
 @pytest.mark.parametrize("scale", [0.97, 1.0, 1.03])
 def test_a_corridor_is_driven_as_long_as_it_is(scale: float) -> None:
     start = Pose2D(12.0, 1.1, 0.0)

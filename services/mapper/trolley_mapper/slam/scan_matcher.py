@@ -40,8 +40,9 @@ class ScanMatcherParams:
     """Most log-likelihood that a pose costs, since wheels that slip may report anything; set by
     hand as 4 standard deviations do."""
     carried_cost: float = 25.0
-    """The same of a pose farther away than the wheels report to have driven: whatever slips reports
-    too much. A robot that was carried is found by several scans, not by one that looks alike."""
+    """The same of a pose farther away than the wheels report to have driven, or the other way:
+    whatever slips reports too much. A robot that was carried is found by several scans, not by one
+    that looks alike."""
     carried_m: float = 0.3
     """Distance beyond what the wheels report from which on a robot must have been carried [m]."""
     evidence: float = 25.0
@@ -416,9 +417,12 @@ class ScanMatcher:
         return min(0.5 * float(away @ np.linalg.solve(together, away)), most)
 
     def _is_beyond_wheels(self, pose: NDArray[np.float64]) -> bool:
-        """Say whether the wheels cannot have driven so far since the last match, as they report."""
-        moved_m = math.hypot(*(pose - self._seen_at)[:2].tolist())
-        return moved_m > self._unseen[0] + PARAMS.carried_m + 3.0 * self.devs[0]
+        """Say whether the wheels cannot have driven there since the last match, as they report."""
+        spare_m = PARAMS.carried_m + 3.0 * self.devs[0]
+        moved, reported = (pose - self._seen_at)[:2], (self.pose - self._seen_at)[:2]
+        back_m = -float(moved @ reported) / max(math.hypot(*reported.tolist()), 1e-9)
+        is_too_far = math.hypot(*moved.tolist()) > self._unseen[0] + spare_m
+        return is_too_far or back_m > spare_m
 
     def _accept(self, match: ScanMatch) -> None:
         """Take a match over; it is slip where the wheels said something else."""
