@@ -19,8 +19,8 @@ Sleep = Generator[int, None, bool]
 """A call that blocks: yields until when it waits, returns whether it went well."""
 
 SESSION = 0x81
-MTU = 504
-"""Of 512 bytes the library needs 8 for itself."""
+MTU = 508
+"""Of 512 bytes the library needs 4 for itself."""
 HISTORY = 4
 """RMW_UXRCE_STREAM_HISTORY: messages that are kept, of each direction."""
 PARTICIPANT, TOPIC, PUBLISHER, SUBSCRIBER, WRITER, READER = range(1, 7)
