@@ -92,6 +92,16 @@ def test_7e_and_7d_are_escaped() -> None:
     assert found.message == b"\x7e\x7d\x20"
 
 
+def test_what_is_escaped_is_read_as_the_c_library_writes_it() -> None:
+    """Bytes that its framing (Micro-XRCE-DDS-Client, commit 0d47a98a) made of the message."""
+    message = bytes.fromhex("81010000 07011000 00017E7D 7475767778797A7B7C7D7E7F")
+    frame = bytes.fromhex(
+        "7E01001800 81010000 07011000 00017D5E7D5D 7475767778797A7B7C7D5D7D5E7F 2A0C"
+    )
+    (found,) = FrameDecoder(lambda _name, _number: None).feed(frame)
+    assert (found.source, found.message) == (1, message)
+
+
 def test_a_ping_is_answered_as_by_eprosima_s_agent() -> None:
     """Old boards find the answer's availability at a fixed place, behind the configuration."""
     pings = PingResponder()
@@ -208,6 +218,19 @@ def test_fragments_are_put_together_in_order_and_acknowledged() -> None:
     assert acknowledgements(one.outgoing(0)) == [(4, 0, 0x80)]
     assert one.take(reliable(2, pieces[1]), 0) == [], "what comes twice counts once"
     assert acknowledgements(one.outgoing(0)) == [(4, 0, 0x80)]
+
+
+def test_a_long_message_may_begin_behind_a_short_one() -> None:
+    """As Micro-XRCE-DDS-Client's reliable stream lays both out in blocks of 508 bytes."""
+    one, _ = opened()
+    one.take(reliable(0, writer_of("odom/unfiltered")), 0)
+    short, long = bytes(range(40)), bytes(place * 7 & 255 for place in range(724))
+    whole = write(long)
+    first = write(short) + bytes.fromhex("0D01C401") + whole[:452]
+    second = bytes.fromhex("0D031801") + whole[452:]
+    assert [len(reliable(0, first)), len(reliable(0, second))] == [508, 288]
+    deliveries = one.take(reliable(1, first), 0) + one.take(reliable(2, second), 0)
+    assert [delivery.body for delivery in deliveries] == [short, long]
 
 
 def test_a_heartbeat_says_what_is_missing_and_what_is_lost() -> None:
