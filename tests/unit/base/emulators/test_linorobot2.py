@@ -96,7 +96,7 @@ def test_it_looks_for_an_agent_and_creates_its_objects(simulate: MakeSimulation)
     asked = bytes.fromhex("001D 0006 80 00 00 01 FFFF FFFF FFFF 0000")
     assert one.messages[kinds.index(8)][8:] == asked
     assert kinds[kinds.index(8) + 1] == 14
-    assert max(map(len, one.messages)) <= 504
+    assert max(map(len, one.messages)) == 508
     assert kinds.count(13) > 40, "odometry comes in fragments"
 
 
