@@ -93,7 +93,7 @@ def test_7e_and_7d_are_escaped() -> None:
 
 
 def test_what_is_escaped_is_read_as_the_c_library_writes_it() -> None:
-    """Bytes that its framing (Micro-XRCE-DDS-Client, commit 0d47a98a) made of the message."""
+    """Bytes that a copy by hand of its framing (Micro-XRCE-DDS-Client, 0d47a98a) made of these."""
     message = bytes.fromhex("81010000 07011000 00017E7D 7475767778797A7B7C7D7E7F")
     frame = bytes.fromhex(
         "7E01001800 81010000 07011000 00017D5E7D5D 7475767778797A7B7C7D5D7D5E7F 2A0C"
