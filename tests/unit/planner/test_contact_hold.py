@@ -95,7 +95,7 @@ def test_the_robot_stands_while_somebody_leans_on_it(ride) -> None:
     walked = 0.0
     # Somebody comes from the left until they touch it, and stays there for two seconds.
     for step in range(80):
-        y = max(world.pose.y + 0.27, 4.8 - 1.0 * step * STEP_S)
+        y = max(world.pose.y + 0.25, 4.8 - 1.0 * step * STEP_S)
         world.set_truth(with_block(room, world.pose.x - 0.1, y - 0.1, 0.2, 0.2))
         before = world.pose
         drive.step()
