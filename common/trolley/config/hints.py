@@ -10,7 +10,8 @@ from msgspec import inspect as shapes
 from trolley.invalid import in_words_of_a_file
 from trolley.suggestions import did_you_mean
 
-_UNKNOWN = re.compile(r"Object contains unknown field `(.*?)`(?: - at `\$\.(.*)`)?\Z", re.DOTALL)
+UNKNOWN_KEY = re.compile(r"Object contains unknown field `(.*?)`(?: - at `\$\.(.*)`)?\Z", re.DOTALL)
+"""What msgspec says of an unknown key: the key, and the table where it stands, if any."""
 
 
 def in_words_of_robot_toml(problem: str, file: type[Struct]) -> str:
@@ -20,7 +21,7 @@ def in_words_of_robot_toml(problem: str, file: type[Struct]) -> str:
         problem: msgspec's words.
         file: all that may stand in it.
     """
-    words, unknown = in_words_of_a_file(problem), _UNKNOWN.match(problem)
+    words, unknown = in_words_of_a_file(problem), UNKNOWN_KEY.match(problem)
     if unknown is None:
         return words
     key, table, tables = unknown[1], unknown[2] or "", dict(_tables(file))

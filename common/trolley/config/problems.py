@@ -1,12 +1,11 @@
 """All that is wrong with a `robot.toml`, not the first thing only."""
 
-import re
 from pathlib import Path
 from typing import Any, cast
 
 import msgspec
 
-from trolley.config.hints import in_words_of_robot_toml
+from trolley.config.hints import UNKNOWN_KEY, in_words_of_robot_toml
 from trolley.config.load import (
     SET_ON_LOADING,
     ConfigError,
@@ -15,7 +14,6 @@ from trolley.config.load import (
 )
 
 MOST = 30
-_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`\Z", re.DOTALL)
 
 
 def find_problems(path: Path) -> list[str]:
@@ -44,7 +42,7 @@ def _problems_of(section: str, plain: dict[str, Any]) -> list[str]:
         except msgspec.ValidationError as error:
             text, _, where = str(error).partition(" - at `$")
             keys = [key.partition("[")[0] for key in where.rstrip("`").split(".") if key]
-            unknown = _UNKNOWN.match(text)
+            unknown = UNKNOWN_KEY.match(text)
             gone = [*keys, unknown[1]] if unknown else keys
             # A table that lacks what was taken out of it for being wrong has not one fault more.
             is_result = any(one[: len(keys)] == tuple(keys) for one in taken_out)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,16 +87,12 @@ class MapSession:
             self.seconds += min((estimate.stamp_ns - before.stamp_ns) * 1e-9, LONGEST_GAP_S)
         self.loops += estimate.closed_loop
         if self.explorer is not None and self.is_exploring and estimate.state == "mapping":
-            self._show_scan(self.explorer, estimate.pose @ scan.base_T_laser, scan)
+            ranges = scan.ranges.astype(np.float64)
+            beams = np.arange(len(ranges), dtype=np.float64)
+            angles = scan.angle_min + beams * scan.angle_increment
+            map_T_laser = estimate.pose @ scan.base_T_laser
+            self.explorer.hear_scan(map_T_laser, ranges, angles, self.core.mirrors)
         return estimate
-
-    def _show_scan(self, explorer: "Explorer", map_T_laser: Pose2D, scan: ScanInput) -> None:
-        """Let the explorer see a scan, and which mirrors are known."""
-        ranges = scan.ranges.astype(np.float64)
-        angles = scan.angle_min + np.arange(len(ranges), dtype=np.float64) * scan.angle_increment
-        lines = [(*one, *other) for line in self._mirrors for one, other in pairwise(line)]
-        mirrors = np.array(lines, np.float64).reshape(-1, 4)
-        explorer.hear_scan(map_T_laser, ranges, angles, mirrors)
 
     def _update_mirrors(self, core: "Mapper") -> None:
         """Leave off the map what is seen through mirrors, as soon as these are known."""

@@ -65,14 +65,10 @@ class Barriers:
         way = Pose2D(here.x, here.y, math.atan2(toward.y - here.y, toward.x - here.x))
         near = [one for one in self._track if one.distance_to(here) <= PARAMS.near_m]
         ahead_m += max((way.inverse() @ one).x for one in (here, *near))
-        self._lay(way @ Pose2D(ahead_m, 0.0, 0.0), grid)
+        self.lay(way @ Pose2D(ahead_m, 0.0, 0.0), grid)
 
-    def add_mirror(self, mirror: Pose2D, grid: GridMap) -> None:
-        """Note that a mirror was seen (`map`, x pointing into it)."""
-        self._lay(mirror, grid)
-
-    def _lay(self, middle: Pose2D, grid: GridMap) -> None:
-        """Lay a barrier across the x axis of its middle."""
+    def lay(self, middle: Pose2D, grid: GridMap) -> None:
+        """Lay a barrier across the x axis of its middle (`map`), as where a mirror was seen."""
         ends = [middle @ Pose2D(0.0, side * _width(middle, side, grid), 0.0) for side in (-1, 1)]
         name = f"barrier {len(self.zones) + 1}"
         self.zones.append(Zone(name=name, kind="mirror", points=[(one.x, one.y) for one in ends]))

@@ -379,7 +379,7 @@ class Explorer:
         mirror, self._mirror = self._mirror, None
         num_barriers = len(self.barriers)
         if mirror is not None:
-            self._barriers.add_mirror(mirror, grid)
+            self._barriers.lay(mirror, grid)
         if len(self.barriers) != num_barriers:
             self._surveyed_s = None
 

@@ -377,7 +377,7 @@ class Mapper:
         """Return the work of making the map ready to be saved; run it anywhere."""
         store = self._map.store.copy()
         made = self._map
-        return FinishJob(store, self._config, made.prior, self.grid(), made.blank.mirrors)
+        return FinishJob(store, self._config, made.prior, self.grid(), self.mirrors)
 
     def doubtful(self) -> list[tuple[float, float]]:
         """Return places x, y [m] where the map may be wrong, the worst first; takes long."""
@@ -408,6 +408,11 @@ class Mapper:
     def version(self) -> int:
         """A number that changes whenever `grid` would return something else."""
         return self._map.version
+
+    @property
+    def mirrors(self) -> NDArray[np.float64]:
+        """Where the mirrors that are known begin and end (n, 4) x, y, x, y [m]."""
+        return self._map.blank.mirrors
 
     def set_mirrors(self, lines: Sequence[Sequence[tuple[float, float]]]) -> None:
         """Draw the map without what is seen through mirrors, given by their points [m]."""

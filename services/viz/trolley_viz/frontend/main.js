@@ -69,8 +69,8 @@ function welcome(hello) {
   }
   document.body.classList.toggle("only-looks", !hello.may_drive);
   sayLook();
-  line.say("say", { language: deviceLanguage() });
-  line.say("say", { time_zone: Intl.DateTimeFormat().resolvedOptions().timeZone });
+  const { timeZone } = Intl.DateTimeFormat().resolvedOptions();
+  line.say("say", { language: deviceLanguage(), time_zone: timeZone });
   controls.forget();
 }
 
