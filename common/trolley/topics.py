@@ -7,13 +7,13 @@ Everything that publishes, subscribes or documents a topic reads its row here; r
 import dataclasses
 import enum
 import re
-import unicodedata
 from functools import cached_property
 from typing import Any, Generic, TypeVar, cast
 
 import msgspec
 
 from trolley import messages as m
+from trolley.names import canonical
 
 ROOT = "trolley"
 M = TypeVar("M", bound=msgspec.Struct)
@@ -125,7 +125,7 @@ class Topic(Generic[M]):
         parts: list[str] = []
         for chunk, have in zip(self.chunks, found, strict=True):
             if chunk.startswith("{"):
-                parts.append(unicodedata.normalize("NFC", have))
+                parts.append(canonical(have))
             elif chunk != have:
                 return None
         return robot, tuple(parts)

@@ -1,6 +1,5 @@
 """Which zones are allowed, the file they are kept in, and which room a point lies in."""
 
-import unicodedata
 from collections.abc import Iterable
 from typing import Any, ClassVar, Final
 
@@ -11,7 +10,8 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry.polygon import check_polygon, polygon_contains, signed_area
 from trolley.messages.mapping import PoseEstimate, Zone, ZoneKind, Zones
-from trolley.messages.types import fit_into_a_message, name_problem
+from trolley.messages.types import fit_into_a_message
+from trolley.names import canonical, name_problem
 
 LINE_KINDS: Final[tuple[ZoneKind, ...]] = ("mirror", "glass")
 """These are lines, all others are areas."""
@@ -45,11 +45,11 @@ def check_zone(zone: Zone, name: str) -> Zone:
     Raises:
         Refused: `bad_request` with the reason.
     """
-    name = unicodedata.normalize("NFC", name)
+    name = canonical(name)
     problem = name_problem(name)
     if problem is not None:
         raise Refused(codes.BAD_REQUEST, f"{problem[:1].upper()}{problem[1:]}.")
-    if zone.name and unicodedata.normalize("NFC", zone.name) != name:
+    if zone.name and canonical(zone.name) != name:
         raise Refused(
             codes.BAD_REQUEST, f"The zone calls itself {zone.name!r} but its key says {name!r}."
         )
@@ -91,7 +91,7 @@ def without_zone(zones: list[Zone], name: str) -> tuple[list[Zone], Zone]:
     Raises:
         Refused: `unknown_name`.
     """
-    name = unicodedata.normalize("NFC", name)
+    name = canonical(name)
     for zone in zones:
         if zone.name == name:
             return [one for one in zones if one is not zone], zone

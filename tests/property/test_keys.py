@@ -7,7 +7,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from trolley import topics
-from trolley.messages import name_problem
+from trolley.names import name_problem
 from trolley.runtime.bus import matches
 
 CHUNKS = st.one_of(

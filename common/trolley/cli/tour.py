@@ -1,6 +1,5 @@
 """`trolley tour`: trips through several places. `import` comes with the tour service."""
 
-import unicodedata
 from itertools import repeat
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from trolley.codes import Refused
 from trolley.config import ConfigError
 from trolley.files import why_not_written, write_atomically
 from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus, request_params
+from trolley.names import canonical
 from trolley.requests import Request
 
 
@@ -165,7 +165,7 @@ def show_tour(name: str, as_json: bool) -> None:
     """Show the stops of the tour NAME."""
     with one_robot() as robot:
         tours = {tour.name: tour for tour in _stored(robot)}
-    name = unicodedata.normalize("NFC", name)
+    name = canonical(name)
     if name not in tours:
         there = ", ".join(tours) or "none"
         raise Refused(codes.UNKNOWN_NAME, f"There is no tour {name!r}; there are: {there}.")

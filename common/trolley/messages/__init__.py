@@ -81,7 +81,7 @@ from trolley.messages.touring import (
     Tours,
     TourStatus,
 )
-from trolley.messages.types import floats_from_bytes, floats_to_bytes, name_problem
+from trolley.messages.types import floats_from_bytes, floats_to_bytes
 
 __all__ = [
     "BEHIND_MIRROR",
@@ -166,5 +166,4 @@ __all__ = [
     "Zones",
     "floats_from_bytes",
     "floats_to_bytes",
-    "name_problem",
 ]

@@ -1,6 +1,5 @@
 """Field types that messages share: stamps, finite numbers, names, numeric arrays as bytes."""
 
-import unicodedata
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -38,37 +37,8 @@ Colour = tuple[Share, Share, Share, Share]
 Covariance = Annotated[list[Finite], Meta(min_length=9, max_length=9)]
 """3 x 3 row-major over x, y [m] and yaw [rad]."""
 
-MAX_NAME_LENGTH = 64
 MAX_LIST_BYTES = (1 << 20) - 4096
 """Room for what people store of one kind: all of it travels in one message of at most 1 MiB."""
-
-_NAME_EXTRAS = "_-."
-
-
-def name_problem(name: str) -> str | None:
-    """Say in one sentence why `name` cannot name a place or marker; None if it can.
-
-    Names are 1 to 64 characters after NFC: letters, combining marks and digits of any script,
-    inner single spaces, `_`, `-` and `.`, with no leading dot.
-    """
-    text = unicodedata.normalize("NFC", name)
-    if not 1 <= len(text) <= MAX_NAME_LENGTH:
-        return f"a name has 1 to {MAX_NAME_LENGTH} characters, this one has {len(text)}"
-    if text[0] == ".":
-        return "a name may not begin with a dot"
-    if text != " ".join(text.split(" ")).strip() or "  " in text:
-        return "a name may have single spaces only, and none at its ends"
-    for character in text:
-        if (
-            character != " "
-            and character not in _NAME_EXTRAS
-            and unicodedata.category(character)[0] not in "LMN"
-        ):
-            return (
-                f"a name may not contain {character!r}: use letters, digits, spaces, '_', '-' and "
-                "'.'"
-            )
-    return None
 
 
 def fit_into_a_message(values: Sequence[Struct]) -> bool:

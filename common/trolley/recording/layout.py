@@ -1,10 +1,10 @@
 """What stands where in a recording."""
 
-import unicodedata
 from collections.abc import Sequence
 from typing import Any
 
 from trolley import topics
+from trolley.names import canonical
 from trolley.runtime.bus import has_wildcard, matches
 from trolley.topics import Kind, Topic
 
@@ -66,5 +66,5 @@ def is_wanted(name: str, patterns: Sequence[str]) -> bool:
     """Whether a name below a robot is among the patterns; all are where there are none."""
     if not patterns or name in ALWAYS:
         return True
-    plain = unicodedata.normalize("NFC", name)
+    plain = canonical(name)
     return any(matches(pattern, plain) for pattern in patterns)

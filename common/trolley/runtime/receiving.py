@@ -1,7 +1,6 @@
 """What a service receives: watches fed from the bus, with everything validated first."""
 
 import dataclasses
-import unicodedata
 from collections import deque
 from collections.abc import Callable, Collection
 from functools import partial
@@ -10,6 +9,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from trolley.codes import Refused
+from trolley.names import canonical
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Reply, Sample, has_wildcard, matches
 from trolley.runtime.context import Context
@@ -280,7 +280,7 @@ class Receiver:
 
     def _accept_delete(self, feed: Feed, sample: Sample) -> None:
         topic = feed.watch.topic
-        key = unicodedata.normalize("NFC", sample.key)
+        key = canonical(sample.key)
         if topic.kind is not Kind.STORED:  # what is measured or said once would be lost for good
             self._drop(topic, "key", sample.key, "only what is stored can be deleted")
             return

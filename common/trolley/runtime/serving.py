@@ -2,7 +2,6 @@
 
 import dataclasses
 import threading
-import unicodedata
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar, cast
 
@@ -10,6 +9,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.invalid import in_plain_words
 from trolley.messages import ErrorReply
+from trolley.names import canonical
 from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Newest, Query, has_wildcard, matches
@@ -198,7 +198,7 @@ class Server:
             query.finish()
             return
         # Under a wildcard an answer must stand on a key that was asked for, letter by letter.
-        pattern = unicodedata.normalize("NFC", asked) if exact else asked
+        pattern = canonical(asked) if exact else asked
         answered = False
         for key, message in found.items():
             if matches(pattern, key):

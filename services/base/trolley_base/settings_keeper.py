@@ -24,7 +24,7 @@ from trolley.config.changeable_settings import (
 from trolley.config.kept_settings import KEPT_FILE, KeptSettings, settings_in, without_kept
 from trolley.messages import ChangedSetting, ConfigChanges, Setting, Settings
 from trolley.messages.request_params import SetConfig, WhichConfig
-from trolley.messages.types import name_problem
+from trolley.names import name_problem
 from trolley.runtime.service import Later, Service, answers
 from trolley.suggestions import did_you_mean
 from trolley_base.settings_file import NO_FILE, NOT_ASKED, Saved, SettingsFiles

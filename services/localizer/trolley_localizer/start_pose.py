@@ -1,6 +1,5 @@
 """Where the robot may stand when it is switched on: the last pose, or the configured one."""
 
-import unicodedata
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
@@ -10,6 +9,7 @@ from trolley import topics
 from trolley.config.robot import StartSection
 from trolley.geometry import Pose2D, angle_difference
 from trolley.messages import PoseEstimate, SavedPoses
+from trolley.names import canonical
 from trolley.runtime.service import Service, Watch, every
 from trolley_localizer.map_server import LoadedMap
 
@@ -197,7 +197,7 @@ def find_saved(poses: SavedPoses | None, name: str, map_name: str) -> Pose2D | N
     """Return a saved pose of a map by its name, or None."""
     if poses is None:
         return None
-    name = unicodedata.normalize("NFC", name)
+    name = canonical(name)
     for saved in poses.poses:
         if saved.name == name and saved.map == map_name:
             return saved.pose

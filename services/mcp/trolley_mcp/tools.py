@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import unicodedata
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Literal
 
@@ -28,6 +27,7 @@ from trolley.messages.request_params import (
     StartTour,
     WhichGoal,
 )
+from trolley.names import canonical
 from trolley.picture import MapPicture
 from trolley.zones import room_at, room_of
 from trolley_mcp.answers import NOT_ALLOWED, Answer
@@ -419,7 +419,7 @@ def _find(places: list[SavedPose], name: str) -> SavedPose:
     Raises:
         Refused: `unknown_name`.
     """
-    name = unicodedata.normalize("NFC", name.strip())
+    name = canonical(name.strip())
     for one in places:
         if one.name == name:
             return one

@@ -11,6 +11,7 @@ import unicodedata
 from collections.abc import Sequence
 from typing import Any
 
+from trolley.names import canonical
 from trolley_mqtt import remote_commands
 from trolley_mqtt.events import EVENT_TYPES
 from trolley_mqtt.robot_view import POSITIONS
@@ -128,7 +129,7 @@ def slug(name: str) -> str:
     """A name as an object id: [a-z0-9_], and a sum that keeps "Küche" and "Kuche" apart."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     word = "_".join("".join(c if c.isalnum() else " " for c in plain).split())
-    digest = hashlib.sha256(unicodedata.normalize("NFC", name).encode()).hexdigest()[:8]
+    digest = hashlib.sha256(canonical(name).encode()).hexdigest()[:8]
     return f"{word[:40]}_{digest}".lstrip("_")
 
 

@@ -6,7 +6,6 @@ vacuum cleaner can do.
 """
 
 import dataclasses
-import unicodedata
 from typing import Any
 
 from trolley import codes, requests
@@ -14,6 +13,7 @@ from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
 from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
 from trolley.messages.touring import HOME
+from trolley.names import canonical
 from trolley.requests import Request
 from trolley_mqtt.robot_view import GOING
 
@@ -59,7 +59,7 @@ def name_in(payload: bytes) -> str:
     if len(payload) > MAX_PAYLOAD:
         raise Refused(codes.TOO_LARGE, "That name is too long.")
     try:
-        return unicodedata.normalize("NFC", payload.decode())
+        return canonical(payload.decode())
     except UnicodeDecodeError:
         raise Refused(codes.BAD_REQUEST, "That is not a name.") from None
 
@@ -87,7 +87,7 @@ def order_of(
     """
     places, tours = names
     goal, trip = known
-    start_tour = unicodedata.normalize("NFC", start_tour)
+    start_tour = canonical(start_tour)
     if verb == START:
         verb, name = (RESUME, "") if _is_paused(goal, trip) else (TOUR, start_tour or _only(tours))
     if verb in (GO, RETURN):

@@ -1,7 +1,6 @@
 """Goals: what they are, whether they can be driven to, and what became of them."""
 
 import math
-import unicodedata
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from trolley.geometry import Pose2D, wrap_angle
 from trolley.geometry.polygon import distance_to_outline, polygon_contains
 from trolley.messages import GoalState, GoalStatus
 from trolley.messages.request_params import SendGoal
+from trolley.names import canonical
 from trolley.suggestions import did_you_mean
 from trolley_planner.context.planning_context import PlanningContext, position_trouble
 from trolley_planner.costmap.connected_components import cells_around, components_of
@@ -154,7 +154,7 @@ def goal_pose(params: SendGoal, inputs: Inputs) -> Pose2D:
         raise Refused(codes.WRONG_FRAME, "Saved poses belong to a map, and this planner has none.")
     if inputs.places is None:
         raise Refused(codes.TOUR_NOT_RUNNING)
-    name = unicodedata.normalize("NFC", params.name or "")
+    name = canonical(params.name or "")
     for place in inputs.places.poses:
         if place.name == name:
             if inputs.map is not None and place.map != inputs.map.name:

@@ -14,7 +14,8 @@ from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.files import read_text
 from trolley.geometry import angle_difference
-from trolley.messages import SavedPose, Tour, name_problem
+from trolley.messages import SavedPose, Tour
+from trolley.names import name_problem
 from trolley_tour.goal_points import GoalPoint, GoalPointsError, read_goal_points, tour_of
 
 STANDARD_INPUT = Path("-")

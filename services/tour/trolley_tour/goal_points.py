@@ -8,13 +8,12 @@ import dataclasses
 import io
 import re
 import tokenize
-import unicodedata
 from collections.abc import Iterator
 from typing import Any, cast
 
 from trolley.geometry import Pose2D, pose_from_quaternion
-from trolley.messages import Stop, Tour, name_problem
-from trolley.messages.types import MAX_NAME_LENGTH
+from trolley.messages import Stop, Tour
+from trolley.names import MAX_NAME_LENGTH, canonical, name_problem
 
 MAX_CHARACTERS = 1_000_000
 """Greatest length of a file [characters]."""
@@ -144,7 +143,7 @@ def _names(elements: list[ast.expr], comments: dict[int, str]) -> list[str]:
 
 def _cleaned(comment: str) -> str:
     """What of a comment can be a name, "" if nothing."""
-    text = unicodedata.normalize("NFC", comment.lstrip("#"))
+    text = canonical(comment.lstrip("#"))
     kept = (one if name_problem(f"a{one}") is None else " " for one in text)
     name = " ".join("".join(kept).split()).lstrip(".-_ ")[:MAX_NAME_LENGTH].strip()
     return name if name_problem(name) is None else ""

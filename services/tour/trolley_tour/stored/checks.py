@@ -1,7 +1,6 @@
 """What may be stored: the rules for names, saved poses and tours, and the files they lie in."""
 
 import datetime
-import unicodedata
 from collections.abc import Mapping
 from typing import TypeVar
 
@@ -10,9 +9,10 @@ from msgspec import Struct, structs
 from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import SavedPose, Stop, Tour, name_problem
+from trolley.messages import SavedPose, Stop, Tour
 from trolley.messages.mapping import MAP_NAME
 from trolley.messages.types import fit_into_a_message
+from trolley.names import canonical, name_problem
 from trolley.suggestions import did_you_mean
 
 T = TypeVar("T", SavedPose, Tour)
@@ -44,7 +44,7 @@ def plain_name(name: str) -> str:
     problem = name_problem(name)
     if problem is not None:
         raise Refused(codes.BAD_REQUEST, f"{problem[:1].upper()}{problem[1:]}.", name=name)
-    return unicodedata.normalize("NFC", name)
+    return canonical(name)
 
 
 def key_name(key: str | None, body: str) -> str:
@@ -56,7 +56,7 @@ def key_name(key: str | None, body: str) -> str:
     if key is None:
         return plain_name(body)
     name = plain_name(key)
-    if body and unicodedata.normalize("NFC", body) != name:
+    if body and canonical(body) != name:
         raise Refused(
             codes.BAD_REQUEST,
             f"The key says {name!r} and the body {body!r}; leave the name out of the body.",
@@ -141,7 +141,7 @@ def without_item(items: Mapping[str, T], name: str) -> tuple[dict[str, T], T]:
         Refused: There is none.
     """
     rest = dict(items)
-    found = rest.pop(unicodedata.normalize("NFC", name), None)
+    found = rest.pop(canonical(name), None)
     if found is None:
         raise Refused(codes.UNKNOWN_NAME, f"There is no {name!r}. {did_you_mean(name, items)}")
     return rest, found
@@ -149,7 +149,7 @@ def without_item(items: Mapping[str, T], name: str) -> tuple[dict[str, T], T]:
 
 def by_name(items: list[T]) -> dict[str, T]:
     """The values read from a file, by their names in NFC."""
-    names = [unicodedata.normalize("NFC", item.name) for item in items]
+    names = [canonical(item.name) for item in items]
     return {name: structs.replace(item, name=name) for name, item in zip(names, items, strict=True)}
 
 
@@ -159,7 +159,7 @@ def find_place(poses: Mapping[str, SavedPose], name: str, map_name: str | None) 
     Raises:
         Refused: There is none of that name, or it is on another map.
     """
-    saved = poses.get(unicodedata.normalize("NFC", name))
+    saved = poses.get(canonical(name))
     if saved is None:
         hint = did_you_mean(name, poses)
         raise Refused(codes.UNKNOWN_NAME, f"There is no saved pose {name!r}. {hint}", name=name)

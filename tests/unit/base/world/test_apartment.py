@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from trolley.geometry import Pose2D, Twist2D, pose_from_quaternion
-from trolley.messages import Zone, name_problem
+from trolley.messages import Zone
+from trolley.names import name_problem
 from trolley_base.world import RobotBody, Simulation
 from trolley_base.world.world_file import World, load_world
 

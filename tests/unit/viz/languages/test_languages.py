@@ -22,8 +22,8 @@ from trolley.messages import (
     StopResult,
     Tour,
     TourStatus,
-    name_problem,
 )
+from trolley.names import name_problem
 from trolley_viz.controls.markup import card, details, numbered, row, table
 from trolley_viz.controls.messages import ControlChanges, Look
 from trolley_viz.features.tours.trip import progress

@@ -3,6 +3,7 @@
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping
 
+from trolley.names import canonical
 from trolley.sanitize import sanitize
 from trolley_viz.server.devices import A_BROWSER, DEVICE_NAMES
 from trolley_viz.server.visitors import Visitor
@@ -88,7 +89,7 @@ class Names:
 def clean(text: str) -> str:
     """Return a text as one line that can be read, "" where nothing of it can be seen."""
     line = sanitize(text[:MAX_LOOKED_AT], MAX_LOOKED_AT).translate(BLANKS)
-    line = " ".join(unicodedata.normalize("NFC", line).split())
+    line = " ".join(canonical(line).split())
     is_seen = any(unicodedata.category(letter)[0] in SEEN for letter in line)
     return line if is_seen else ""
 

@@ -2,14 +2,14 @@
 
 import math
 import re
-import unicodedata
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 from trolley.geometry import Pose2D
-from trolley.messages import ScheduleEntry, Stop, Tour, name_problem
+from trolley.messages import ScheduleEntry, Stop, Tour
 from trolley.messages.touring import Day
+from trolley.names import canonical, name_problem
 
 OnFailure = Literal["retry", "skip", "abort"]
 Find = Callable[[str], Pose2D | None]
@@ -104,7 +104,7 @@ class Draft:
             )
             via = []
         return Tour(
-            name=unicodedata.normalize("NFC", self.name.strip()),
+            name=canonical(self.name.strip()),
             stops=stops,
             repeat=self.repeat,
             there_and_back=self.there_and_back,
@@ -148,7 +148,7 @@ class Draft:
         return [*self._name_problems(taken), *self._point_problems(find)]
 
     def _name_problems(self, taken: Collection[str]) -> list[str]:
-        name = unicodedata.normalize("NFC", self.name.strip())
+        name = canonical(self.name.strip())
         if not name:
             return ["Give the tour a name."]
         problem = name_problem(name)

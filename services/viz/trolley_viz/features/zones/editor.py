@@ -4,7 +4,6 @@ All of it on the service's thread. What is drawn is drawn in `map`, which is the
 scene shows as soon as there is a map.
 """
 
-import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -13,6 +12,7 @@ from trolley import topics
 from trolley.geometry.frames import MAP
 from trolley.messages import SuspectLine, Zone, Zones
 from trolley.messages.mapping import ZoneKind
+from trolley.names import canonical
 from trolley.zones import LINE_KINDS
 from trolley_viz.features.zones.requests import Change, ZoneRequests
 from trolley_viz.pointing.canvas import Canvas, Phase, PointerHandlers, outline_of
@@ -140,7 +140,7 @@ class ZoneEditor:
             self._tell("Not yet", problem, "warn")
             return
         before = self.selected if self.mode == "edit" else None
-        name = " ".join(unicodedata.normalize("NFC", self.form.name).split())
+        name = " ".join(canonical(self.form.name).split())
         zone = as_zone(self.sketch, name, self.form.speed)
         if zone == before:
             self.leave()

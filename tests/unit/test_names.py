@@ -4,7 +4,7 @@ import unicodedata
 
 import pytest
 
-from trolley.messages import name_problem
+from trolley.names import name_problem
 
 
 @pytest.mark.parametrize(
