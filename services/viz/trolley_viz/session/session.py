@@ -223,9 +223,10 @@ class Session:
         """Show another robot."""
         if robot != self._robot:
             # First the map: a zone is drawn on the map that is stored.
-            take_up = self.map_editor.put_aside() or self.zone_editor.put_aside()
+            self._put_map_aside()
+            take_up = self.zone_editor.put_aside()
             if take_up is not None:
-                self._put_aside[self._robot] = take_up
+                self._put_aside.setdefault(self._robot, take_up)
             self.put_tools_away()
             self.actions.forget()
             self.past.close()
@@ -349,9 +350,9 @@ class Session:
         self._hub.service.call_soon(call)
 
     def _take_up_drawing(self) -> None:
-        """Go on with what was drawn here before another robot was followed."""
-        view = self.view
-        if view.map is not None and view.placement.world == MAP:
+        """Go on with what was put aside, for a zone or while another robot was followed."""
+        view, is_idle = self.view, self.zone_editor.mode == "idle"
+        if is_idle and view.map is not None and view.placement.world == MAP:
             take_up = self._put_aside.pop(self._robot, None)
             if take_up is not None:
                 take_up()
@@ -359,7 +360,13 @@ class Session:
     def _begin_zone(self) -> None:
         """Put away what else draws on the map: zones belong to the map that is stored."""
         self.aiming.put_away()
-        self.map_editor.leave()
+        self._put_map_aside()
+
+    def _put_map_aside(self) -> None:
+        """Leave the map editor; its steps so far come back later."""
+        take_up = self.map_editor.put_aside()
+        if take_up is not None:
+            self._put_aside[self._robot] = take_up
 
     def _begin_map_tool(self) -> None:
         self.aiming.put_away()

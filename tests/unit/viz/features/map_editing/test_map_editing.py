@@ -262,11 +262,17 @@ def test_a_change_that_takes_long_is_waited_for(hand: Hand, mapper: Mapper) -> N
     assert hand.browser.notices[-1][1] == "Stored."
 
 
-def test_drawing_a_zone_leaves_the_draft(hand: Hand) -> None:
+def test_drawing_a_zone_puts_the_draft_aside(hand: Hand) -> None:
     hand.editor.turn_to(5.0)
-    hand.stage.session.zone_editor.start("keepout")
+    hand.wait()
+    zones = hand.stage.session.zone_editor
+    zones.start("keepout")
     hand.wait()
     assert not hand.editor.is_open
+    zones.leave()
+    hand.wait()
+    assert hand.editor.is_open
+    assert len(hand.editor.drafting.draft.ops) == 1
 
 
 def test_the_map_is_changed_from_the_page(hand: Hand, mapper: Mapper) -> None:
