@@ -1,5 +1,6 @@
 """What all tests share: hypothesis profiles, the folder of recorded drives, real processes."""
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Generator
@@ -32,6 +33,17 @@ settings.register_profile("new", **NO_CLOCK, print_blob=True)
 settings.load_profile("new" if NEW else "same")
 
 StartService = Callable[..., Process]
+
+
+def pytest_collection() -> None:
+    """Let the collector rest while thousands of tests are found: nothing of them is garbage."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Let it look only at what the tests make."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")
