@@ -46,6 +46,7 @@ ENDED = ("arrived", "failed", "canceled")
 CHEAP = '[planner]\ncontroller = "pursuit"\n'
 TRACK = "[base.odometry]\ntrack_m = 0.2\n"
 FREE_M, LIMIT_S = 0.35, 120.0
+REPORT_MINUTES = 5
 COMPANION_M = 0.8
 """Distance that somebody who walks along keeps from the robot [m]."""
 LEG = 0.1 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -211,12 +212,14 @@ def drive(case: Case, minutes: float, seed: int, how: How) -> tuple[list[Found],
         rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n' + TRACK
         config = make_config(MAP, START, rest + (CHEAP if how == "cheap" else ""))
         trial = Trial(lockstep, case, config, how)
-        begun_s, reported = lockstep.now_s, 0
+        begun_s, reported, way_m = lockstep.now_s, 0, 0.0
         for goal in goals:
             minutes_driven = (lockstep.now_s - begun_s) / 60.0
-            if int(minutes_driven) > reported:
-                reported = int(minutes_driven)
-                told = f"after {reported} min, {trial.way_m:.0f} m: {len(trial.found)}"
+            if int(minutes_driven) >= reported + REPORT_MINUTES:
+                if trial.way_m < way_m + 1.0:
+                    raise SystemExit(f"The robot stands since minute {reported}: nothing is shown.")
+                reported, way_m = int(minutes_driven), trial.way_m
+                told = f"after {reported} min, {way_m:.0f} m: {len(trial.found)}"
                 print(told, flush=True)
             if minutes_driven > minutes:
                 break

@@ -15,7 +15,9 @@ from trolley.runtime.lockstep import Lockstep
 
 PERIOD_S = 0.1
 LEAST_M, ROOMY_M = 0.22, 0.45
-"""Nearer to a wall it does not drive; further away all places are as good [m]."""
+"""Nearer to a wall it does not drive by choice; further away all places are as good [m]."""
+OUT_OF_THERE = 100.0
+"""Cost of a cell there, where it may find itself."""
 AHEAD_CELLS = 9
 FAST_MPS, TURN_RADPS = 0.45, 1.0
 AT_M, AT_RAD = 0.1, 0.1
@@ -46,7 +48,8 @@ class Cruise:
             blocked[np.hypot(rows - row, cols - col) * grid.resolution < THING_M] = 1
         room = distance_transform(blocked, grid.resolution)
         self._cost = 1.0 + 20.0 * np.maximum(0.0, ROOMY_M - room)
-        self._cost[room < LEAST_M] = np.inf
+        self._cost[room < LEAST_M] = OUT_OF_THERE
+        self._cost[grid.free_mask() == 0] = np.inf
 
     @property
     def pose(self) -> Pose2D:
@@ -108,9 +111,7 @@ class Cruise:
                 continue
             for row, col in STEPS:
                 to = cell[0] + row, cell[1] + col
-                # It may stand nearer to a wall than it drives.
-                here = cost[to] if np.isfinite(cost[to]) or to != start else 10.0
-                there = so_far + math.hypot(row, col) * float(here)
+                there = so_far + math.hypot(row, col) * float(cost[to])
                 if there < best.get(to, math.inf):
                     best[to], towards[to] = there, cell
                     heapq.heappush(queue, (there, to))

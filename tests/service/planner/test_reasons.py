@@ -164,17 +164,13 @@ def test_off_the_map_a_goal_further_off_waits_until_the_robot_is_back(tmp_path: 
     paused = stage.until("paused", 2.0)
     assert (paused.reason, paused.message) == (codes.OFF_MAP, codes.SENTENCES[codes.OFF_MAP])
     assert stage.stands()
-    stage.robot.say(mode="ok", source="teleop")
     stage.robot.pose_state, stage.robot.off_map_m = "localized", None
-    assert stage.stands(), "somebody else drives it"
-    assert stage.goals[-1].state == "paused"
-    stage.robot.say(mode="ok", source=None)
     assert stage.until("arrived").reason == ""
     stage.lockstep.close()
 
 
-@pytest.mark.parametrize("interrupt", ["stop", "restart"])
-def test_off_the_map_a_goal_does_not_go_on_by_itself_after_a_stop_or_a_restart(
+@pytest.mark.parametrize("interrupt", ["stop", "restart", "hand"])
+def test_off_the_map_a_goal_does_not_go_on_by_itself_after_a_stop_a_restart_or_a_hand(
     tmp_path: Path, interrupt: str
 ) -> None:
     world = Flatland(left_room_only(), START, two_rooms())
@@ -184,14 +180,19 @@ def test_off_the_map_a_goal_does_not_go_on_by_itself_after_a_stop_or_a_restart(
     stage.robot.pose_state, stage.robot.off_map_m = "unsure", 30.0
     stage.until("paused", 2.0)
     assert stage.stands()
-    if interrupt == "stop":
-        stage.robot.say(mode="stopped", reason="button")
-    else:
-        stage.robot.restart()
+    match interrupt:
+        case "stop":
+            stage.robot.say(mode="stopped", reason="button")
+            reason = codes.STOPPED
+        case "restart":
+            stage.robot.restart()
+            reason = codes.RESTARTED
+        case _:
+            stage.robot.say(mode="ok", source="teleop")
+            reason = codes.TAKEN_OVER
     stage.lockstep.run(1.0)
-    reason = codes.STOPPED if interrupt == "stop" else codes.RESTARTED
     assert (stage.goals[-1].state, stage.goals[-1].reason) == ("paused", reason)
-    stage.robot.say(mode="ok")
+    stage.robot.say(mode="ok", source=None)
     stage.robot.pose_state, stage.robot.off_map_m = "localized", None
     stage.lockstep.run(2.0)
     assert stage.goals[-1].state == "paused"

@@ -103,7 +103,7 @@ class GoalGuard:
             # What it does just now is for base to say; the goal says why it is paused.
             message = None if base.reason == codes.DOES_NOT_OBEY else base.message or None
             self.pause(reason or codes.STOPPED, now_ns, message)
-        elif self._current.is_driving and base.source not in (None, OWN_SOURCE):
+        elif base.source not in (None, OWN_SOURCE):
             drove_before = before is not None and before.source == base.source
             if not drove_before or now_ns - goal.sent_ns > SETTLED_S * 1e9:
                 why = f"{base.source} drives the robot; resume the goal to go on."
