@@ -1,6 +1,8 @@
 """Compiling the kernels at set-up."""
 
 import importlib.util
+import subprocess
+import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -69,3 +71,43 @@ def test_a_kernel_that_is_compiled_shows_as_a_dot(
     assert "[1/1] squares ...." in capsys.readouterr().out
     warmup.main()  # compiled already
     assert "[1/1] squares ... " in capsys.readouterr().out
+
+
+# In a process of its own: in that of other tests everything is compiled already.
+COLD = """
+import ast, importlib, inspect, pkgutil, sys
+
+package = importlib.import_module(sys.argv[1])
+names = [one.name for one in pkgutil.walk_packages(package.__path__, package.__name__ + ".")]
+modules = [importlib.import_module(name) for name in names if not name.endswith("__main__")]
+importlib.import_module(sys.argv[1] + ".warmup").warm_up()
+
+def calls(node):
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Call) and isinstance(child.func, ast.Name):
+            yield child.func.id
+        marks = getattr(child, "decorator_list", [])
+        if not any("kernel" in ast.unparse(mark) for mark in marks):
+            yield from calls(child)
+
+for module in modules:
+    for name in sorted(set(calls(ast.parse(inspect.getsource(module))))):
+        if not getattr(getattr(module, name, None), "signatures", True):
+            print(module.__name__, name)
+"""
+ONLY_OF_TESTS = {"trolley_localizer.filter.particle_filter weigh_by_scan"}
+"""Called by what is for tests and benches only."""
+
+
+@pytest.mark.programs
+@pytest.mark.parametrize("service", ["base", "localizer", "mapper", "planner"])
+def test_no_kernel_that_is_called_from_python_is_left_to_be_compiled(service: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", COLD, f"trolley_{service}"],
+        capture_output=True,
+        text=True,
+        timeout=500.0,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert set(done.stdout.splitlines()) <= ONLY_OF_TESTS

@@ -37,6 +37,7 @@ from trolley_planner.paths.corridor import Terrain
 from trolley_planner.paths.cost_to_go import CostToGo
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.hybrid_astar.pose_search import Task
+from trolley_planner.paths.search import clear_queue, make_queue
 from trolley_planner.people.encounters import times_of_encounters
 from trolley_planner.people.free_space import were_passed
 from trolley_planner.people.tracker import PeopleTracker, TrackedPerson, person_discs
@@ -104,6 +105,7 @@ def _squeeze() -> None:
     way = (0.5, 0.8), [(2.2, 2.4)], costmap.weights, costmap.distance_m
     if planner.plan(*way) is None:
         planner.too_narrow(*way)
+    planner.plan((0.25, 0.8), [(1.0, 0.8)], costmap.weights, costmap.distance_m)  # at a wall
 
 
 def _detour() -> None:
@@ -115,6 +117,7 @@ def _detour() -> None:
     places = np.array([[13.5, 3.5, 0.0], [13.5, 36.5, 0.0]])
     distance_m = (weights != LETHAL).astype(np.float32)
     CostToGo(weights.shape).cheapest_path(3 * 40 + 13, Terrain(weights, distance_m, places, 240))
+    clear_queue(make_queue(1))
 
 
 def _maneuver(context: PlanningContext) -> None:
@@ -122,7 +125,8 @@ def _maneuver(context: PlanningContext) -> None:
     ends = Pose2D(0.8, 0.8, 0.0), Pose2D(0.3, 0.8, 0.0)
     context.find_maneuver(Task(*ends, False, 0.02, 0.03, 0.05), 0.9)
     context.tight_places(np.array([[0.8, 0.8], [0.9, 0.8]]), 0.08, 0.08)
-    context.can_turn_by(Pose2D(0.8, 0.8, 0.0), 1.0, 0.02)
+    context.can_turn_by(ends[0], 1.0, 0.02)
+    context.zone_speed(ends[0])
 
 
 def _make_room(context: PlanningContext) -> None:
