@@ -67,7 +67,12 @@ class Estimate(msgspec.Struct, frozen=True, eq=False):
         """Return the same at the stamp of a later scan, which told nothing new."""
         known = self.map_T_odom
         pose = None if known is None else (known @ scan.odom_T_base).wrapped()
-        return msgspec.structs.replace(self, stamp_ns=scan.stamp_ns, map_T_base=pose, is_held=True)
+        classes, count = self.beam_classes, scan.ranges.size
+        if classes.size != count:  # the lidar turned a little faster or slower
+            classes = classes[np.arange(count) * classes.size // count]
+        return msgspec.structs.replace(
+            self, stamp_ns=scan.stamp_ns, map_T_base=pose, beam_classes=classes, is_held=True
+        )
 
 
 class EstimateReporter:

@@ -32,7 +32,7 @@ def warm_up() -> None:
     localizer = Localizer(grid, [mirror], LocalizerConfig(), 0)
     ranges = np.full(90, 1.2, np.float32)
     ranges.flags.writeable = False  # as they come off the wire
-    count_same(ranges, ranges, 0.1, 0.1)
+    count_same(ranges, ranges, 0.0, 1.0, 0.1, 0.1)
     scans = [
         ScanInput(
             stamp_ns=number + 1,

@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -55,32 +56,43 @@ def make_scan(
     stamp_ns: int = 1,
     twist: Twist2D | None = None,
     sweep_s: float = 0.1,
+    turn: "Turn | None" = None,
 ) -> ScanInput:
     """A scan without noise, taken from a moving robot if a twist is given.
 
     A negative `sweep_s` is a lidar that turns clockwise: its last beam is the earliest.
     """
     twist = twist or Twist2D.zero()
-    angles = -math.pi + np.arange(BEAMS) * INCREMENT
+    turn = turn or Turn()
+    increment = 2.0 * math.pi / turn.beams
+    angles = turn.angle_min + np.arange(turn.beams) * increment
     if twist.is_zero:
         ranges = cast(grid, map_T_base @ BASE_T_LASER, angles)
     else:
-        ranges = np.empty(BEAMS, np.float32)
-        for i in range(BEAMS):
-            moved = integrate_twist(map_T_base, twist, sweep_s * i / (BEAMS - 1))
+        ranges = np.empty(turn.beams, np.float32)
+        for i in range(turn.beams):
+            moved = integrate_twist(map_T_base, twist, sweep_s * i / (turn.beams - 1))
             ranges[i] = cast(grid, moved @ BASE_T_LASER, angles[i : i + 1])[0]
     ranges.setflags(write=False)
     return ScanInput(
         stamp_ns=stamp_ns,
         ranges=ranges,
-        angle_min=-math.pi,
-        angle_increment=INCREMENT,
+        angle_min=turn.angle_min,
+        angle_increment=increment,
         range_min=0.1,
         range_max=RANGE_MAX,
         base_T_laser=BASE_T_LASER,
         odom_T_base=odom_T_base,
         odom_T_base_end=integrate_twist(odom_T_base, twist, sweep_s),
     )
+
+
+class Turn(NamedTuple):
+    """What one turn of the lidar gives; the motors of real ones are not steady."""
+
+    beams: int = BEAMS
+    angle_min: float = -math.pi
+    """Direction of the first beam [rad]."""
 
 
 class Drive:
@@ -94,6 +106,7 @@ class Drive:
         self.stamp_ns = 0
         self.odometry_scale = 1.0
         self.alter: Callable[[np.ndarray], None] = lambda ranges: None
+        self.turn: Callable[[], Turn] = Turn
 
     def scan(self, vx: float = 0.0, wz: float = 0.0, seconds: float = 0.1) -> Estimate:
         """Move on, take a scan, run the search if one is wanted, and return the estimate."""
@@ -101,7 +114,7 @@ class Drive:
         measured = Twist2D(self.odometry_scale * vx, 0.0, self.odometry_scale * wz)
         self.odom = integrate_twist(self.odom, measured, seconds)
         self.stamp_ns += int(seconds * 1e9)
-        scan = make_scan(self.grid, self.pose, self.odom, self.stamp_ns)
+        scan = make_scan(self.grid, self.pose, self.odom, self.stamp_ns, turn=self.turn())
         ranges = scan.ranges.copy()
         self.alter(ranges)
         object.__setattr__(scan, "ranges", ranges)

@@ -274,18 +274,23 @@ def some_ranges(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.where(rng.random(count) < 0.3, rng.choice(odd, count), ranges)
 
 
-@given(st.integers(0, 2**32 - 1))
-def test_the_same_echoes_are_counted(seed: int) -> None:
+@given(st.integers(0, 2**32 - 1), st.integers(30, 70), st.floats(-20.0, 20.0))
+def test_the_same_echoes_are_counted_where_two_turns_look_in_the_same_direction(
+    seed: int, count: int, begin: float
+) -> None:
     rng = np.random.default_rng(seed)
-    first = some_ranges(rng, 50)
-    later = np.where(rng.random(50) < 0.7, first + np.float32(0.05), some_ranges(rng, 50))
-    had, has = (np.isfinite(one) & (one > 0.0) for one in (first, later))
+    first, step = some_ranges(rng, 50), 50 / count
+    at = np.floor(begin + step * np.arange(count) + 0.5)
+    is_met = (at >= 0) & (at < 50)
+    before = np.where(is_met, first[np.clip(at, 0, 49).astype(int)], np.float32(0.0))
+    later = np.where(rng.random(count) < 0.7, before + np.float32(0.05), some_ranges(rng, count))
+    had, has = (np.isfinite(one) & (one > 0.0) for one in (before, later))
     with np.errstate(invalid="ignore"):
-        near = np.abs(later - first) <= 0.03 + 0.02 * first
-    most = max(np.count_nonzero(had), np.count_nonzero(has))
+        near = np.abs(later - before) <= 0.03 + 0.02 * before
+    most = max(np.count_nonzero(np.isfinite(first) & (first > 0.0)), np.count_nonzero(has))
     both = np.count_nonzero(had & has)
     same = np.count_nonzero(near & had & has)
-    assert count_same(first, later, 0.03, 0.02) == (most, both, same)
+    assert count_same(first, later, begin, step, 0.03, 0.02) == (most, both, same)
 
 
 @given(st.integers(0, 2**32 - 1))

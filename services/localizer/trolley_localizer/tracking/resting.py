@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trolley.geometry import wrap_angle
 from trolley.scanning import ScanInput
 from trolley_localizer.kernels.resting import count_same
@@ -63,7 +60,7 @@ class Rest:
 
 def shows_same(first: ScanInput, scan: ScanInput) -> bool:
     """Say whether a scan shows what an earlier one has shown, from the same place."""
-    return _stands(first, scan) and _looks_same(first.ranges, scan.ranges)
+    return _stands(first, scan) and _looks_same(first, scan)
 
 
 def _stands(first: ScanInput, scan: ScanInput) -> bool:
@@ -79,9 +76,11 @@ def _stands(first: ScanInput, scan: ScanInput) -> bool:
     )
 
 
-def _looks_same(first: NDArray[np.float32], ranges: NDArray[np.float32]) -> bool:
-    """Say whether nearly all echoes of two scans (n,) [m] are at the same distance."""
-    if first.shape != ranges.shape:
-        return False
-    most, both, num_same = count_same(first, ranges, PARAMS.same_m, PARAMS.same_share)
+def _looks_same(first: ScanInput, scan: ScanInput) -> bool:
+    """Say whether nearly all echoes of two scans are at the same distance."""
+    begin = (scan.angle_min - first.angle_min) / first.angle_increment
+    step = scan.angle_increment / first.angle_increment
+    most, both, num_same = count_same(
+        first.ranges, scan.ranges, begin, step, PARAMS.same_m, PARAMS.same_share
+    )
     return both >= PARAMS.least_both * most and num_same >= PARAMS.least_same * both
