@@ -193,7 +193,7 @@ PARTICLES = Topic(
     "particles", m.ParticleCloud, "localizer", "at most 5 Hz", Qos.SENSOR, binary_get=True
 )
 BEAMS = Topic("beams", m.BeamClasses, "localizer", "at most 10 Hz", Qos.SENSOR)
-SUSPECTS = Topic("suspects", m.Suspects, "localizer", "on change", Qos.STATE)
+SUSPECTS = Topic("suspects", m.Suspects, _WHERE, "on change", Qos.STATE)
 MAPPING = Topic("mapping", m.MappingStatus, "mapper", "on change", Qos.STATE)
 GOAL = Topic("goal", m.GoalStatus, "planner", "on change, 5 Hz", Qos.STATE, when_driving=True)
 PATH = Topic("path", m.Path, "planner", "on change", Qos.STATE, of_epoch=True)

@@ -1,6 +1,6 @@
 """Which zones are allowed, the file they are kept in, and which room a point lies in."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -8,15 +8,22 @@ from msgspec import Struct, structs
 
 from trolley import codes
 from trolley.codes import Refused
-from trolley.geometry.polygon import check_polygon, polygon_contains, signed_area
+from trolley.geometry.polygon import (
+    check_polygon,
+    distance_to_segments,
+    polygon_contains,
+    signed_area,
+)
 from trolley.messages.mapping import PoseEstimate, Zone, ZoneKind, Zones
-from trolley.messages.types import fit_into_a_message
+from trolley.messages.types import Point, fit_into_a_message
 from trolley.names import canonical, name_problem
 
 LINE_KINDS: Final[tuple[ZoneKind, ...]] = ("mirror", "glass")
 """These are lines, all others are areas."""
 MAX_ZONES = 500
 """Number of zones on one map above which more are refused."""
+_SAME_MIRROR_M = 0.3
+"""Distance of a suspected mirror from a known one within which both are the same [m]."""
 _SAME_POINT_M = 1e-3
 """Length that a line must exceed [m]."""
 
@@ -96,6 +103,15 @@ def without_zone(zones: list[Zone], name: str) -> tuple[list[Zone], Zone]:
         if zone.name == name:
             return [one for one in zones if one is not zone], zone
     raise Refused(codes.UNKNOWN_NAME, f"There is no zone {name!r} on this map.")
+
+
+def is_known(line: Sequence[Point], mirrors: Iterable[Sequence[Point]]) -> bool:
+    """Say whether a suspected mirror is one of those that are known: its middle lies on one."""
+    middle = 0.5 * (np.array(line[:1]) + np.array(line[-1:]))
+    lines = (np.array(mirror, np.float64) for mirror in mirrors)
+    return any(
+        float(distance_to_segments(middle, one[:-1], one[1:])[0]) <= _SAME_MIRROR_M for one in lines
+    )
 
 
 def room_at(zones: Iterable[Zone], x: float, y: float) -> str | None:

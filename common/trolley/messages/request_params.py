@@ -10,6 +10,7 @@ from trolley.messages.mapping import MapName
 from trolley.messages.touring import Tour
 from trolley.messages.types import Covariance, Point, Positive
 
+_Line = Annotated[list[Point], Meta(min_length=2, max_length=2)]
 PhotoName = Annotated[str, Meta(pattern=r"\A[a-z0-9]{1,12}-[0-9]{1,9}\Z")]
 
 
@@ -120,10 +121,14 @@ class Named(Struct, frozen=True, kw_only=True):
 
 
 class LoadMap(Struct, frozen=True, kw_only=True):
-    """Load the map `name`. The robot is at `pose` on it; if none is given, it searches the map."""
+    """Load the map `name`. The robot is at `pose` on it; if none is given, it searches the map.
+
+    `mirrors` are those suspected while the map was made, from one end to the other in frame `map`.
+    """
 
     name: MapName
     pose: Pose2D | None = None
+    mirrors: Annotated[list[_Line], Meta(max_length=1000)] = []
 
 
 class MapNamed(Struct, frozen=True, kw_only=True):

@@ -65,7 +65,10 @@ class SuspectLine(Struct, frozen=True, kw_only=True):
 
 
 class Suspects(Struct, frozen=True, kw_only=True):
-    """Mirrors that are not on the map, in frame `map`. Owned by `localizer`, on change."""
+    """Mirrors that are not on the map, in frame `map`, on change.
+
+    Owned by `localizer`; by `mapper` while it makes a map.
+    """
 
     stamp_ns: StampNs
     lines: list[SuspectLine]

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
 from msgspec import Struct
 
 from trolley import codes, requests, topics
@@ -278,6 +279,7 @@ class MapServer:
         pose = given or (None if self._lease.is_held else self._user.pose_to_keep())
         self._lease.end_with_map(params.name)
         self._use(result)
+        result.localizer.suspect_mirrors([np.array(line) for line in params.mirrors])
         if pose is not None and result.localizer.pose_problem(pose) is None:
             result.localizer.set_pose(pose)
         chosen = ChosenMap(name=result.name, configured=self._store.configured_name)

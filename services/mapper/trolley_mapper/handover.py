@@ -13,6 +13,7 @@ from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import MapInfo, MappingStatus, PoseEstimate, Zone
 from trolley.messages.request_params import LoadMap, Named, SaveMap, Yield
+from trolley.messages.types import Point
 from trolley.runtime.service import Later, Service, answers, every
 from trolley_mapper.edit.map_transform import moved_zones
 from trolley_mapper.edit.map_versions import write_map
@@ -36,6 +37,7 @@ class Handover:
 
     Args:
         pose: where the robot is on it, map_T_base.
+        mirrors: where some are suspected on it.
         done: called at the end, with what came of it in a sentence.
     """
 
@@ -44,9 +46,11 @@ class Handover:
         service: Service,
         name: str,
         pose: Callable[[], Pose2D | None],
+        mirrors: list[list[Point]],
         done: Callable[[str], None],
     ) -> None:
         self._service, self._name, self._pose, self._done = service, name, pose, done
+        self._mirrors = mirrors
         self._is_asking = False
         self._num_unheard = 0
         self._gives_pose = True
@@ -72,7 +76,8 @@ class Handover:
             return  # it is loading
         self._is_asking = True
         self._load_again_ns = self._service.monotonic_ns + LOAD_NS
-        params = LoadMap(name=self._name, pose=self._pose() if self._gives_pose else None)
+        pose = self._pose() if self._gives_pose else None
+        params = LoadMap(name=self._name, pose=pose, mirrors=self._mirrors)
         self._service.request(requests.MAP_LOAD, params, self._loaded)
 
     def _loaded(self, result: MapInfo | Refused) -> None:
@@ -185,7 +190,8 @@ class MapSaver:
             self._service.log.warning(doubt, map=name)
         self._mapping.saved(session, name, job, doubt)
         handed_over = partial(self._handed_over, doubt)
-        self._handover = Handover(self._service, name, self._mapping.pose_now, handed_over)
+        mirrors = [line.points for line in session.suspects]
+        self._handover = Handover(self._service, name, self._mapping.pose_now, mirrors, handed_over)
         self._answer()
         self._handover.ask()
 

@@ -11,8 +11,9 @@ from trolley.config import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.gridmap.wire import map_message
-from trolley.messages import OccupancyGrid, Zone
+from trolley.messages import OccupancyGrid, SuspectLine, Zone
 from trolley.scanning import Reject, ScanInput
+from trolley.zones import is_known
 from trolley_mapper.anchored_places import AnchoredPlaces
 from trolley_mapper.anchored_zones import AnchoredZones
 from trolley_mapper.checkpoint import Checkpoint
@@ -125,8 +126,18 @@ class MapSession:
     @property
     def zones_shown(self) -> list[Zone]:
         """Its zones, and lines that the robot could not get past while exploring: not saved."""
-        barriers = [] if self.explorer is None else self.explorer.barriers
-        return [*self.zones.all, *barriers]
+        return [*self.zones.all, *([] if self.explorer is None else self.explorer.barriers)]
+
+    @property
+    def suspects(self) -> list[SuspectLine]:
+        """Mirrors in which the robot has seen itself while exploring, and that nobody has drawn."""
+        seen = [] if self.explorer is None else self.explorer.mirrors
+        known = [zone.points for zone in self.zones.all if zone.kind == "mirror"]
+        return [
+            SuspectLine(points=one.points, score=1.0)
+            for one in seen
+            if not is_known(one.points, known)
+        ]
 
     @property
     def is_paused(self) -> bool:
@@ -172,6 +183,8 @@ class MapSession:
 
         self.places.tie_loose(self.core)
         new_T_old = self.core.turn(job)
+        if self.explorer is not None:
+            self.explorer.turn(new_T_old)
         if self.estimate is not None:
             self.estimate = replace(
                 self.estimate,

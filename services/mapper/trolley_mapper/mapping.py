@@ -10,7 +10,7 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.messages import MappingState, MappingStatus, PoseEstimate, Zones
+from trolley.messages import MappingState, MappingStatus, PoseEstimate, Suspects, Zones
 from trolley.messages.request_params import JoinPart, Nothing, UndoMap, WhichGoal, Yield
 from trolley.runtime.service import Service, answers, every
 from trolley.scanning import Reject, ScanInput
@@ -178,7 +178,7 @@ class Mapping:
         self.stop_listening()
         if self._places is not None:
             self._places.close()
-        for topic in (topics.MAP, topics.ZONES, topics.POSE):
+        for topic in (topics.MAP, topics.ZONES, topics.SUSPECTS, topics.POSE):
             self._service.withdraw(topic)
         self._service.withdraw(topics.TF, "odom")
         self.session = self._places = None
@@ -324,10 +324,12 @@ class Mapping:
             self.publish_status()
 
     def publish_zones(self, session: MapSession) -> None:
-        """Publish the zones of the map."""
+        """Publish the zones of the map, and where mirrors are suspected."""
         stamp_ns, shown = self._service.stamp_ns, session.zones_shown
         zones = Zones(stamp_ns=stamp_ns, map=session.name, zones=shown)
         self._service.publish(topics.ZONES, zones)
+        suspects = Suspects(stamp_ns=stamp_ns, lines=session.suspects)
+        self._service.publish(topics.SUSPECTS, suspects)
 
     def _publish_map(self, session: MapSession) -> None:
         """Publish the map if it has changed, and zones that have moved with it."""

@@ -430,6 +430,22 @@ def test_maps_are_listed_and_changed_with_the_pose_kept(
     assert robot.maps[-1].name == "newer"
 
 
+def test_mirrors_that_are_told_with_a_map_are_suspected_until_they_are_drawn(
+    make_robot: MakeRobot, flat: GridMap
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    suspects = robot.bus.record(topics.SUSPECTS)
+    robot.drive(1.0)
+    mirror, other = [(1.0, 0.0), (2.0, 0.0)], [(3.0, 1.0), (3.0, 2.0)]
+    robot.bus.ask(requests.MAP_LOAD, LoadMap(name="flat", mirrors=[mirror, other]))
+    robot.drive(0.5)
+    assert [line.points for line in suspects[-1].lines] == [mirror, other]
+    drawn = Zone(name="wardrobe", kind="mirror", points=[(0.8, 0.1), (2.1, 0.1)])
+    robot.bus.ask(requests.ZONES_PUT, drawn)
+    robot.drive(0.5)
+    assert [line.points for line in suspects[-1].lines] == [other]
+
+
 @pytest.mark.parametrize(
     ("params", "code"),
     [

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config.localizer import LocalizerConfig
+from trolley.zones import is_known
 from trolley_localizer.changes.change_detector import Change, ChangeDetector
 from trolley_localizer.changes.mirror_detector import MirrorDetector
+from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.matching.likelihood_field import LikelihoodField, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher
 
@@ -27,6 +29,8 @@ class MapWatch:
         self._field = field
         self._matcher = matcher
         self._mirrors = MirrorDetector(field)
+        # Mirrors that were suspected before, polylines (n, 2) [m] in the map frame.
+        self._told: list[NDArray[np.float64]] = []
         self.changes = ChangeDetector(field, config) if config.propose_changes else None
 
     def update(
@@ -47,7 +51,7 @@ class MapWatch:
             classes: (n,) of its beams.
         """
         if self._mirrors.update(pose, beams, classes, self._matcher.mirrors):
-            self._matcher.suspects = self._mirrors.lines()
+            self._tell_matcher()
         if self.changes is not None:
             self.changes.update(stamp_ns, pose, covariance, beams, classes)
 
@@ -55,14 +59,29 @@ class MapWatch:
         """Replace the mirrors and panes: (n, 2) points [m] in the map frame each."""
         self._matcher.mirrors = make_lines(self._field, polylines)
         self._mirrors.reset()
-        self._matcher.suspects = self._mirrors.lines()
+        self._told = [
+            line
+            for line in self._told
+            if not is_known(line.tolist(), [one.tolist() for one in polylines])
+        ]
+        self._tell_matcher()
+
+    def suspect(self, polylines: Sequence[NDArray[np.float64]]) -> None:
+        """Suspect mirrors, (n, 2) points [m] in the map frame each, until they are known."""
+        self._told = list(polylines)
+        self._tell_matcher()
+
+    def _tell_matcher(self) -> None:
+        found, told = self._mirrors.lines(), make_lines(self._field, self._told)
+        self._matcher.suspects = Lines(*map(np.append, found, told))
 
     def suspects(self) -> list[tuple[NDArray[np.float64], float]]:
-        """Return lines (2, 2) [m] in `map` that look like mirrors, and how sure it is (0 to 1)."""
-        return [
+        """Return lines (n, 2) [m] in `map` that look like mirrors, and how sure it is (0 to 1)."""
+        found = [
             (self._field.to_map_points(np.array([one.start, one.end])), one.score)
             for one in self._mirrors.suspects
         ]
+        return [(line, 1.0) for line in self._told] + found
 
     def find_changes(self) -> list[Change]:
         """Return what seems to have come or gone since the map was made, the surest first."""

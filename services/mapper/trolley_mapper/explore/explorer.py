@@ -23,6 +23,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages import BaseState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
+from trolley_mapper.edit.map_transform import moved_zones
 from trolley_mapper.explore import sentences
 from trolley_mapper.explore.barriers import Barriers
 from trolley_mapper.explore.exploration_goal import (
@@ -168,6 +169,8 @@ class Explorer:
         self._own_image = OwnImage()
         # Where a mirror was seen (`map`, x pointing into it) since the last step.
         self._mirror: Pose2D | None = None
+        self.mirrors: list[Zone] = []
+        """Those of the barriers where the robot has seen its own image."""
         self._goal: ExplorationGoal | None = None
         self._speed_mps: float | None = None
         # The frontier that was driven to last, and how much floor was known then [m^2].
@@ -334,6 +337,11 @@ class Explorer:
         self._mirror = found or self._mirror
 
     # The map.
+    def turn(self, new_T_old: Pose2D) -> None:
+        """Turn where mirrors and barriers are, as the map was turned when it was saved."""
+        self._barriers.zones = moved_zones(self.barriers, new_T_old.inverse())
+        self.mirrors = moved_zones(self.mirrors, new_T_old.inverse())
+
     def wants_survey(self, now_s: float) -> bool:
         """Whether `step` needs to see the map now (robot time [s])."""
         if not self.is_under_way:
@@ -380,6 +388,7 @@ class Explorer:
         num_barriers = len(self.barriers)
         if mirror is not None:
             self._barriers.lay(mirror, grid)
+            self.mirrors.append(self.barriers[-1])
         if len(self.barriers) != num_barriers:
             self._surveyed_s = None
 
