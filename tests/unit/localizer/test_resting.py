@@ -143,3 +143,11 @@ def test_what_a_late_search_found_is_not_held_back_by_rest(standing: Drive) -> N
     localizer.finish(job.run())
     for _ in range(3):
         assert not step().is_held
+
+
+def test_scans_without_beams_and_without_echoes_are_nothing_to_rest_on(standing: Drive) -> None:
+    for beams in [0] * 15 + [BEAMS] * 3:
+        standing.stamp_ns += 100_000_000
+        scan = make_scan(standing.grid, standing.pose, standing.odom, standing.stamp_ns)
+        object.__setattr__(scan, "ranges", np.full(beams, np.inf, np.float32))
+        assert standing.localizer.step(scan).beam_classes.size == beams

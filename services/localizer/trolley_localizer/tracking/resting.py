@@ -83,4 +83,5 @@ def _looks_same(first: ScanInput, scan: ScanInput) -> bool:
     most, both, num_same = count_same(
         first.ranges, scan.ranges, begin, step, PARAMS.same_m, PARAMS.same_share
     )
-    return both >= PARAMS.least_both * most and num_same >= PARAMS.least_same * both
+    enough = max(1.0, PARAMS.least_both * most)
+    return both >= enough and num_same >= PARAMS.least_same * both
