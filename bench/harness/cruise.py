@@ -21,7 +21,9 @@ OUT_OF_THERE = 100.0
 AHEAD_CELLS = 9
 FAST_MPS, TURN_RADPS = 0.45, 1.0
 AT_M, AT_RAD = 0.1, 0.1
-STUCK_S, BACK_S = 4.0, 1.5
+STUCK_S, FREE_ITSELF_S = 4.0, 1.5
+FREE_ITSELF = tuple(Twist2D(vx, 0.0, wz) for vx, wz in ((-0.15, 0.0), (0.0, 1.0), (0.15, 0.0)))
+"""One after the other where it does not get on; base lets it do what is possible."""
 THINGS = ((4.25, 1.2), (5.0, -1.35), (-0.72, -0.68), (6.03, -3.47), (6.3, -2.04))
 """What stands in `worlds/real.toml` beside the map: bag, bucket, lamp, scales, drawer [m]."""
 THING_M = 0.12
@@ -58,7 +60,7 @@ class Cruise:
         return self._truths[-1].pose
 
     def go_to(self, goal: Pose2D) -> bool:
-        """Drive there; back off and return False where it does not get on."""
+        """Drive there; free itself and return False where it does not get on."""
         path = self._plan(goal)
         far_m, stuck_s = math.inf, 0.0
         while path is not None and stuck_s < STUCK_S:
@@ -69,8 +71,9 @@ class Cruise:
             left_m = self.pose.distance_to(goal) + abs(angle_difference(goal.yaw, self.pose.yaw))
             stuck_s = 0.0 if abs(left_m - far_m) > 0.02 else stuck_s + PERIOD_S
             far_m = left_m if stuck_s == 0.0 else far_m
-        for _ in range(round(BACK_S / PERIOD_S)):
-            self._drive(Twist2D(-0.15, 0.0, 0.0))
+        for twist in FREE_ITSELF:
+            for _ in range(round(FREE_ITSELF_S / PERIOD_S)):
+                self._drive(twist)
         return False
 
     def _drive(self, twist: Twist2D) -> None:
