@@ -1,13 +1,14 @@
 """The whole stack as real processes at real time: start, reaction, processor, memory, threads.
 
-    python -m bench.stack.running [--port 7461] [--emulate]
+    python -m bench.stack.running [--port 7461] [--emulate] [--standing]
 
 Starts the demo without a browser, drives its tour, and prints, as one subscriber on the bus sees
 them, the times from the start to the first scan and to `localized`, the time from each scan to the
 first command computed with it, and per process the share of one core, the proportional set size
 (PSS) and the threads while the robot drives. With `--emulate` base talks to an emulated board and
 lidar through its real drivers; the world is in a process beside it, which no robot has, so "the
-robot" is what a robot pays. Otherwise the world is simulated within base.
+robot" is what a robot pays. Otherwise the world is simulated within base. With `--standing` it
+drives no tour, and is measured once it has come to rest.
 """
 
 import argparse
@@ -29,6 +30,8 @@ from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 
 ROBOT = "bench"
 EMULATOR = "emulated devices"
+SETTLED_S = 5.0
+"""After this long, localized, a standing robot has come to rest."""
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -144,9 +147,11 @@ def main() -> None:
         "--with-viewer", action="store_true", help="no browser, but the viewer runs"
     )
     parser.add_argument("--emulate", action="store_true", help="a board and a lidar, emulated")
+    parser.add_argument("--standing", action="store_true", help="no tour")
     options = parser.parse_args()
     trolley = Path(sys.executable).with_name("trolley")
-    command = [str(trolley), "demo", "--tour", "--name", ROBOT, "--port", str(options.port)]
+    command = [str(trolley), "demo", "--name", ROBOT, "--port", str(options.port)]
+    command += [] if options.standing else ["--tour"]
     command += ["--seed", str(options.seed)]
     command += ["--viz-port", str(options.port + 1000)] if options.with_viewer else ["--headless"]
     command += ["--emulate", "linorobot,ld19"] if options.emulate else []
@@ -156,9 +161,11 @@ def main() -> None:
     try:
         with open_bus([f"tcp/127.0.0.1:{options.port}"], 20.0) as bus:
             start = Start(bus, started_s)
-            while "driving" not in start.seconds and time.perf_counter() < started_s + 60.0:
+            awaited = "localized" if options.standing else "driving"
+            while awaited not in start.seconds and time.perf_counter() < started_s + 60.0:
                 time.sleep(0.1)
             start.end()
+            time.sleep(SETTLED_S if options.standing else 0.0)
             before = {pid: (what, cpu_s(pid)) for pid, what in tree(demo.pid)}
             started_s = time.monotonic()
             bus.subscribe(topics.SCAN.key(ROBOT), reaction.scan)
@@ -179,7 +186,8 @@ def main() -> None:
         demo.terminate()
         demo.wait(20.0)
     print(", ".join(f"{what} after {seconds:.1f} s" for what, seconds in start.seconds.items()))
-    report_reaction(reaction)
+    if not options.standing:
+        report_reaction(reaction)
 
 
 if __name__ == "__main__":
