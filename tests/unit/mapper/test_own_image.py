@@ -31,9 +31,21 @@ def make_hall() -> GridMap:
     return GridMap("hall", 0.05, Pose2D(-0.1, -0.1, 0.0), cells)
 
 
-def see(place: Pose2D, thing: tuple[float, float], rng: np.random.Generator) -> NDArray[np.float64]:
+def make_corridor() -> GridMap:
+    """A corridor of 20 x 1.6 m with nothing in it."""
+    cells = np.full((36, 404), OCCUPIED, np.int8)
+    cells[2:-2, 2:-2] = FREE
+    return GridMap("corridor", 0.05, Pose2D(-4.1, -0.1, 0.0), cells)
+
+
+def see(
+    place: Pose2D,
+    thing: tuple[float, float],
+    rng: np.random.Generator,
+    hall: GridMap | None = None,
+) -> NDArray[np.float64]:
     """What the lidar measures with something round standing in the hall."""
-    hall = make_hall()
+    hall = hall or make_hall()
     angles = place.yaw + beam_angles()
     at = hall.origin.inverse() @ place
     ranges = cast_rays(hall.occupied_mask(), hall.resolution, (at.x, at.y), angles, 12.0)
@@ -78,6 +90,24 @@ def test_a_mirror_is_found_from_the_robots_own_image() -> None:
 
 def test_a_thing_that_stands_still_is_no_image() -> None:
     assert drive(is_mirror=False) == []
+
+
+def test_somebody_who_comes_down_a_corridor_as_fast_as_the_robot_is_no_image() -> None:
+    own_image, rng, corridor = OwnImage(), np.random.default_rng(1), make_corridor()
+    for way_m in np.arange(0.0, 3.0, 0.06).tolist():
+        place = Pose2D(2.5 + way_m, 0.8, 0.0)
+        ranges = see(place, image(place), rng, corridor)
+        assert own_image.update(place, ranges, beam_angles(), NO_MIRRORS) is None
+
+
+def test_where_a_mirror_would_have_shown_the_image_before_there_is_none() -> None:
+    own_image, rng = OwnImage(), np.random.default_rng(1)
+    far_off = (-3.0, 1.0)
+    for way_m in np.arange(0.0, 1.5, 0.06).tolist():
+        place = START @ Pose2D(way_m, 0.0, -START.yaw)
+        thing = image(place) if way_m > 0.6 else far_off
+        ranges = see(place, thing, rng)
+        assert own_image.update(place, ranges, beam_angles(), NO_MIRRORS) is None
 
 
 def test_what_is_seen_in_a_mirror_that_is_known_proves_no_other() -> None:
