@@ -297,8 +297,9 @@ class Linorobot2(Board):
         for number, (name, kind) in enumerate(topics.items()):
             is_read = name == "cmd_vel"
             package, message = kind.split("::")
-            named = Cdr().text(f"rt/{name}").put("B", 1)
-            named.text(f"{package}::msg::dds_::{message}_").put("B", 0)
+            # No type's reference, but its name.
+            named = Cdr().text(f"rt/{name}").put("2B", 0, 1)
+            named.text(f"{package}::msg::dds_::{message}_")
             topic = object_id(micro_ros.TOPIC, number)
             quality = topic + b"\1\0\0\0" + bytes(8)
             for kind_of, place, inner, parent in (

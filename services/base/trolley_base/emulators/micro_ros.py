@@ -141,7 +141,6 @@ class ReliableOutput:
         """What is not acknowledged, by its number."""
         self.heartbeat_ns: int | None = None
         """When to ask for an acknowledgement, None while nothing is kept."""
-        self._heartbeats = 0
 
     def keep(self, data: bytes, now_ns: int) -> int:
         """Keep a message, and return its number."""
@@ -149,8 +148,12 @@ class ReliableOutput:
         self.kept[number] = data
         if self.heartbeat_ns is None:
             self.heartbeat_ns = now_ns + HEARTBEAT_NS
-            self._heartbeats = 1
         return number
+
+    def put_off(self, now_ns: int) -> None:
+        """Something has been heard: the question for an acknowledgement waits anew."""
+        if self.heartbeat_ns is not None:
+            self.heartbeat_ns = now_ns + HEARTBEAT_NS
 
     def heartbeat(self, now_ns: int) -> bytes | None:
         """Return the question for an acknowledgement, None if it is not due."""
@@ -158,8 +161,7 @@ class ReliableOutput:
             self.heartbeat_ns = None
         if self.heartbeat_ns is None or now_ns < self.heartbeat_ns:
             return None
-        self._heartbeats += 1
-        self.heartbeat_ns = now_ns + (HEARTBEAT_NS << min(self._heartbeats, 20))
+        self.heartbeat_ns = now_ns + HEARTBEAT_NS
         last = self._written - 1 & 0xFFFF
         return struct.pack("<HHB", self._acknowledged, last, RELIABLE_STREAM)
 
@@ -168,7 +170,6 @@ class ReliableOutput:
         while self._acknowledged != first and self._acknowledged in self.kept:
             del self.kept[self._acknowledged]
             self._acknowledged = self._acknowledged + 1 & 0xFFFF
-        self._heartbeats = 0
         self.heartbeat_ns = now_ns + HEARTBEAT_NS if self.kept else None
 
 
@@ -258,6 +259,7 @@ class MicroRosClient:
         while True:
             while self._inbox:
                 self._take(self._inbox.pop(0))
+                self._output.put_off(self.now_ns)
             if is_done():
                 return True
             if self.now_ns >= until_ns:

@@ -11,7 +11,7 @@ will not repeat), `unknown_topics` (data of a writer that was not created here).
 
 Source:
     OMG DDS-XRCE 1.0, chapter 8; eProsima Micro-XRCE-DDS-Agent, Processor.cpp;
-    Micro-XRCE-DDS-Client, session.c and stream/.
+    Micro-XRCE-DDS-Client, session.c and stream/ (`uxr_update_output_stream_heartbeat_timestamp`).
 """
 
 from collections.abc import Callable, Iterator
@@ -25,7 +25,11 @@ DEPTH = 16
 MOST_FRAGMENTS = 16384
 """A message in fragments is at most this long [bytes]."""
 HEARTBEAT_NS = 100_000_000
-"""After this long without an acknowledgement one is asked for."""
+"""After this long without an acknowledgement one is asked for. After this long without a message of
+a reliable stream the board is told again what is missing: it asks by itself only when it has heard
+nothing for 100 ms, and commands come more often."""
+REPEAT_NS = 40_000_000
+"""So soon a message is not sent again: the board had not got it yet when it asked."""
 UNANSWERED_PINGS = 2
 """So many pings of a board that talks in a session of another agent are not answered, so that it
 gives that session up."""
@@ -59,6 +63,8 @@ class InputStream:
         self._next = 0
         self._last = -1 & 0xFFFF
         self._waiting: dict[int, bytes] = {}
+        self.told_ns = 0
+        """When the board was told last what has come."""
 
     def take(self, number: int, data: bytes) -> Iterator[bytes]:
         """Yield the submessages that can be handled now."""
@@ -87,9 +93,9 @@ class InputStream:
             self._last = last
         return lost
 
-    def acknowledgement(self, stream: int) -> bytes:
-        """Say what has come and what is missing."""
-        count = max(0, _newer(self._last, self._next) + 1)
+    def acknowledgement(self, stream: int, *, is_quiet: bool) -> bytes:
+        """Say what has come and what is missing; the next message, too, where nothing comes."""
+        count = max(is_quiet, _newer(self._last, self._next) + 1)
         missing = sum(
             1 << place for place in range(count) if self._next + place & 0xFFFF not in self._waiting
         )
@@ -102,6 +108,7 @@ class OutputStream:
     def __init__(self) -> None:
         self._next = 0
         self._kept: dict[int, bytes] = {}
+        self._sent_ns: dict[int, int] = {}
         self._asked_ns = 0
 
     @property
@@ -115,20 +122,25 @@ class OutputStream:
         if not self._kept:
             self._asked_ns = now_ns
         self._kept[number] = data
+        self._sent_ns[number] = now_ns
         return number
 
-    def acknowledge(self, first_missing: int, missing: int) -> list[tuple[int, bytes]]:
+    def acknowledge(self, first_missing: int, missing: int, now_ns: int) -> list[tuple[int, bytes]]:
         """Forget what has come; return what must be sent again."""
         self._kept = {
             number: data
             for number, data in self._kept.items()
             if _newer(number, first_missing) >= 0
         }
-        return [
+        again = [
             (number, data)
             for number, data in self._kept.items()
             if missing >> min(_newer(number, first_missing), 63) & 1
+            and now_ns - self._sent_ns[number] >= REPEAT_NS
         ]
+        self._sent_ns = {number: self._sent_ns[number] for number in self._kept}
+        self._sent_ns |= dict.fromkeys((number for number, _ in again), now_ns)
+        return again
 
     def heartbeat(self, now_ns: int, stream: int) -> bytes:
         """Return a question for what has come, b"" while there is no need."""
@@ -294,15 +306,15 @@ class XrceAgent:
         elif part.kind == xrce.READ_DATA and len(payload) >= 5:
             session.reads[payload[2:4]] = (payload[:2], payload[4])
         else:
-            self._take_upkeep(session, part)
+            self._take_upkeep(session, part, now_ns)
         return []
 
-    def _take_upkeep(self, session: Session, part: Submessage) -> None:
+    def _take_upkeep(self, session: Session, part: Submessage, now_ns: int) -> None:
         """Take what keeps streams and clocks together."""
         if part.kind == xrce.TIMESTAMP and len(part.payload) >= 8:
             self.num_synchronized += 1
         elif part.kind == xrce.ACKNACK:
-            self._take_acknack(session, part.payload)
+            self._take_acknack(session, part.payload, now_ns)
         elif part.kind == xrce.HEARTBEAT:
             self._take_heartbeat(session, part.payload)
 
@@ -350,12 +362,12 @@ class XrceAgent:
         status = xrce.submessage(xrce.STATUS, request_and_object + xrce.OK)
         self._send_reliably(session, xrce.RELIABLE, status, now_ns)
 
-    def _take_acknack(self, session: Session, payload: bytes) -> None:
+    def _take_acknack(self, session: Session, payload: bytes, now_ns: int) -> None:
         parsed = xrce.parse_acknack(payload)
         if parsed is None or parsed[2] not in session.outputs:
             return
         first, missing, stream = parsed
-        for number, data in session.outputs[stream].acknowledge(first, missing):
+        for number, data in session.outputs[stream].acknowledge(first, missing, now_ns):
             self._messages.append(session.header(stream, number) + data)
 
     def _take_heartbeat(self, session: Session, payload: bytes) -> None:
@@ -406,15 +418,22 @@ class XrceAgent:
         """Return the messages that are to be sent now."""
         session = self._session
         if session is not None:
-            for stream in sorted(session.acknowledged):
-                acknowledgement = session.inputs[stream].acknowledgement(stream)
-                self._messages.append(session.header() + acknowledgement)
-            session.acknowledged.clear()
+            self._acknowledge(session, now_ns)
             for stream, output in session.outputs.items():
                 if question := output.heartbeat(now_ns, stream):
                     self._messages.append(session.header() + question)
         messages, self._messages = self._messages, []
         return messages
+
+    def _acknowledge(self, session: Session, now_ns: int) -> None:
+        for stream, taken in sorted(session.inputs.items()):
+            is_quiet = stream not in session.acknowledged
+            if is_quiet and now_ns - taken.told_ns < HEARTBEAT_NS:
+                continue
+            taken.told_ns = now_ns
+            acknowledgement = taken.acknowledgement(stream, is_quiet=is_quiet)
+            self._messages.append(session.header() + acknowledgement)
+        session.acknowledged.clear()
 
 
 def _ends_session(part: Submessage) -> bool:

@@ -187,8 +187,8 @@ def _described(creation: Creation, payload: bytes) -> Creation:
         if kind != TOPIC:
             return creation._replace(topic=inner[:2])
         name, at = _string(inner, 0)
-        type_name = _string(inner, at + 1)[0] if inner[at : at + 1] == b"\x01" else ""
-        return creation._replace(name=name, type_name=type_name)
+        _, at = _optional_string(inner, at)  # a reference to its type
+        return creation._replace(name=name, type_name=_optional_string(inner, at)[0])
     text = inner.rstrip(b"\0")
     if form == XML:
         found = NAME_IN_XML.search(text)
@@ -197,6 +197,11 @@ def _described(creation: Creation, payload: bytes) -> Creation:
     if form == REFERENCE:
         return creation._replace(name=re.sub("__(t|dw|dr)$", "", text.decode()))
     return creation
+
+
+def _optional_string(data: bytes, at: int) -> tuple[str, int]:
+    """Return a string that is there if the byte before it says so, else "", and where it ends."""
+    return _string(data, at + 1) if data[at : at + 1] == b"\x01" else ("", at + 1)
 
 
 def _string(data: bytes, at: int) -> tuple[str, int]:

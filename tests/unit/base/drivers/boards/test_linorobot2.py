@@ -177,7 +177,7 @@ def test_a_board_that_has_lost_us_drives_on_until_it_is_back_and_then_stands(
     talk.wanted = AHEAD
     talk.run(1.0)
     talk.is_cut = True
-    talk.run(4.5)
+    talk.run(8.0)
     assert talk.readings[-1].link.state == "down"
     assert talk.simulation.truth().twist.vx > 0.1
     talk.is_cut = False
@@ -350,7 +350,10 @@ def test_what_gets_lost_is_asked_for_again(simulate: MakeSimulation) -> None:
     talk.come_up()
     talk.spoil = thinned
     talk.wanted = Twist2D(0.15, 0.0, 0.0)
+    talk.readings.clear()
     talk.run(5.0)
+    assert sum(len(reading.motions) for reading in talk.readings) > 35
+    assert all(reading.link.state == "up" for reading in talk.readings)
     talk.spoil = lambda data: data
     talk.wanted = Twist2D.zero()
     talk.run(1.0)
@@ -358,6 +361,19 @@ def test_what_gets_lost_is_asked_for_again(simulate: MakeSimulation) -> None:
     assert talk.total("sessions") == 0
     assert talk.total("lost_messages") == 0
     assert talk.pose.x == pytest.approx(talk.simulation.truth().pose.x, abs=0.04)
+
+
+def test_a_session_that_was_not_heard_of_for_seconds_goes_on(simulate: MakeSimulation) -> None:
+    """The firmware waits a second for each acknowledgement, and pings in between."""
+    talk = talk_of(simulate)
+    talk.come_up()
+    talk.is_cut = True
+    talk.run(1.5)
+    assert talk.readings[-1].link.state == "down"
+    talk.is_cut = False
+    talk.run(0.3)
+    assert talk.readings[-1].link.state == "up"
+    assert talk.total("sessions") == 0
 
 
 def _is_ping(message: bytes) -> bool:

@@ -9,6 +9,7 @@ from trolley_base.drivers.boards import xrce_messages as xrce
 from trolley_base.drivers.boards.xrce_agent import DEPTH, XrceAgent
 from trolley_base.drivers.boards.xrce_frames import FrameDecoder, crc16, encode
 from trolley_base.drivers.boards.xrce_pings import PingResponder
+from trolley_base.emulators.micro_ros import Cdr
 
 S = 1_000_000_000
 # What Micro-XRCE-DDS-Client sends, derived from its sources: its serial transport has address 1.
@@ -23,6 +24,16 @@ CREATE_PARTICIPANT = bytes.fromhex(
     "81010000 01071600 0001 0011 01 02 0000 08000000 6D795F6E6F646500 0000"
 )
 WRITE_FLOAT = bytes.fromhex("81010000 07010800 0000 0015 0000803F")
+# Made by functions of Micro-XRCE-DDS-Client and Micro-CDR, compiled from a copy by hand: what
+# creates a topic in binary, and its writer.
+JUDGED_TOPIC = bytes.fromhex(
+    "81800100 01054D00 000B0002 02030000 3F000000"
+    "13000000 72742F6F646F6D2F756E66696C7465726564 00 00 01 000000"
+    "1F000000 6E61765F6D7367733A3A6D73673A3A6464735F3A3A4F646F6D657472795F 00 0001 000000"
+)
+JUDGED_WRITER = bytes.fromhex(
+    "81800300 01051900 000D0005 05030000 0B000000 0002 01 00 0300 00000000 00 0003 000000"
+)
 # How Micro-XRCE-DDS-Agent answers: Processor.cpp, Root.cpp, and a checker for ClearCore boards.
 STATUS_AGENT = bytes.fromhex("81000000 04010B00 0000 58524345 0100 010F 00")
 PONG = bytes.fromhex(
@@ -163,8 +174,8 @@ def test_topics_have_their_names_however_they_are_described(form: str) -> None:
     one, _ = opened()
     name, kind = b"rt/robot/cmd_vel\0", b"geometry_msgs::msg::dds_::Twist_\0"
     if form == "binary":
-        inner = struct.pack("<I", len(name)) + name + b"\1"
-        inner += bytes(-len(inner) % 4) + struct.pack("<I", len(kind)) + kind + b"\0"
+        inner = struct.pack("<I", len(name)) + name + b"\0\1"
+        inner += bytes(-len(inner) % 4) + struct.pack("<I", len(kind)) + kind
         topic = bytes.fromhex("000A 0012 02 03 0000") + struct.pack("<I", len(inner)) + inner
         one.take(reliable(0, xrce.submessage(xrce.CREATE, topic + b"\0\x01")), 0)
         inner = bytes.fromhex("0012 01 00 0000 000000000000")
@@ -186,6 +197,24 @@ def test_topics_have_their_names_however_they_are_described(form: str) -> None:
     assert one.send(b"\0\x06", b"body", 0)
     number = {"binary": 2, "xml": 1}[form]
     assert one.outgoing(0) == [reliable(number, bytes.fromhex("09010800 000C0006") + b"body")]
+
+
+def test_topics_of_the_c_library_have_their_types() -> None:
+    one, counts = opened()
+    one.take(reliable(0, CREATE_PARTICIPANT[4:]), 0)
+    one.take(JUDGED_TOPIC, 0)
+    one.take(reliable(2), 0)
+    one.take(JUDGED_WRITER, 0)
+    assert one.topics == 2 * [("rt/odom/unfiltered", "nav_msgs::msg::dds_::Odometry_")]
+    assert not counts
+
+
+def test_a_type_s_reference_may_come_before_its_name() -> None:
+    one, _ = opened()
+    inner = Cdr().text("rt/x").put("B", 1).text("profile").put("B", 1).text("pkg::Type").data
+    topic = bytes.fromhex("000A 0012 02 03 0000") + struct.pack("<I", len(inner)) + inner
+    one.take(reliable(0, xrce.submessage(xrce.CREATE, topic + b"\0\x01")), 0)
+    assert one.topics == [("rt/x", "pkg::Type")]
 
 
 def test_the_time_is_told() -> None:
@@ -267,12 +296,38 @@ def test_what_was_not_acknowledged_is_asked_for_and_sent_again() -> None:
     answers = [message for message in one.outgoing(0) if message[1] == 0x80]
     assert len(answers) == 3
     assert one.outgoing(S // 20) == []
-    (question,) = parts_of(one.outgoing(S // 5))
+    question = parts_of(one.outgoing(S // 5))[-1]
     assert xrce.parse_heartbeat(question.payload) == (0, 2, 0x80)
-    one.take(bytes.fromhex("81000000") + xrce.acknack(1, 0b10, 0x80), 0)
+    one.take(bytes.fromhex("81000000") + xrce.acknack(1, 0b10, 0x80), S // 5)
     assert one.outgoing(S // 5) == [answers[2]]
     one.take(bytes.fromhex("81000000") + xrce.acknack(3, 0, 0x80), 0)
-    assert one.outgoing(2 * S) == []
+    assert [part.kind for part in parts_of(one.outgoing(2 * S))] == [xrce.ACKNACK]
+
+
+def test_what_has_just_been_sent_again_is_not_sent_for_what_the_board_said_before() -> None:
+    one, _ = opened()
+    for number in range(8):
+        one.take(reliable(number, writer_of("x")), 0)
+    answers = [message for message in one.outgoing(0) if message[1] == 0x80]
+    sent: list[bytes] = []
+    for at_ms, first in ((60, 0), (61, 1), (62, 2), (63, 3), (110, 3)):  # as they arrive there
+        missing = (1 << len(answers) - first) - 1
+        one.take(bytes.fromhex("81000000") + xrce.acknack(first, missing, 0x80), at_ms * S // 1000)
+        sent += [message for message in one.outgoing(at_ms * S // 1000) if message[1] == 0x80]
+    assert sent == answers + answers[3:]
+
+
+def test_of_a_quiet_stream_it_says_again_what_is_missing() -> None:
+    """For the library puts its own question off whenever something arrives, as commands do."""
+    one, _ = opened()
+    one.take(reliable(0, writer_of("odom/unfiltered")), 0)
+    assert acknowledgements(one.outgoing(0)) == [(1, 0, 0x80)]
+    assert acknowledgements(one.outgoing(S // 20)) == []
+    assert acknowledgements(one.outgoing(S // 10)) == [(1, 1, 0x80)], "an answer that got lost"
+    assert acknowledgements(one.outgoing(S // 10)) == []
+    assert acknowledgements(one.outgoing(S // 5)) == [(1, 1, 0x80)]
+    one.take(reliable(1, write(b"")), S // 4)
+    assert acknowledgements(one.outgoing(S // 4)) == [(2, 0, 0x80)]
 
 
 def test_of_a_board_that_acknowledges_nothing_not_more_than_so_much_is_kept() -> None:
