@@ -150,4 +150,6 @@ def test_scans_without_beams_and_without_echoes_are_nothing_to_rest_on(standing:
         standing.stamp_ns += 100_000_000
         scan = make_scan(standing.grid, standing.pose, standing.odom, standing.stamp_ns)
         object.__setattr__(scan, "ranges", np.full(beams, np.inf, np.float32))
-        assert standing.localizer.step(scan).beam_classes.size == beams
+        said = standing.localizer.step(scan)
+        assert isinstance(said, Estimate)
+        assert said.beam_classes.size == beams
