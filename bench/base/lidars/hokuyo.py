@@ -92,7 +92,7 @@ RECORDS = {
             b"AFRT:384;6\nSCAN:600;e\n\n",
         },
         begins={COMMAND: ANSWER},
-        ends=frozenset({b"\nQT\n", b"QT\n"}),
+        ends=frozenset({b"\nQT\nTM2\n", b"QT\n"}),
         emulated=Start(COMMAND, ANSWER),
         form=driver.form_of(PARAMETERS),
         header=COMMAND + b"99b\n",

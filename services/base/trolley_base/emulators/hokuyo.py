@@ -4,9 +4,11 @@ Seen from above its steps go round counter-clockwise; step 384 looks ahead. It m
 stream runs, and sends a scan as soon as its last step has been taken. A head that does not turn
 never gets there: it sends nothing then.
 
+Switched on by BM, it gives one scan for each GD or GS; TM sets aside everything but its clock.
+
 Source:
-    Hokuyo's urg_library 1.2; the answer of a real one to VV, as published by its users; the
-    SCIP 2.0 manual from memory for the numbers of errors.
+    Hokuyo's urg_library 1.2; the answer of a real one to VV, as published by its users; hokuyolx
+    0.9.0 for TM, BM and single scans; the SCIP 2.0 manual from memory for the numbers of errors.
 """
 
 from dataclasses import dataclass
@@ -88,7 +90,8 @@ class Stream:
     """What the host has asked for.
 
     Attributes:
-        command: MD or MS with first and last step, cluster and skipped scans.
+        command: what each scan begins with: MD or MS with first and last step, cluster and skipped
+            scans, GD or GS without the last.
         first: step.
         last: step.
         cluster: of so many steps the nearest distance is sent.
@@ -105,6 +108,11 @@ class Stream:
     left: int | None
     wait: int = 0
 
+    @property
+    def is_single(self) -> bool:
+        """Whether it is one scan of a laser that stays on."""
+        return self.command[0] == "G"
+
 
 class Hokuyo(SpinningLidar):
     """The sensor; see the module."""
@@ -118,10 +126,15 @@ class Hokuyo(SpinningLidar):
         self._stream: Stream | None = None
         self._ranges_mm = np.zeros(STEPS, np.int64)
         self._started_ns = 0
+        self._shows_time = False
 
     def restart(self, now_ns: int) -> None:
         """Wait for a command."""
-        self._line, self._stream, self._started_ns = "", None, now_ns
+        self._line, self._started_ns, self._shows_time = "", now_ns, False
+        self._stop()
+
+    def _stop(self) -> None:
+        self._stream = None
         self._halt()
 
     def receive(self, data: bytes, now_ns: int) -> None:
@@ -129,55 +142,92 @@ class Hokuyo(SpinningLidar):
         for char in data.decode("latin-1"):
             if char not in "\r\n":
                 self._line = (self._line + char)[-MOST_LINE:]
-            elif self._line:
-                self._obey(self._line, now_ns)
-                self._line = ""
+            else:
+                line, self._line = self._line, ""
+                if line.isascii() and line.isprintable() and line:
+                    self._obey(line, now_ns)
 
     def _obey(self, command: str, now_ns: int) -> None:
-        if not command.isascii() or not command.isprintable():
-            return
         match command:
             case "VV":
                 said = answer(command, "00", about(*VERSION))
+            case "II":
+                said = answer(command, "00", about(*self._state()))
+            case "QT":
+                self._stop()
+                said = answer(command, "00")
+            case "RS":
+                self.restart(now_ns)
+                said = answer(command, "00")
+            case "TM0" | "TM1" | "TM2":
+                said = self._clock(command, now_ns)
+            case _ if self._shows_time:
+                said = answer(command, "10")
             case "PP":
                 said = answer(command, "00", about(*PARAMETERS))
-            case "II":
-                state = "ON" if self._stream else "OFF"
-                lines = (
-                    "MODL:URG-04LX-UG01(Simple-URG)",
-                    f"LASR:{state}",
-                    "SCSP:Initial(600[rpm])",
-                )
-                more = ("MESM:IDLE", "SBPS:USB only", "TIME:000000", "STAT:Sensor works well.")
-                said = answer(command, "00", about(*lines, *more))
-            case "QT" | "RS":
-                self._stream = None
-                self._halt()
-                said = answer(command, "00")
-            case "BM" | "SCIP2.0":
-                said = answer(command, "00" if command == "BM" else "0E")
+            case "BM":
+                said = answer(command, "02" if self._head else "00")
+                self._light(now_ns)
             case _:
-                said = answer(command, self._begin(command, now_ns))
-        self._send(now_ns, said)
+                said = self._begin(command, now_ns)
+        if said:
+            self._send(now_ns, said)
 
-    def _begin(self, command: str, now_ns: int) -> str:
-        """Start a stream; the status of that."""
+    def _state(self) -> tuple[str, ...]:
+        return (
+            "MODL:URG-04LX-UG01(Simple-URG)",
+            f"LASR:{'ON' if self._head else 'OFF'}",
+            "SCSP:Initial(600[rpm])",
+            "MESM:IDLE",
+            "SBPS:USB only",
+            "TIME:000000",
+            "STAT:Sensor works well.",
+        )
+
+    def _clock(self, command: str, now_ns: int) -> bytes:
+        """Enter, read or leave the state in which it tells its time."""
+        if command == "TM1" and self._shows_time:
+            return answer(command, "00", (with_sum(in_characters(self._stamp_ms(now_ns), 4)),))
+        if command == "TM1":
+            return answer(command, "04")
+        was, self._shows_time = self._shows_time, command == "TM0"
+        if self._shows_time:
+            self._stop()
+        return answer(command, "00" if was != self._shows_time else "0" + "32"[was])
+
+    def _stamp_ms(self, now_ns: int) -> int:
+        return (now_ns - self._started_ns) // 1_000_000 % (1 << 24)
+
+    def _light(self, now_ns: int) -> None:
+        if self._head is None:
+            self._ranges_mm[:] = 0
+            self._spin(now_ns)
+
+    def _begin(self, command: str, now_ns: int) -> bytes:
+        """Start a stream, or wait for one scan, which is its own answer."""
+        status = self._start(command, now_ns)
+        is_waiting = status == "00" and command[0] == "G"
+        return b"" if is_waiting else answer(command, status)
+
+    def _start(self, command: str, now_ns: int) -> str:
+        """Note what is wanted; the status of that."""
         kind, numbers = command[:2], command[2:]
-        if kind not in ("MD", "MS"):
+        if kind not in ("MD", "MS", "GD", "GS"):
             return "0E"
-        if len(numbers) != 13 or not numbers.isdigit():
+        is_single = kind[0] == "G"
+        if len(numbers) != (10 if is_single else 13) or not numbers.isdigit():
             return "0C"
-        first, last = int(numbers[:4]), int(numbers[4:8])
-        cluster, skip, count = int(numbers[8:10]), int(numbers[10]), int(numbers[11:])
+        first, last, cluster = int(numbers[:4]), int(numbers[4:8]), int(numbers[8:10])
+        skip, count = (0, 1) if is_single else (int(numbers[10]), int(numbers[11:]))
         if last > LAST:
             return "04"
         if first < FIRST or last <= first:
             return "05"
-        left = count or None
-        self._stream = Stream(command[:-2], first, last, max(1, cluster), skip, left)
-        if self._head is None:
-            self._ranges_mm[:] = 0
-            self._spin(now_ns)
+        if is_single and self._head is None:
+            return "10"
+        begin = command if is_single else command[:-2]
+        self._stream = Stream(begin, first, last, max(1, cluster), skip, count or None)
+        self._light(now_ns)
         return "00"
 
     def _emit(self, samples: Samples) -> None:
@@ -202,12 +252,14 @@ class Hokuyo(SpinningLidar):
         values = self._ranges_mm[stream.first : stream.last + 1].tolist()
         width = stream.cluster
         nearest = [min(values[i : i + width]) for i in range(0, len(values), width)]
-        command = f"{stream.command}{stream.left or 0:02d}"
-        stamp_ms = (now_ns - self._started_ns) // 1_000_000
-        self._send(now_ns, encode(command, "99", stamp_ms, nearest))
+        command, status = stream.command, "00"
+        if not stream.is_single:
+            command, status = f"{command}{stream.left or 0:02d}", "99"
+        self._send(now_ns, encode(command, status, self._stamp_ms(now_ns), nearest))
         if stream.left == 0:
             self._stream = None
-            self._halt()
+            if not stream.is_single:
+                self._halt()
 
 
 LIDARS: dict[str, MakeLidar] = {"hokuyo_urg": Hokuyo}

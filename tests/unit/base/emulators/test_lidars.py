@@ -94,6 +94,33 @@ def test_hokuyo_sends_what_it_is_asked_for(simulate: MakeSimulation):
     assert [one[:2] for one in refused] == [b"04", b"05", b"0C"]
 
 
+def test_hokuyo_gives_single_scans_while_its_laser_is_on(simulate: MakeSimulation):
+    """As the Python library hokuyolx reads them."""
+    lidar, simulation = start("hokuyo_urg"), simulate()
+    lidar.receive(b"GD0044072501\nBM\nBM\nGD0044072501\n", 0)
+    sent = [data for _, data in run(lidar, simulation, 0.5, Twist2D.zero())]
+    assert sent[:3] == [b"GD0044072501\n10Q\n\n", b"BM\n00P\n\n", b"BM\n02R\n\n"]
+    (scan,) = sent[3:]
+    assert scan.startswith(b"GD0044072501\n00P\n")
+    assert len(b"".join(line[:-1] for line in scan.split(b"\n")[3:-2])) == 3 * 682
+    lidar.receive(b"GS0384038400\nGS0300040004\n", simulation.now_ns)
+    said = [data for _, data in run(lidar, simulation, 0.5, Twist2D.zero())]
+    assert [data[:15] for data in said] == [b"GS0384038400\n05", b"GS0300040004\n00"]
+    assert len(said[1].split(b"\n")[3]) == 2 * 26 + 1
+
+
+def test_hokuyo_tells_its_time_and_nothing_else_meanwhile(simulate: MakeSimulation):
+    lidar, simulation = start("hokuyo_urg"), simulate()
+    lidar.receive(b"TM1\nTM0\nTM0\nPP\nBM\n", 0)
+    refused = [frame.data for frame in lidar.take_frames()]
+    assert [data.split(b"\n")[1] for data in refused] == [b"04T", b"00P", b"02R", b"10Q", b"10Q"]
+    run(lidar, simulation, 0.5, Twist2D.zero())
+    lidar.receive(b"TM1\nTM2\nTM2\n", simulation.now_ns)
+    time, *left = [frame.data for frame in lidar.take_frames()]
+    assert time == b"TM1\n00P\n007dk\n\n", "500 ms"
+    assert [data.split(b"\n")[1] for data in left] == [b"00P", b"03S"]
+
+
 def test_xv11_packet_matches_the_vector():
     assert xv11.encode(0, 5.0, [(1000 + i, 100) for i in range(4)]) == bytes.fromhex(
         "faa0004be8036400e9036400ea036400eb0364009930"

@@ -34,6 +34,8 @@ from trolley_base.drivers.lidars.models import Greeting, LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.revolutions import Samples
 
 STOP, SPEAK_SCIP2, GET_VERSION, GET_PARAMETERS = b"QT\n", b"SCIP2.0\n", b"VV\n", b"PP\n"
+LEAVE_CLOCK = b"TM2\n"
+"""A sensor that was left telling its time refuses all that measures."""
 WELL = b"00P\n"
 END = b"\n\n"
 DRAIN_S, START_S, CONFUSED_PAUSE_S = 0.2, 2.0, 2.0
@@ -235,7 +237,7 @@ class Hokuyo(HandshakeLidar):
 
     def _handshake(self) -> Handshake:
         while True:
-            yield Step(b"\n" + STOP, DRAIN_S)
+            yield Step(b"\n" + STOP + LEAVE_CLOCK, DRAIN_S)
             # Older firmware begins with SCIP 1.1; to the others it is an unknown command.
             yield Step(SPEAK_SCIP2, DRAIN_S)
             version = yield Step(GET_VERSION, ANSWER_S, GET_VERSION + WELL, end=END)

@@ -197,6 +197,24 @@ def test_a_hokuyo_that_makes_no_sense_is_asked_until_it_does() -> None:
     assert session.lidar.goodbye() == (b"QT\n",)
 
 
+def test_a_hokuyo_that_was_left_telling_its_time_measures() -> None:
+    """In that state it tells its version, and refuses all else."""
+    device = Asked("Hokuyo URG")
+    refused = {b"PP\n": b"PP\n10Q\n\n"}
+    right, device.answers = device.answers, device.answers | refused
+
+    def hear(data: bytes, now_ns: int) -> bytes:
+        if b"TM2\n" in data:
+            device.answers = right
+        return Asked.hear(device, data, now_ns)
+
+    device.hear = hear  # type: ignore[method-assign]
+    session = Session(LidarConfig(model="hokuyo_urg"), device)
+    session.wait_for_stream()
+    session.hear(stream("Hokuyo URG", 0.5, 0.001))
+    assert session.status.state == "up"
+
+
 def test_a_hokuyo_that_says_its_own_limits_is_believed() -> None:
     device = Asked("Hokuyo URG")
     device.answers[b"PP\n"] = device.answers[b"PP\n"].replace(b"DMAX:5600;_", b"DMAX:2500;[")
