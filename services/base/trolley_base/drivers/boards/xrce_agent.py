@@ -304,7 +304,10 @@ class XrceAgent:
         elif part.kind == xrce.DELETE and len(payload) >= 4:
             self._delete(session, part, now_ns)
         elif part.kind == xrce.READ_DATA and len(payload) >= 5:
-            session.reads[payload[2:4]] = (payload[:2], payload[4])
+            if xrce.cancels(payload):
+                session.reads.pop(payload[2:4], None)
+            else:
+                session.reads[payload[2:4]] = (payload[:2], payload[4])
         else:
             self._take_upkeep(session, part, now_ns)
         return []

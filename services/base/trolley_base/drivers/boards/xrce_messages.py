@@ -151,6 +151,11 @@ def parse_heartbeat(payload: bytes) -> tuple[int, int, int] | None:
     return struct.unpack_from("<HHB", payload) if len(payload) >= 5 else None
 
 
+def cancels(payload: bytes) -> bool:
+    """Whether a request for a reader's data asks for none: control of delivery, and 0 samples."""
+    return payload[6:10] == bytes((0, 1, 0, 0))
+
+
 def timestamp_reply(transmitted: bytes, now_ns: int) -> bytes:
     """Return the answer to a question for the time.
 

@@ -209,6 +209,17 @@ def test_topics_of_the_c_library_have_their_types() -> None:
     assert not counts
 
 
+def test_a_reader_that_asks_for_no_more_gets_none() -> None:
+    """As `uxr_buffer_cancel_data` does before a reader is deleted."""
+    one, _ = opened()
+    ask = bytes.fromhex("000C 0006 80 00 00 01 FFFF 0000 0000 0000")
+    one.take(reliable(0, xrce.submessage(xrce.READ_DATA, ask)), 0)
+    assert one.send(b"\0\x06", b"body", 0)
+    cancel = bytes.fromhex("000D 0006 00 00 00 01 0000 0000 0000 0000")
+    one.take(reliable(1, xrce.submessage(xrce.READ_DATA, cancel)), 0)
+    assert not one.send(b"\0\x06", b"body", 0)
+
+
 def test_a_type_s_reference_may_come_before_its_name() -> None:
     one, _ = opened()
     inner = Cdr().text("rt/x").put("B", 1).text("profile").put("B", 1).text("pkg::Type").data
