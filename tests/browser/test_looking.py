@@ -206,7 +206,8 @@ def test_a_part_that_hangs_is_named_and_nothing_is_made_up(page: Page, shown: "S
 
 
 def test_a_localizer_that_died_comes_back_where_it_was(page: Page, shown: "Shown") -> None:
+    dead = shown.demo.children()["localizer"]
     shown.demo.kill_service("localizer")
-    expect(page.get_by_text("The robot does not know where it is").first).to_be_visible()
+    wait_until(lambda: shown.demo.children().get("localizer", dead) != dead, "it was started again")
     expect(page.get_by_text("Localized").first).to_be_visible()
     wait_until(lambda: pose_error(shown) < 0.2, "it is where it was, and has checked it")

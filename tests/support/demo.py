@@ -51,7 +51,10 @@ class Demo:
         found: dict[str, int] = {}
         for task in Path(f"/proc/{self.process.pid}/task").iterdir():
             for pid in (task / "children").read_text().split():
-                command = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
+                try:
+                    command = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
+                except FileNotFoundError:
+                    continue  # it has ended meanwhile
                 for part in command:
                     if part.startswith("trolley_"):
                         found[part.removeprefix("trolley_")] = int(pid)
