@@ -173,24 +173,24 @@ def wait_for_another_build(page: Page, before: str) -> None:
 
 
 def test_an_open_page_loads_itself_anew_from_a_viewer_that_was_upgraded(
-    page: Page, house: House, tmp_path: Path
+    page: Page, house: House, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     open_house(page, house)
     before = build_of(page)
-    house.restart_viewer(upgraded(tmp_path))
+    house.restart_viewer(upgraded(tmp_path_factory.mktemp("upgraded")))
     wait_for_another_build(page, before)
     stop_and_drive_on(page, house)
 
 
 def test_a_page_that_slept_since_yesterday_wakes_to_a_viewer_that_was_upgraded(
-    page: Page, house: House, tmp_path: Path
+    page: Page, house: House, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     page.add_init_script(A_DAY_OFF)
     open_house(page, house)
     before = build_of(page)
     sleeping = page.context.new_cdp_session(page)
     sleeping.send("Page.setWebLifecycleState", {"state": "frozen"})
-    house.restart_viewer(upgraded(tmp_path))
+    house.restart_viewer(upgraded(tmp_path_factory.mktemp("upgraded")))
     wait_until(house.has_viewer, "the new viewer listens")
     page.evaluate("aDayOff = 0")  # its clock has gone on by a day
     sleeping.send("Page.setWebLifecycleState", {"state": "active"})
