@@ -126,7 +126,8 @@ class MapSession:
     @property
     def zones_shown(self) -> list[Zone]:
         """Its zones, and lines that the robot could not get past while exploring: not saved."""
-        return [*self.zones.all, *([] if self.explorer is None else self.explorer.barriers)]
+        barriers = [] if self.explorer is None else self.explorer.barriers
+        return [*self.zones.all, *barriers]
 
     @property
     def suspects(self) -> list[SuspectLine]:

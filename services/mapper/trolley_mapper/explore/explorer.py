@@ -169,8 +169,8 @@ class Explorer:
         self._own_image = OwnImage()
         # Where a mirror was seen (`map`, x pointing into it) since the last step.
         self._mirror: Pose2D | None = None
-        self.mirrors: list[Zone] = []
-        """Those of the barriers where the robot has seen its own image."""
+        # Names of the barriers where the robot has seen its own image.
+        self._in_mirrors: set[str] = set()
         self._goal: ExplorationGoal | None = None
         self._speed_mps: float | None = None
         # The frontier that was driven to last, and how much floor was known then [m^2].
@@ -201,6 +201,11 @@ class Explorer:
     def barriers(self) -> list[Zone]:
         """Lines that it takes for walls: mirrors, and where the robot could not get on."""
         return self._barriers.zones
+
+    @property
+    def mirrors(self) -> list[Zone]:
+        """Those of the barriers where the robot has seen its own image."""
+        return [one for one in self.barriers if one.name in self._in_mirrors]
 
     @property
     def num_missed(self) -> int:
@@ -338,9 +343,8 @@ class Explorer:
 
     # The map.
     def turn(self, new_T_old: Pose2D) -> None:
-        """Turn where mirrors and barriers are, as the map was turned when it was saved."""
+        """Turn where the barriers are, as the map was turned when it was saved."""
         self._barriers.zones = moved_zones(self.barriers, new_T_old.inverse())
-        self.mirrors = moved_zones(self.mirrors, new_T_old.inverse())
 
     def wants_survey(self, now_s: float) -> bool:
         """Whether `step` needs to see the map now (robot time [s])."""
@@ -385,11 +389,9 @@ class Explorer:
     def _note_mirror(self, grid: GridMap) -> None:
         """Take a mirror that was seen for a wall, and look at once what that leaves to explore."""
         mirror, self._mirror = self._mirror, None
-        num_barriers = len(self.barriers)
         if mirror is not None:
             self._barriers.lay(mirror, grid)
-            self.mirrors.append(self.barriers[-1])
-        if len(self.barriers) != num_barriers:
+            self._in_mirrors.add(self.barriers[-1].name)
             self._surveyed_s = None
 
     def _is_lost(self, scene: Scene, now_s: float) -> bool:

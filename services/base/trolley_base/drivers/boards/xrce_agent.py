@@ -107,8 +107,8 @@ class OutputStream:
 
     def __init__(self) -> None:
         self._next = 0
-        self._kept: dict[int, bytes] = {}
-        self._sent_ns: dict[int, int] = {}
+        # Messages, and when they were sent last, by their numbers.
+        self._kept: dict[int, tuple[bytes, int]] = {}
         self._asked_ns = 0
 
     @property
@@ -121,25 +121,23 @@ class OutputStream:
         number, self._next = self._next, self._next + 1 & 0xFFFF
         if not self._kept:
             self._asked_ns = now_ns
-        self._kept[number] = data
-        self._sent_ns[number] = now_ns
+        self._kept[number] = data, now_ns
         return number
 
     def acknowledge(self, first_missing: int, missing: int, now_ns: int) -> list[tuple[int, bytes]]:
         """Forget what has come; return what must be sent again."""
         self._kept = {
-            number: data
-            for number, data in self._kept.items()
+            number: kept
+            for number, kept in self._kept.items()
             if _newer(number, first_missing) >= 0
         }
         again = [
             (number, data)
-            for number, data in self._kept.items()
+            for number, (data, sent_ns) in self._kept.items()
             if missing >> min(_newer(number, first_missing), 63) & 1
-            and now_ns - self._sent_ns[number] >= REPEAT_NS
+            and now_ns - sent_ns >= REPEAT_NS
         ]
-        self._sent_ns = {number: self._sent_ns[number] for number in self._kept}
-        self._sent_ns |= dict.fromkeys((number for number, _ in again), now_ns)
+        self._kept |= {number: (data, now_ns) for number, data in again}
         return again
 
     def heartbeat(self, now_ns: int, stream: int) -> bytes:
