@@ -193,7 +193,9 @@ class Hokuyo(SpinningLidar):
         was, self._shows_time = self._shows_time, command == "TM0"
         if self._shows_time:
             self._stop()
-        return answer(command, "00" if was != self._shows_time else "0" + "32"[was])
+        if was != self._shows_time:
+            return answer(command, "00")
+        return answer(command, "02" if was else "03")  # it was in that state already
 
     def _stamp_ms(self, now_ns: int) -> int:
         return (now_ns - self._started_ns) // 1_000_000 % (1 << 24)
