@@ -16,13 +16,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Twist2D, angle_difference
+from trolley.geometry import Twist2D
 from trolley.messages import Imu
 from trolley_base.drivers import LidarScan, MotionSample
 from trolley_base.setup.guidance import PARAMS as GUIDANCE
 from trolley_base.setup.guidance import Circle, Guidance
 from trolley_base.setup.judge import Judge
-from trolley_base.setup.motion import LidarTrack, WheelCount, axle_of
+from trolley_base.setup.motion import LidarTrack, Turn, WheelCount, axle_of
 from trolley_base.setup.record import (
     Command,
     Record,
@@ -333,14 +333,11 @@ class SetupDrive:
     # Its parts.
     def _turn(self, angle: float, rate: float) -> Course:
         """Turn on the spot until the lidar has seen it."""
-        seen, last = 0.0, self._lidar.pose.yaw
+        turn = Turn(self._lidar.pose.yaw)
         until_ns = self._clock.deadline(abs(angle) / rate * 1.8 + PARAMS.patience_s)
-        while seen < abs(angle):
+        while abs(turn.update(self._lidar.pose.yaw)) < abs(angle):
             self._refuse_late(until_ns, "The robot does not turn as told")
             yield Twist2D(0.0, 0.0, math.copysign(rate, angle))
-            now = self._lidar.pose.yaw
-            seen += abs(angle_difference(now, last))
-            last = now
 
     def _stroke(self, target_m: float) -> Course:
         """Drive straight until the robot is so far ahead of where the strokes began, and stand."""
@@ -363,9 +360,10 @@ class SetupDrive:
         lead = max(0.02, self._guidance.line.turn_lead_s * rate)
         if abs(error) > max(PARAMS.heading_rad, lead):
             until_ns = self._clock.deadline(abs(error) / rate + PARAMS.patience_s)
-            while math.copysign(1.0, error) * error_of() > lead:
+            turn, way = Turn(error), math.copysign(1.0, error)
+            while way * (error + turn.update(error_of())) > lead:
                 self._refuse_late(until_ns, "The robot does not turn as told")
-                yield Twist2D(0.0, 0.0, math.copysign(rate, -error))
+                yield Twist2D(0.0, 0.0, -way * rate)
             yield from self._stand()
 
     def _go_to(self, target_m: float, speed: float) -> Course:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D, Twist2D
+from trolley.geometry import Pose2D, Twist2D, angle_difference
 from trolley.scan_matching.scan_odometry import Prior, ScanOdometry
 from trolley_base.drivers import LidarScan, MotionSample
 from trolley_base.setup.record import SetupRefused
@@ -156,6 +156,25 @@ class LidarTrack:
         self._moving_at_stand = self._moving.pose
         self._start_T_moving = self._standing.pose @ self._moving.pose.inverse()
         return self._standing.pose, ranges, is_plain
+
+
+class Turn:
+    """How far a direction has turned since it was first seen: beyond half a turn, too.
+
+    Args:
+        direction: that was seen first [rad].
+    """
+
+    def __init__(self, direction: float) -> None:
+        self._last = direction
+        self.angle = 0.0
+        """Counter-clockwise [rad]."""
+
+    def update(self, direction: float) -> float:
+        """Take the direction as it is seen now [rad], and return the angle."""
+        self.angle += angle_difference(direction, self._last)
+        self._last = direction
+        return self.angle
 
 
 def axle_of(poses: Sequence[Pose2D]) -> Floats:
