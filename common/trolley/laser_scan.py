@@ -10,6 +10,11 @@ from trolley.messages.sensing import Scan
 from trolley.messages.types import floats_from_bytes
 
 
+def is_echo(ranges: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Return which ranges (n,) were measured: neither without an echo nor invalid."""
+    return np.isfinite(ranges) & (ranges > 0.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserScan:
     """One revolution of the lidar; beams go counter-clockwise. The arrays may be read-only."""
@@ -45,6 +50,6 @@ class LaserScan:
 
     def points(self) -> NDArray[np.float64]:
         """The echoes as points (k, 2) x, y [m] in `frame`, without beams that have none."""
-        is_echo = np.isfinite(self.ranges) & (self.ranges > 0.0)
-        angles, ranges = self.angles[is_echo], self.ranges[is_echo].astype(np.float64)
+        seen = is_echo(self.ranges)
+        angles, ranges = self.angles[seen], self.ranges[seen].astype(np.float64)
         return np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=-1)

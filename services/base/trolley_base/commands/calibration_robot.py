@@ -10,7 +10,8 @@ from trolley.cli.show import Progress
 from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.geometry import Twist2D, circumscribed_radius
-from trolley.messages import VelocityCommand, floats_from_bytes
+from trolley.laser_scan import LaserScan
+from trolley.messages import VelocityCommand
 from trolley_base.calibration import CalibrationDrive, Comparison, Place, find_obstacle
 from trolley_base.calibration.drive import SOURCE
 
@@ -54,11 +55,7 @@ def refuse_narrow(robot: Robot, places: list[Place]) -> None:
     scan = robot.latest(topics.SCAN)
     if about is None or laser is None or scan is None:
         raise Refused(codes.NOT_READY, "There is no scan to show whether there is room.")
-    ranges = floats_from_bytes(scan.ranges).astype(np.float64)
-    angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
-    is_echo = np.isfinite(ranges) & (ranges > 0.0)
-    points_laser = (ranges * np.stack([np.cos(angles), np.sin(angles)])).T[is_echo]
-    points = laser.pose.transform_points(points_laser)
+    points = laser.pose.transform_points(LaserScan.of(scan).points())
     obstacle = find_obstacle(points, places, circumscribed_radius(np.array(about.footprint)))
     if obstacle is not None:
         x, y = obstacle

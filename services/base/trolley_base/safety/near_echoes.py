@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley.laser_scan import is_echo
 from trolley.sight import SIGHT
 from trolley_base.drivers import LidarScan
 from trolley_base.odometry.track import OdometryTrack
@@ -61,7 +62,7 @@ class NearEchoes:
         """Take a new scan, of at least one beam, in place of what it looks at anew."""
         beams = np.arange(len(scan.ranges))
         odom_T_laser = laser_poses(scan, track, self._base_T_laser)
-        seen = np.isfinite(scan.ranges) & (scan.ranges > 0.0)
+        seen = is_echo(scan.ranges)
         seen &= scan.ranges < self._reach + np.hypot(self._base_T_laser.x, self._base_T_laser.y)
         poses = odom_T_laser[seen]
         ranges = _smoothed(scan)[seen]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
+from trolley.laser_scan import is_echo
 from trolley.messages import SetupSight
 from trolley.scanning import ScanInput
 from trolley_base.drivers import LidarScan
@@ -104,11 +105,6 @@ class Beams:
         for first, last in sectors:
             keep &= np.mod(self.angles - first, 2.0 * math.pi) > last - first
         return keep
-
-
-def is_echo(ranges: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Return which ranges are measured."""
-    return np.isfinite(ranges) & (ranges > 0.0)
 
 
 def usual_ranges(beams: Beams, scans: Sequence[LidarScan]) -> NDArray[np.float32]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, segments_meet
+from trolley.laser_scan import is_echo
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +138,8 @@ class OwnImage:
         things = place + found[:, :1] * normals
         is_seen = ~segments_meet(place, things[:, None], mirrors[:, :2], mirrors[:, 2:]).any(axis=1)
         halfway = np.concatenate([0.5 * (place + things), normals], axis=1)
-        is_echo = np.isfinite(ranges) & (ranges > 0.0)
-        beams = ranges[is_echo, None] * _unit_vectors(map_T_laser.yaw + angles[is_echo])
+        seen = is_echo(ranges)
+        beams = ranges[seen, None] * _unit_vectors(map_T_laser.yaw + angles[seen])
         look = Look(place, halfway[is_seen], place + beams)
         self._looks.append(look)
         if not self._before or np.hypot(*(place - self._before[-1].place)) >= PARAMS.step_before_m:
@@ -217,13 +218,13 @@ def _stands_at(points: NDArray[np.complex128], seen: NDArray[np.complex128]) -> 
 
 def narrow_things(ranges: Floats, angles: Floats) -> Floats:
     """Return range [m] and angle [rad] (n, 2) of what is as narrow as a robot and stands out."""
-    is_echo = np.isfinite(ranges) & (ranges > 0.0)
-    away = np.where(is_echo, ranges, np.inf)
+    seen = is_echo(ranges)
+    away = np.where(seen, ranges, np.inf)
     with np.errstate(invalid="ignore"):
         jumps = np.flatnonzero(~(np.abs(np.diff(away)) < PARAMS.edge_m))
     found: list[tuple[float, float]] = []
     for first, last in zip(jumps[:-1] + 1, jumps[1:], strict=True):
-        if not is_echo[first]:
+        if not seen[first]:
             continue
         near = float(away[first : last + 1].min())
         beside = min(away[first - 1] - away[first], away[last + 1] - away[last])
