@@ -1,4 +1,4 @@
-"""Hokuyo's URG-04LX, over SCIP 2.0."""
+"""Hokuyo's URG-04LX, over SCIP 2.0, and a UTM-30LX, which tells intensities."""
 
 from collections.abc import Iterator
 
@@ -61,6 +61,8 @@ def hokuyo_samples(frame: bytes) -> Polar:
 
 COMMAND = b"MD0044072501000\n"
 ANSWER = COMMAND + b"00P\n\n"
+REFUSED = b"ME0044072501000\n"
+"""Asks for intensities, too, which it does not know."""
 PARAMETERS = driver.Parameters(20, 5600, 1024, 44, 725, 384, 600)
 
 
@@ -70,6 +72,69 @@ def hokuyo_frames(rng: np.random.Generator) -> list[bytes]:
         hokuyo.encode(COMMAND.decode().strip(), "99", 100 * i, distances(rng, 6000, 682))
         for i in range(3)
     ]
+
+
+UTM_STEPS, UTM_FRONT = 1081, 540
+UTM_COMMAND = b"ME0000108001000\n"
+UTM_ANSWER = UTM_COMMAND + b"00P\n\n"
+UTM_PARAMETERS = driver.Parameters(23, 60000, 1440, 0, 1080, UTM_FRONT, 2400)
+
+
+def utm_scan(stamp_ms: int, values: list[int]) -> bytes:
+    """A distance and its intensity by turns, three characters each, in lines of 64."""
+    text = "".join(hokuyo.in_characters(value, 3) for value in values)
+    lines = [hokuyo.in_characters(stamp_ms, 4)]
+    lines += [text[i : i + 64] for i in range(0, len(text), 64)]
+    said = "".join(f"{line}{chr(sum(line.encode()) % 64 + 48)}\n" for line in lines)
+    return UTM_COMMAND + b"99b\n" + said.encode() + b"\n"
+
+
+def utm_stream() -> Iterator[Frame]:
+    """Forty scans a second: 1081 of 1440 steps in sight, the 540th of them ahead."""
+    values: list[int] = []
+    for step in range(UTM_STEPS):
+        away_m = distance_m((step - UTM_FRONT) * 0.25)
+        values += [round(1000 * away_m), intensity_of(step)]
+    turn = 0
+    while True:
+        at_s = 0.025 * (turn + UTM_FRONT / 1440.0)
+        yield Frame(at_s, utm_scan(round(1000 * at_s), values))
+        turn += 1
+
+
+def intensity_of(step: int) -> int:
+    """What the echoes of `utm_stream` are worth, in the sensor's own unit."""
+    return 1000 + 3 * step
+
+
+def utm_length(data: bytes) -> int | None:
+    """The command and status 99, a time, 101 full lines and one of 22 characters."""
+    head = UTM_COMMAND + b"99b\n"
+    if not head.startswith(data[:20]):
+        return 0
+    return None if len(data) < 20 else 20 + 6 + 101 * 66 + 24 + 1
+
+
+def utm_check(frame: bytes) -> bool:
+    """A sum behind each line."""
+    lines = frame[20:].split(b"\n")[:-2]
+    return all(line[-1] == sum(line[:-1]) % 64 + 48 for line in lines)
+
+
+def utm_samples(frame: bytes) -> Polar:
+    """Six characters a step, the first three of which are the distance."""
+    text = b"".join(line[:-1] for line in frame[26:].split(b"\n"))
+    found: Polar = []
+    for i in range(UTM_STEPS):
+        high, middle, low = (one - 48 for one in text[6 * i : 6 * i + 3])
+        mm = high * 4096 + middle * 64 + low
+        found.append(((i - UTM_FRONT) * 0.25 % 360, mm if 23 <= mm <= 60000 else 0))
+    return found
+
+
+def utm_frames(rng: np.random.Generator) -> list[bytes]:
+    """Make three scans."""
+    return [utm_scan(25 * i, distances(rng, 65000, 2 * UTM_STEPS)) for i in range(3)]
 
 
 RECORDS = {
@@ -90,6 +155,7 @@ RECORDS = {
             b"PROT:SCIP 2.0;N\n\n",
             b"PP\n": b"PP\n00P\nDMIN:20;4\nDMAX:5600;_\nARES:1024;\\\nAMIN:44;7\nAMAX:725;o\n"
             b"AFRT:384;6\nSCAN:600;e\n\n",
+            REFUSED: REFUSED + b"0Ee\n\n",
         },
         begins={COMMAND: ANSWER},
         ends=frozenset({b"\nQT\nTM2\n", b"QT\n"}),
@@ -97,5 +163,43 @@ RECORDS = {
         form=driver.form_of(PARAMETERS),
         header=COMMAND + b"99b\n",
         judged=Judged(lambda counts: driver.ScipDecoder(PARAMETERS, counts), hokuyo_frames),
+    ),
+    "Hokuyo UTM-30LX": LidarRecord(
+        model="hokuyo_urg",
+        baud=12_000_000,
+        turns_hz=40.0,
+        samples_per_s=40.0 * UTM_STEPS,
+        is_counter_clockwise=True,
+        most_unseen=0.35,
+        sees_deg=(-135.0, 135.0),
+        is_twin=True,
+        sends_whole_turns=True,
+        stream=utm_stream,
+        finder=lambda: PlainFrames(utm_length, utm_check),
+        reader=lambda: utm_samples,
+        answers={
+            b"VV\n": b"VV\n00P\nPROD:SOKUIKI Sensor TOP-URG UTM-30LX;B\nPROT:SCIP 2.0;N\n\n",
+            b"PP\n": b"PP\n00P\n"
+            + "".join(
+                f"{line};{chr(sum(line.encode()) % 64 + 48)}\n"
+                for line in (
+                    "DMIN:23",
+                    "DMAX:60000",
+                    "ARES:1440",
+                    "AMIN:0",
+                    "AMAX:1080",
+                    "AFRT:540",
+                    "SCAN:2400",
+                )
+            ).encode()
+            + b"\n",
+        },
+        begins={UTM_COMMAND: UTM_ANSWER},
+        ends=frozenset({b"\nQT\nTM2\n", b"QT\n"}),
+        emulated=None,
+        judged=Judged(
+            lambda counts: driver.ScipDecoder(UTM_PARAMETERS, counts, driver.WITH_INTENSITIES),
+            utm_frames,
+        ),
     ),
 }

@@ -6,10 +6,12 @@ fast and how far: the sensor says it (`PP`).
 
 A command is a line; the answer is the same line, a status of two digits and its sum, lines of data,
 an empty line. All lines but the first end with a sum: 30 and the lowest six bits of the sum of the
-characters before it, in answers to VV and PP without the semicolon. `MD` starts the laser and an
-endless stream, each scan an answer of its own: status 99, a time [ms] of four characters, then
-three characters a step in lines of 64. Six bits a character, above 30, the highest first; distances
-in mm. One that is nearer or farther than it says it can see is the number of an error.
+characters before it, in answers to VV and PP without the semicolon. `ME` starts the laser and an
+endless stream, each scan an answer of its own: status 99, a time [ms] of four characters, then for
+each step three characters of distance and three of intensity, in lines of 64. Six bits a character,
+above 30, the highest first; distances in mm. One that is nearer or farther than it says it can see
+is the number of an error. A sensor that knows no intensities refuses `ME`: `MD` asks for the
+distances alone.
 
 Angles grow counter-clockwise. As USB carries all at once, a scan was measured when it arrives.
 
@@ -36,7 +38,8 @@ from trolley_base.drivers.lidars.revolutions import Samples
 STOP, SPEAK_SCIP2, GET_VERSION, GET_PARAMETERS = b"QT\n", b"SCIP2.0\n", b"VV\n", b"PP\n"
 LEAVE_CLOCK = b"TM2\n"
 """A sensor that was left telling its time refuses all that measures."""
-WELL = b"00P\n"
+WELL = b"00P"
+WITH_INTENSITIES, DISTANCES = b"ME", b"MD"
 END = b"\n\n"
 DRAIN_S, START_S, CONFUSED_PAUSE_S = 0.2, 2.0, 2.0
 LINE_CHARS, CHARS = 64, 3
@@ -127,15 +130,20 @@ def read_parameters(lines: Mapping[str, str]) -> Parameters | None:
     return parameters if parameters.are_sound() else None
 
 
-def start_of(parameters: Parameters) -> bytes:
-    """Return the command that starts an endless stream of all that it sees."""
-    return b"MD%04d%04d01000\n" % (parameters.first, parameters.last)
+def start_of(parameters: Parameters, kind: bytes) -> bytes:
+    """Return the command of this kind that starts an endless stream of all that it sees."""
+    return b"%b%04d%04d01000\n" % (kind, parameters.first, parameters.last)
 
 
-def form_of(parameters: Parameters) -> FrameFormat:
+def values_of(kind: bytes) -> int:
+    """Return how many values a step has."""
+    return 2 if kind == WITH_INTENSITIES else 1
+
+
+def form_of(parameters: Parameters, kind: bytes = DISTANCES) -> FrameFormat:
     """Return what a scan looks like that was started by `start_of`."""
-    head = np.frombuffer(start_of(parameters) + b"99b\n", np.uint8)
-    chars = CHARS * parameters.seen
+    head = np.frombuffer(start_of(parameters, kind) + b"99b\n", np.uint8)
+    chars = CHARS * values_of(kind) * parameters.seen
     lines, rest = divmod(chars, LINE_CHARS)
     size = DATA_AT + lines * (LINE_CHARS + 2) + (rest + 2 if rest else 0) + 1
 
@@ -171,16 +179,19 @@ class ScipDecoder:
     Args:
         parameters: of the sensor.
         counts: what goes wrong is added here.
+        kind: of the command that started it.
     """
 
-    def __init__(self, parameters: Parameters, counts: Counter[str]) -> None:
+    def __init__(
+        self, parameters: Parameters, counts: Counter[str], kind: bytes = DISTANCES
+    ) -> None:
         self._parameters = parameters
-        self._finder = FrameFinder(form_of(parameters), counts)
+        self._finder = FrameFinder(form_of(parameters, kind), counts)
+        self._values = values_of(kind)
         self._stamp: int | None = None
         seen, steps = parameters.seen, parameters.steps
         self._places = np.concatenate([np.arange(steps - seen, steps), np.arange(steps - seen)])
-        width = CHARS * seen
-        at = np.arange(width)
+        at = np.arange(CHARS * self._values * seen)
         self._chars = DATA_AT + at + 2 * (at // LINE_CHARS)
 
     def decode(self, data: bytes) -> Decoded | None:
@@ -190,19 +201,25 @@ class ScipDecoder:
             return None
         num, of = len(frames), self._parameters
         step_deg, turn_s = 360.0 / of.steps, 60.0 / of.rpm
-        digits = frames.data[:, self._chars].reshape(num, of.seen, CHARS).astype(np.int64) - 0x30
-        millimetres = digits @ (1 << 12, 1 << 6, 1)
+        digits = frames.data[:, self._chars].reshape(num, of.seen, self._values, CHARS)
+        high, middle, low = np.moveaxis(digits.astype(np.int64) - 0x30, -1, 0)
+        values = (high << 12) + (middle << 6) + low
+        millimetres = values[:, :, 0]
         is_range = (millimetres >= of.near_mm) & (millimetres <= of.far_mm)
         range_m = np.zeros((num, of.steps))
         range_m[:, : of.seen] = np.where(is_range, millimetres / 1000.0, 0.0)
+        more = self._values - 1
+        intensity = np.zeros((num, more * of.steps))
+        intensity[:, : more * of.seen] = values[:, :, 1:].reshape(num, more * of.seen)
         angle = np.tile(self._places, num).astype(np.float64) * step_deg
         begins = np.tile(self._places == 0, num)
         turns, hz = self._turns(frames.data[:, STAMP_AT : STAMP_AT + 4], turn_s)
         elapsed_s = np.full((num, of.steps), turn_s / of.steps)
         elapsed_s[:, 0] += (turns - 1) * turn_s
         shift = np.full(num * of.steps, (of.last + 1 - of.front) * step_deg - 360.0)
-        nothing = np.empty(0)
-        samples = Samples(angle, shift, elapsed_s.ravel(), begins, range_m.ravel(), nothing)
+        samples = Samples(
+            angle, shift, elapsed_s.ravel(), begins, range_m.ravel(), intensity.ravel()
+        )
         closing = np.arange(num) * of.steps + of.seen - 1
         return Decoded(samples, closing, frames.behind + frames.lengths, hz)
 
@@ -256,10 +273,11 @@ class Hokuyo(HandshakeLidar):
                 continue
             self._fault = ""
             self._believe(parameters, read_lines(version).get("PROD", ""))
-            start = start_of(parameters)
-            if (yield Step(start, START_S, start + WELL + b"\n")) is not None:
-                self._restart(ScipDecoder(parameters, self._counts))
-                return
+            for kind in (WITH_INTENSITIES, DISTANCES):
+                start = start_of(parameters, kind)
+                if (yield Step(start, START_S, start, end=END)) == WELL:
+                    self._restart(ScipDecoder(parameters, self._counts, kind))
+                    return
 
     def _believe(self, parameters: Parameters, product: str) -> None:
         hz = parameters.rpm / 60.0

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bench.base.lidars.catalogue import RECORDS
+from bench.base.lidars.hokuyo import UTM_STEPS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.cases import cases
@@ -195,6 +196,20 @@ def test_a_hokuyo_that_makes_no_sense_is_asked_until_it_does() -> None:
     assert session.status.state == "up"
     assert len(session.scans) == 4
     assert session.lidar.goodbye() == (b"QT\n",)
+
+
+def test_a_hokuyo_is_asked_for_intensities_and_may_refuse_them() -> None:
+    session = started("Hokuyo UTM-30LX")
+    session.hear(stream("Hokuyo UTM-30LX", 0.2, 0.001))
+    scan = session.scans[-1]
+    assert (scan.ranges > 0.0).sum() == UTM_STEPS
+    seen = scan.intensities[scan.ranges > 0.0]
+    assert np.diff(seen) == pytest.approx(3.0, abs=0.01)
+    assert not scan.intensities[scan.ranges == 0.0].any()
+    session = started("Hokuyo URG")
+    assert session.device.heard[-2:] == [b"ME0044072501000\n", b"MD0044072501000\n"]
+    session.hear(stream("Hokuyo URG", 0.5, 0.001))
+    assert len(session.scans[-1].intensities) == 0
 
 
 def test_a_hokuyo_that_was_left_telling_its_time_measures() -> None:
