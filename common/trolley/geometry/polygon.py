@@ -15,6 +15,8 @@ MAX_CORNERS = 500
 SAME_CORNER_M = 1e-6
 # A polygon of a smaller area is a line or a point [m^2].
 MIN_AREA_M2 = 1e-6
+# In place of the squared length of an edge that has none, so that nothing is divided by zero.
+TINY = np.finfo(np.float64).tiny
 
 Floats = NDArray[np.float64]
 
@@ -148,17 +150,21 @@ def edges_of(polygon: Floats) -> Floats:
 
 def distance_to_segments(points: Floats, starts: Floats, ends: Floats) -> Floats:
     """Return the distance from each point (n, 2) to the nearest of m segments (m, 2), (n,) [m]."""
-    # One row a segment, x and y apart: sums and minima over short rows cost numpy the most.
-    (x, y), (edge_x, edge_y) = points.T, (ends - starts).T[..., None]
-    dx, dy = x - starts[:, :1], y - starts[:, 1:]
-    squared = np.maximum(edge_x * edge_x + edge_y * edge_y, np.finfo(np.float64).tiny)
-    along = np.clip((dx * edge_x + dy * edge_y) / squared, 0.0, 1.0)
-    return np.min(np.hypot(dx - along * edge_x, dy - along * edge_y), axis=0)
+    return _distance_to_edges(points, starts, ends - starts)
 
 
 def distance_to_outline(polygon: Floats, points: Floats) -> Floats:
     """Return the distance from each point (n, 2) to a polygon's outline, (n,) [m]."""
-    return distance_to_segments(points, polygon, np.roll(polygon, -1, axis=0))
+    return _distance_to_edges(points, polygon, edges_of(polygon))
+
+
+def _distance_to_edges(points: Floats, starts: Floats, edges: Floats) -> Floats:
+    # One row a segment, x and y apart: sums and minima over short rows cost numpy the most.
+    (x, y), (edge_x, edge_y) = points.T, edges.T[..., None]
+    dx, dy = x - starts[:, :1], y - starts[:, 1:]
+    squared = np.maximum(edge_x * edge_x + edge_y * edge_y, TINY)
+    along = np.clip((dx * edge_x + dy * edge_y) / squared, 0.0, 1.0)
+    return np.min(np.hypot(dx - along * edge_x, dy - along * edge_y), axis=0)
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

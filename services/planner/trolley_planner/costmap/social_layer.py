@@ -30,7 +30,6 @@ class SocialLayerParams:
 
 
 SOCIAL = SocialLayerParams()
-NOBODY = (1, 0, 1, 0)
 
 
 class SocialLayer:
@@ -45,7 +44,8 @@ class SocialLayer:
     def __init__(self, shape: tuple[int, int], resolution_m: float, keep_m: float) -> None:
         self._scale = 1.0 / resolution_m
         self._reach_cells = 2.0 * (keep_m + SOCIAL.body_m) * self._scale
-        self._box = NOBODY
+        self._boxes: list[tuple[int, int, int, int]] = []
+        """First and last row, first and last column of each person's weights."""
         self._changed: list[tuple[int, int, int, int]] = []
         self.weights = np.zeros(shape, dtype=np.uint8)
         """(rows, cols) the least weight (units: `WEIGHT_UNIT`), 0 = nobody walks."""
@@ -57,25 +57,20 @@ class SocialLayer:
             people: in `grid`.
             grid: its box of changes is extended.
         """
-        first_row, last_row, first_col, last_col = self._box
-        self.weights[first_row : last_row + 1, first_col : last_col + 1] = 0
-        boxes = [] if self._box == NOBODY else [self._box]
-        walks = [self._spread(person) for person in people]
-        self._box = NOBODY
-        if walks:
-            lows, highs = np.min(walks, axis=0), np.max(walks, axis=0)
-            self._box = int(lows[0]), int(highs[1]), int(lows[2]), int(highs[3])
-            boxes.append(self._box)
-        for box in boxes:
-            if box[0] <= box[1] and box[2] <= box[3]:
-                mark_dirty(grid.dirty, box[0], box[2])
-                mark_dirty(grid.dirty, box[1], box[3])
-                self._changed.append((box[0], box[1] + 1, box[2], box[3] + 1))
+        before = self._boxes
+        for first_row, last_row, first_col, last_col in before:
+            self.weights[first_row : last_row + 1, first_col : last_col + 1] = 0
+        self._boxes = [self._spread(person) for person in people]
+        for first_row, last_row, first_col, last_col in before + self._boxes:
+            if first_row <= last_row and first_col <= last_col:
+                mark_dirty(grid.dirty, first_row, first_col)
+                mark_dirty(grid.dirty, last_row, last_col)
+                self._changed.append((first_row, last_row + 1, first_col, last_col + 1))
 
     @property
     def is_anyone_walking(self) -> bool:
         """Whether there are weights of anybody."""
-        return self._box != NOBODY
+        return bool(self._boxes)
 
     def pop_changed(self) -> list[tuple[int, int, int, int]]:
         """Return first and end row, first and end column of what changed since the last call."""
