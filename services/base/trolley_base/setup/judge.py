@@ -141,10 +141,11 @@ class Judge:
             speed_mps: the highest that may be commanded [m/s].
         """
         since_ns = now_ns - round(PARAMS.follows_s * 1e9)
-        told_wz = max(abs(one.wz) for one in self._record.told_since(since_ns))
+        told = self._record.told_since(since_ns)
+        told_v, told_wz = max(abs(one.vx) for one in told), max(abs(one.wz) for one in told)
         axle = self._mount.axle
         lever = 0.5 if axle is None else float(np.hypot(*axle)) + 0.05
-        most_wz = PARAMS.too_fast * told_wz + 0.3
+        most_wz = PARAMS.too_fast * told_wz + PARAMS.differ_bend * told_v + 0.3
         # In a corridor the lidar does not see how fast it goes along it: that is told later.
         most_v = PARAMS.too_fast * speed_mps + lever * abs(twist.wz) + 0.1
         is_fast = abs(twist.wz) > most_wz or twist.speed > most_v
