@@ -40,6 +40,13 @@ from trolley.start import service
 is_armed = True
 service("trolley_tour.service", "TourService")
 """
+WHOLE = """
+import atexit, sys
+from trolley.start import command
+atexit.register(print, "Python shuts down")
+sys.argv = ["trolley", *sys.argv[1:]]
+command()
+"""
 MARK = "TROLLEY_TEST_MARK"
 RUNS = ("Ctrl-C ends", "starting")
 """What a program says when it runs."""
@@ -168,3 +175,14 @@ def test_it_is_the_program_that_people_start() -> None:
     root = Path(__file__).resolve().parents[2]
     project = tomllib.loads((root / "common" / "pyproject.toml").read_text("utf-8"))["project"]
     assert project["scripts"] == {"trolley": "trolley.start:command"}
+
+
+@pytest.mark.parametrize(("words", "code"), [("--version", 0), ("doctor", 1), ("nonsense", 2)])
+def test_a_command_ends_without_a_shutdown_that_threads_of_zenohs_would_abort(
+    tmp_path: Path, words: str, code: int
+) -> None:
+    nobody = ["--connect", f"tcp/127.0.0.1:{find_free_port()}"] if words == "doctor" else []
+    process = Process(["-c", WHOLE, words, *nobody], tmp_path / "log")
+    assert process.wait() == code
+    assert process.log.count("\n") >= 1
+    assert "Python shuts down" not in process.log

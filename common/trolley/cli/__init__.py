@@ -8,7 +8,6 @@ import ast
 import importlib
 import importlib.util
 import os
-import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -237,7 +236,10 @@ def cli(ctx: click.Context) -> None:
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line.
+
+    It ends without Python's own shutdown, which threads of Zenoh's that still run would abort.
+    """
     code: object = exits.INTERRUPTED
     try:
         code = cli.main(prog_name="trolley", standalone_mode=False)
@@ -246,4 +248,6 @@ def main() -> None:
     except click.ClickException as error:
         show_error(error)
         code = exits.USAGE
-    sys.exit(code if isinstance(code, int) else exits.OK)
+    except SystemExit as end:
+        code = end.code
+    leave("", code if isinstance(code, int) else exits.OK)

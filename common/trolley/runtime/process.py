@@ -294,6 +294,8 @@ def main(
         Log(service.name).warning(trouble)
     try:
         code = ServiceProcess(service, loaded.config).main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else EXIT_CRASHED
     except Exception:
         Log(service.name).crash(CRASH)
         code = EXIT_CRASHED

@@ -142,10 +142,10 @@ def test_the_arduino_reboots_when_its_port_is_opened(make: Make):
         for _ in range(2):
             began_s = time.monotonic()
             with serial.Serial(str(robot.ports["arduino_bridge"]), 57600, timeout=0.1) as port:
-                port.write(b"b\r")
-                assert port.read(20) == b""
-                while not (answer := port.read(20)):
+                answer = b""
+                while not answer:
                     port.write(b"b\r")
+                    answer = port.read(20)
                 assert answer.startswith(b"57600\r\n")
                 assert time.monotonic() - began_s > 0.7
             time.sleep(0.05)
