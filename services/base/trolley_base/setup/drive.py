@@ -295,10 +295,11 @@ class SetupDrive:
         before = self._lidar.pose
         self._guidance.line.heading_rad = self._lidar.here.yaw
         self._guidance.line.start_T_first = self.record.stands[-1].start_T_laser
-        until_ns = self._clock.deadline(PARAMS.trial_m / PARAMS.trial_mps + PARAMS.patience_s)
-        while before.distance_to(self._lidar.pose) < PARAMS.trial_m:
+        trial_m, mps = PARAMS.trial_m, PARAMS.trial_mps
+        until_ns = self._clock.deadline(trial_m / mps + PARAMS.patience_s)
+        while before.distance_to(self._lidar.pose) + self._age_s * mps < trial_m:
             self._refuse_late(until_ns, "The robot does not drive ahead as told")
-            yield Twist2D(PARAMS.trial_mps, 0.0, 0.0)
+            yield Twist2D(mps, 0.0, 0.0)
         yield from self._stand()
         self._judge_stretch()
         first, last = self.record.stands[-2].start_T_laser, self.record.stands[-1].start_T_laser
@@ -308,9 +309,9 @@ class SetupDrive:
         if self._wheels.between_stands()[0] < 0.0:
             direction += math.pi
         self._guidance.mount.ahead = np.array([math.cos(direction), math.sin(direction)])
-        beyond_m = math.hypot(moved.x, moved.y) - PARAMS.trial_m
-        faster = max(0.0, self._pace.speed_mps - PARAMS.trial_mps)
-        self._guidance.line.lead_s = max(GUIDANCE.lead_s, beyond_m / PARAMS.trial_mps)
+        beyond_m = math.hypot(moved.x, moved.y) - trial_m
+        faster = max(0.0, self._pace.speed_mps - mps)
+        self._guidance.line.lead_s = max(GUIDANCE.lead_s, beyond_m / mps)
         self._guidance.line.lead_s += faster / (2.0 * GUIDANCE.motors_mps2)
 
     def _creep(self) -> Course:
@@ -371,9 +372,10 @@ class SetupDrive:
         way, begun_ns = self._guidance.way_to(target_m), self._clock.now_ns
         seconds = abs(target_m - self._guidance.place[0]) / speed
         until_ns = self._clock.deadline(1.8 * seconds + PARAMS.patience_s)
-        while way * (target_m - self._guidance.place[0]) > self._guidance.line.lead_s * speed:
+        line = self._guidance.line
+        while way * (target_m - self._guidance.place[0]) > (line.lead_s + self._age_s) * speed:
             self._refuse_late(until_ns, "The robot does not drive as told")
-            turn = -self._guidance.line.bend * way * speed
+            turn = -line.bend * way * speed
             if self._clock.now_ns - begun_ns > 700_000_000:  # the start shows how the motors follow
                 limit = PARAMS.most_steering_radps
                 steering = PARAMS.steering * self._guidance.heading_error(target_m)
@@ -489,7 +491,7 @@ class SetupDrive:
         if not command.is_zero:
             beams = Beams.of(scan)
             points = beams.points(scan.ranges, beams.outside(self.own))
-            stopping_m = self._guidance.line.lead_s * abs(command.vx)
+            stopping_m = (self._guidance.line.lead_s + self._age_s) * abs(command.vx)
             mount = self._guidance.mount
             self._surroundings.body.refuse_obstacle(points, mount, command, stopping_m)
 
@@ -502,6 +504,11 @@ class SetupDrive:
         refuse_silence("lidar", max(begun_ns, self._lidar.latest_ns), now_ns)
 
     # Figures.
+    @property
+    def _age_s(self) -> float:
+        """How long ago the newest scan was taken [s]: the robot is farther by now."""
+        return (self._clock.now_ns - self._lidar.latest_ns) * 1e-9
+
     @property
     def _beams(self) -> Beams:
         beams = self._lidar.beams

@@ -144,6 +144,16 @@ def test_a_robot_that_obeys_late_stays_where_it_has_seen_room() -> None:
     assert max(away) < DRIVE.half_stroke_m + 0.5 * CLEARANCE.margin_m
 
 
+def test_a_stroke_ends_in_time_where_scans_get_lost() -> None:
+    world = WORLD.replace("delay_s = 0.15", "delay_s = 0.2")
+    more = "[lidar.faults]\nlost_turns = 0.4\n"
+    odd = odd_robot(replace(ROBOT, delay_s=0.2), hall(1.55, 1.55), more, world)
+    clear_m: list[float] = []
+    drive = drive_with(odd, before=lambda _: clear_m.append(odd.simulation.truth().clearance))
+    assert drive.problem is None
+    assert min(clear_m) > CLEARANCE.margin_m
+
+
 @pytest.mark.parametrize(
     ("trouble", "words"),
     [
