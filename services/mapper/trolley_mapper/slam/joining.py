@@ -9,6 +9,7 @@ Source:
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +65,10 @@ class JoinParams:
     turn_m: float = 0.5
     """Distance that shows as much that is new as a turn by 1 rad [m/rad]."""
     odometry_cost: float = 30.0
-    """Most log-likelihood that the odometry costs a place, since the robot may have been carried
-    there: as of two scans that fit well."""
+    """Most log-likelihood that the odometry costs a place to which the robot may have been carried:
+    as of two scans that fit well."""
+    carried_mps: float = 2.0
+    """Speed at which somebody carries a robot at most [m/s]."""
     near_cost: float = 4.5
     """Log-likelihood of the odometry against a place up to which it bears the place out: up to
     three standard deviations."""
@@ -104,12 +107,15 @@ class Joint:
         pose: (3,) where the odometry had it.
         covariance: (3, 3) of that; None: it may lie anywhere, and the odometry says nothing.
         edge: from the keyframe before, if only the lidar was covered in between.
+        unseen_s: time without a scan that showed where the robot is, in which it may have been
+            carried [s].
     """
 
     number: int
     pose: NDArray[np.float64]
     covariance: NDArray[np.float64] | None
     edge: Edge | None
+    unseen_s: float = math.inf
 
     def moved(self, new_map_T_old_map: NDArray[np.float64]) -> "Joint":
         """Return the same on a map whose frame has moved by a motion (3,)."""
@@ -351,7 +357,16 @@ class JoinJob:
         away = begin - self.joint.pose
         away[2] = math.remainder(away[2], 2.0 * math.pi)
         cost = 0.5 * float(away @ np.linalg.solve(self.joint.covariance, away))
+        if math.hypot(away[0], away[1]) > self._carried_m:
+            return cost
         return min(cost, PARAMS.odometry_cost)
+
+    @cached_property
+    def _carried_m(self) -> float:
+        """How far the part may lie from where the odometry had it, by drift and carried [m]."""
+        ways_m = self.store.distances_from(self.store.newest.number, math.inf)
+        drift_m = self.config.drift_share * ways_m.get(self.joint.number, math.inf)
+        return PARAMS.carried_mps * self.joint.unseen_s + drift_m
 
     def _shown(self, closures: Sequence[Closure]) -> float:
         """Return how far apart the scans of closures were taken at most [m], turns counted in."""

@@ -232,7 +232,7 @@ class Mapper:
 
     def _begin_part(self, scan: ScanInput, sweep: Sweep) -> None:
         """Begin a part of which only the odometry says how it lies to the map, if that."""
-        joint = self._joint()
+        joint = self._joint(scan)
         watch, self._watch = self._watch, None
         self._cut_message = watch.sentence if watch is not None and watch.is_other_floor else ""
         self._drop_small_part()
@@ -242,7 +242,7 @@ class Mapper:
         self._add_keyframe(scan, sweep)
         self._back_end.part_began(joint)
 
-    def _joint(self) -> Joint:
+    def _joint(self, scan: ScanInput) -> Joint:
         """Return what the odometry says of how a part that begins here lies to the map."""
         store, pose, number = self._map.store, self._matcher.pose.copy(), self._map.next_number
         covariance = edge = None
@@ -255,7 +255,9 @@ class Mapper:
         if was_on_map and not store.is_loose(store.newest.number):
             covariance = self._matcher.covariance.copy()
             covariance += _covariance(PARAMS.break_devs) if breaks else 0.0
-        return Joint(number, pose, covariance, edge)
+        shown = next(one for one in reversed(store.keyframes) if not one.is_blind)
+        unseen_s = 1e-9 * (scan.stamp_ns - shown.stamp_ns)
+        return Joint(number, pose, covariance, edge, unseen_s)
 
     def _drop_small_part(self) -> None:
         """Forget the newest part if it hangs loose and shows next to nothing."""
