@@ -73,3 +73,36 @@ def test_one_scan_does_not_take_a_robot_farther_than_its_wheels_have_driven(
     match = matcher.correct(local, among_boxes(2.0), scan(told_m))
     assert match.quality.is_good == is_taken
     assert matcher.pose[0] == pytest.approx(told_m, abs=0.2)
+
+
+def in_corridor(x: float) -> Sweep:
+    """What is seen at x [m] of a bare corridor."""
+    along = np.arange(-4.0, 4.0, 0.05) - x
+    points = np.vstack([np.column_stack([along, np.full_like(along, y)]) for y in (-1.0, 1.0)])
+    normals = np.vstack([np.tile([0.0, sign], (len(along), 1)) for sign in (1.0, -1.0)])
+    return Sweep(Cloud(points, normals), np.zeros(2), is_blind=False)
+
+
+def elsewhere() -> Sweep:
+    """Echoes where a corridor is free."""
+    points = np.random.default_rng(0).uniform((0.2, -0.6), (1.0, 0.6), (300, 2))
+    normals = -points / np.hypot(*points.T)[:, None]
+    return Sweep(Cloud(points, normals), np.zeros(2), is_blind=False)
+
+
+@pytest.mark.parametrize(
+    ("num_against", "is_believed"), [(1, True), (2, False)], ids=["somebody", "a missed turn"]
+)
+def test_a_scan_that_fits_is_not_believed_where_those_before_spoke_more_against_the_wheels(
+    num_against: int, is_believed: bool
+) -> None:
+    local = LocalMap([Keyframe.of(0, 0, in_corridor(0.0))], np.zeros((1, 3)), np.zeros(2), 14.0)
+    matcher = ScanMatcher(30.0)
+    matcher.reset(np.zeros(3), (0.04, 0.01))
+    places = 0.4 * np.arange(1.0, num_against + 2.0)
+    sweeps = [*[elsewhere()] * num_against, in_corridor(places[-1])]
+    matches: list[bool] = []
+    for x, sweep in zip(places.tolist(), sweeps, strict=True):
+        matcher.predict(Pose2D(0.4, 0.0, 0.0), np.diag([0.03**2, 0.03**2, 0.03**2]))
+        matches.append(matcher.correct(local, sweep, scan(x)).quality.is_good)
+    assert matches == [*[False] * num_against, is_believed]

@@ -52,6 +52,9 @@ class ScanMatcherParams:
     slip_lead: float = 16.0
     """Lead in log-likelihood that a pose needs against the odometry: turns that wheels had missed
     led by 32 to 45, places that look alike by 4."""
+    own_word_m: float = 0.3
+    """Distance driven from which on a scan says something of its own: nearer ones err as one [m].
+    """
     slipping_information: float = 0.05
     """Share of the odometry's information that is kept after wheels slipped at the last scan: with
     more they carry the pose along little by little where the scan does not show it well."""
@@ -226,6 +229,8 @@ class ScanMatcher:
         self._unseen = (0.0, 0.0)
         # Where the robot was when that began.
         self._seen_at = np.zeros(3)
+        # Log-likelihood of the scans since then against where the wheels led.
+        self._against = 0.0
 
     def reset(self, pose: NDArray[np.float64], devs: tuple[float, float]) -> None:
         """Start at a pose (3,) with these standard deviations [m, rad]."""
@@ -233,7 +238,7 @@ class ScanMatcher:
         self.covariance = np.diag([devs[0] ** 2, devs[0] ** 2, devs[1] ** 2])
         self._unseen = (0.0, 0.0)
         self._before, self._motion = self.pose, np.zeros(3)
-        self._seen_at = self.pose
+        self._seen_at, self._against = self.pose, 0.0
         self.slip = SlipDetector()
 
     def loosen(self, devs: tuple[float, float]) -> None:
@@ -286,8 +291,14 @@ class ScanMatcher:
         if match.quality.is_good and self._has_rival(local, match):
             quality = replace(match.quality, is_good=False, is_ambiguous=True)
             match = replace(match, quality=quality)
+        if match.quality.is_good and self._is_outweighed(match):
+            match = replace(match, quality=replace(match.quality, is_good=False))
         if match.quality.is_good:
             self._accept(match)
+        else:
+            step_m = math.hypot(self._odometry_step.x, self._odometry_step.y)
+            share = min(step_m / PARAMS.own_word_m, 1.0)
+            self._against = max(self._against - share * match.quality.log_likelihood, 0.0)
         return match if match.quality.is_good else replace(match, pose=self.pose)
 
     def _may_be_bent(self, match: ScanMatch, scan: ScanInput) -> bool:
@@ -394,6 +405,15 @@ class ScanMatcher:
                 return True
         return False
 
+    def _is_outweighed(self, match: ScanMatch) -> bool:
+        """Say whether the scans since the last match speak against the wheels, all in all.
+
+        After a turn that they missed, the corridor across may look like the one before.
+        """
+        is_by_wheels = self._prior_cost(match) < PARAMS.slip_cost
+        against = self._against - match.quality.log_likelihood
+        return is_by_wheels and against > PARAMS.slip_cost
+
     def _likelier(self, match: ScanMatch, other: ScanMatch) -> ScanMatch:
         """Return another match where scan and odometry together speak for it, else the first."""
         if other is match:
@@ -434,6 +454,6 @@ class ScanMatcher:
         self.slip.update(self._odometry_step, self._motion)
         self._usual_match += PARAMS.smoothing * (match.quality.match - self._usual_match)
         self.pose = self._seen_at = match.pose
-        self._unseen = (0.0, 0.0)
+        self._unseen, self._against = (0.0, 0.0), 0.0
         floor = np.diag([PARAMS.min_dev_m**2, PARAMS.min_dev_m**2, PARAMS.min_dev_rad**2])
         self.covariance = inverse(inverse(self.covariance) + match.information) + floor
