@@ -241,6 +241,30 @@ def test_a_way_that_bends_to_and_fro_is_kept_to_although_turning_takes_time(dela
     assert worst < 0.03
 
 
+@pytest.mark.parametrize("delay", [0, 2])
+def test_a_turn_that_a_line_follows_takes_as_long_as_the_robot_brakes(delay: int) -> None:
+    turn, dt_s = 1.5, 0.05
+    yaws, along = np.linspace(0.0, turn, 16), np.linspace(0.0, 0.8, 33)[1:]
+    line = np.stack([along * math.cos(turn), along * math.sin(turn), np.full(32, turn)], axis=1)
+    poses = np.concatenate([np.stack([0.0 * yaws, 0.0 * yaws, yaws], axis=1), line])
+    motions = np.repeat(np.array([TURNING, FORWARDS], dtype=np.int8), [16, 32])
+    follower = ManeuverFollower(Maneuver(poses, motions))
+    limits = limits_of(PlannerConfig(), speed=0.5, turn=1.5, deceleration=1.0)
+    pose, turned_s, worst = Pose2D(0.0, 0.0, 0.0), 0.0, 0.0
+    commands = [Twist2D.zero()] * (delay + 1)
+    while (wanted := follower.command(Motion(pose, commands[-1]), limits)) is not None:
+        commands.append(limited_change(commands[-1], wanted, limits, dt_s))
+        pose = integrate_twist(pose, commands[-1 - delay], dt_s)
+        turned_s += dt_s if wanted.vx == 0.0 and pose.distance_to(follower.end) > 0.7 else 0.0
+        worst = max(worst, abs(pose.y * math.cos(turn) - pose.x * math.sin(turn)))
+        if pose.distance_to(follower.end) < 0.05:
+            break
+    rate, change = limits.max_turn, limits.turn_acceleration
+    assert turned_s < turn / rate + rate / change + 0.2
+    assert worst < 0.015
+    assert abs(pose.yaw - turn) < 0.03
+
+
 @pytest.mark.parametrize(
     ("x", "y", "warning"),
     [(4.0, 3.0, codes.IN_PASSAGE), (2.5, 3.0, ""), (3.7, 1.5, ""), (7.6, 0.4, "")],

@@ -167,13 +167,18 @@ class ManeuverFollower:
     def _turn(self, pose: Pose2D, limits: Limits) -> Twist2D | None:
         """Return the velocity of a turn on the spot, None when it is over."""
         goal = float(self._poses[self._run_end, 2])
+        has_more = self._run_end < len(self._poses) - 1
         # The turn that is free may be the longer one.
         near = float(self._poses[self._index, 2]) if self._yaw is None else self._yaw
         self._yaw = near + wrap_angle(pose.yaw - near)
         left = goal - self._yaw
         if abs(left) < FOLLOWER.settle_rad:
             return None
-        return Twist2D(0.0, 0.0, turn_rate(left, limits))
+        if not has_more:
+            return Twist2D(0.0, 0.0, turn_rate(left, limits))
+        # What is missed is steered away on the line that follows.
+        rate = min(braking_speed(limits.turn_acceleration, abs(left)), limits.max_turn)
+        return Twist2D(0.0, 0.0, math.copysign(rate, left))
 
     def _line(self, pose: Pose2D, sense: int, limits: Limits) -> Twist2D | None:
         """Return the velocity along a line or curve, None at its end."""
