@@ -415,6 +415,17 @@ def test_views_of_the_same_walls_add_up_to_no_more_than_the_best_of_them() -> No
     assert not proof.is_right
 
 
+def test_the_lead_over_a_place_that_was_given_up_is_the_one_it_had(view: View) -> None:
+    far = view.cells + np.array([40.0, 0.0, 0.0])
+    places = Hypotheses[Hypothesis](view.field, view.matcher, CONFIG)
+    for support in (0.6, 0.45):
+        places.clear()
+        places.add(
+            [hypothesis_at(view.place(view.cells, 0.8)), hypothesis_at(view.place(far, support))]
+        )
+        assert places.lead == pytest.approx(0.8 - support)
+
+
 def test_a_room_proves_a_place_without_any_like_it_and_none_with_others_close_behind() -> None:
     seen = SeenSurface(View(make_house()).field)
     alone, among = Proof(seen=seen, lead=0.7), Proof(seen=seen, lead=0.11)

@@ -409,6 +409,7 @@ class Hypotheses(Generic[Item]):
         self._scans_seen = 0
         self._since_view = Pose2D.identity()
         self._since_search = Pose2D.identity()
+        self._given_up = 0.0
         self.items: list[Item] = []
         """The places, best first."""
 
@@ -423,6 +424,7 @@ class Hypotheses(Generic[Item]):
         """
         self._scans_seen = 0
         self._since_search = Pose2D.identity()
+        self._given_up = 0.0
         if not self.items:
             self._since_view = Pose2D.identity()
         self.items = sorted([*self.items, *items], key=lambda item: -item.mean)
@@ -480,9 +482,10 @@ class Hypotheses(Generic[Item]):
         """Give up places that fell behind or coincide with a better one."""
         kept: list[Item] = []
         for item in self.items:
-            if kept and kept[0].mean - item.mean > PARAMS.give_up:
-                continue
             if any(is_near(item.pose, other.pose, self._field.resolution) for other in kept):
+                continue
+            if kept and kept[0].mean - item.mean > PARAMS.give_up:
+                self._given_up = max(self._given_up, item.mean)
                 continue
             kept.append(item)
         self.items = kept
@@ -516,9 +519,12 @@ class Hypotheses(Generic[Item]):
 
     @property
     def lead(self) -> float:
-        """By how much the best place is ahead of the next, in the mean of the views."""
+        """By how much the best place is ahead of the next, in the mean of the views.
+
+        Places that were given up since the last search count, with what they had by then.
+        """
         best, second = ([item.mean for item in self.items[:2]] + [0.0, 0.0])[:2]
-        return best - second
+        return best - max(second, self._given_up)
 
     def winner(self) -> Item | None:
         """Return the place that stands out from all others, or None."""
