@@ -454,8 +454,8 @@ class Localizer:
         seen = SeenSurface(self.field)
         seen.add(winner.pose, beams)
         following.proof = Proof(self._schedule.unproven_m, seen=seen, lead=lead)
-        evidence = winner.mean - PROOF.between
-        following.proof.add(evidence, self._matcher.pinned(winner.pose, beams))
+        pinned = self._matcher.pinned(winner.pose, beams)
+        following.proof.begin(winner.mean - PROOF.between, pinned)
         following.is_found = following.is_searched = True
         return following
 

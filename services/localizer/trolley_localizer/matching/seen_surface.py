@@ -25,6 +25,10 @@ class SurfaceParams:
     least_blocks: int = 8
     """Number of new blocks below which a scan waits for more to come into view: somebody who walks
     by covers no more than two or three."""
+    telling_blocks: int = 50
+    """Number of blocks below which what was seen tells less of the place, in proportion: two walls
+    and their corner are alike in many rooms. On maps of other houses the robot was mostly sure of
+    places of which it saw 12 to 38; at right ones it mostly sees more than 50."""
 
 
 PARAMS = SurfaceParams()
@@ -59,6 +63,12 @@ class SeenSurface:
         self._block = PARAMS.block_m / field.resolution
         self._seen: set[int] = set()
         self._first = 0
+        self._shown = 0
+
+    @property
+    def extent(self) -> float:
+        """How much was seen, as a share of what tells a place from all others, 0 ... 1."""
+        return min(1.0, self._shown / PARAMS.telling_blocks)
 
     def add(self, pose: NDArray[np.float64], beams: BeamSet) -> NewSurface:
         """Return what a scan shows that none before has shown, and take it in.
@@ -90,6 +100,7 @@ class SeenSurface:
         new = np.unique(np.where(is_unseen, expected, met)[is_new]).tolist()
         if self._first > 0 and len(new) < PARAMS.least_blocks:
             return NOTHING_NEW
+        self._shown += len(new)
         # A wall that beams went through at a few places may be there at others.
         is_through = lead < -slack
         stopped = {*expected[is_new & ~is_through].tolist(), *met[is_new].tolist()}
