@@ -14,7 +14,7 @@ Source:
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from itertools import accumulate, compress, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +72,9 @@ class GeometryParams:
     same way all the time makes nothing miss."""
     odd_stretch: float = 8.0
     """A stretch that misses by so many standard deviations was disturbed."""
+    most_odd_pieces: int = 2
+    """So many pieces of a way that were disturbed are left out: where scans get lost, the lidar's
+    motion may be followed wrongly by some centimetres, which the next stand puts right."""
     least_turn_rad: float = 1.0
     """A stretch that turns more is one that shows how the robot turns [rad]."""
     least_way_m: float = 0.2
@@ -291,6 +294,22 @@ def fit(drive: Drive) -> Geometry:
     """
     # How the wheels' play lay at the beginning is not known.
     parts = [part for part in drive.stretches[1:] if not part.is_plain]
+    theta, normal, misses = _solved(drive, parts)
+    odd = _are_odd(misses)
+    are_pieces = all(part.is_piece for part in compress(parts, odd))
+    if are_pieces and 0 < sum(odd) <= PARAMS.most_odd_pieces:
+        parts = [part for part, is_odd in zip(parts, odd, strict=True) if not is_odd]
+        theta, normal, misses = _solved(drive, parts)
+        odd = _are_odd(misses)
+    if any(odd):
+        raise SetupRefused(_disturbed(drive, parts[int(np.argmax(misses))], theta))
+    misfit = _misfit(misses)
+    spread = np.linalg.inv(normal) * max(misfit, PARAMS.least_misfit) ** 2
+    return _geometry(theta, np.asarray(spread, np.float64), misfit, drive.is_mirrored)
+
+
+def _solved(drive: Drive, parts: Sequence[Stretch]) -> tuple[Floats, Floats, Floats]:
+    """Return theta (7,), what is known of it (7, 7), and by how much each stretch misses (n,)."""
     theta = _first_guess(parts)
     prior = np.array([1.0, 1.0, math.pi, *[PARAMS.scale_std] * 3, PARAMS.play_std])
     information = np.diag(prior**-2)
@@ -306,14 +325,19 @@ def fit(drive: Drive) -> Geometry:
         if np.max(np.abs(change)) < 1e-6:
             break
     errors, slopes = _errors(drive, parts, theta)
-    misses = np.linalg.norm(errors.reshape(-1, 3), axis=1)
+    normal = np.asarray(information + slopes.T @ slopes, np.float64)
+    return theta, normal, np.linalg.norm(errors.reshape(-1, 3), axis=1)
+
+
+def _misfit(misses: Floats) -> float:
+    """Return how much stretches miss, as a share of what is usual."""
     # The median, since disturbed stretches must not excuse themselves; 1.54 is its usual value.
-    misfit = float(np.median(misses)) / 1.54
-    worst = int(np.argmax(misses))
-    if misses[worst] > PARAMS.odd_stretch * max(1.0, misfit):
-        raise SetupRefused(_disturbed(drive, parts[worst], theta))
-    spread = np.linalg.inv(information + slopes.T @ slopes) * max(misfit, PARAMS.least_misfit) ** 2
-    return _geometry(theta, np.asarray(spread, np.float64), misfit, drive.is_mirrored)
+    return float(np.median(misses)) / 1.54
+
+
+def _are_odd(misses: Floats) -> list[bool]:
+    """Say of each stretch whether it misses by so much that it was disturbed."""
+    return (misses > PARAMS.odd_stretch * max(1.0, _misfit(misses))).tolist()
 
 
 def _geometry(theta: Floats, covariance: Floats, misfit: float, is_mirrored: bool) -> Geometry:

@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -195,6 +196,19 @@ def test_wheels_that_slip_are_known_as_well_as_is_said() -> None:
     found = fit(cut(with_rounds(Pose2D(0.1, 0.0, 0.0), slip_m=0.02), HALF_TRACK_M))
     assert abs(found.linear.value - 0.5 * (LEFT + RIGHT)) < 3.0 * found.linear.std
     assert found.linear.std < 0.006
+
+
+@pytest.mark.parametrize(("num_wrong", "is_fitted"), [(2, True), (3, False)])
+def test_a_piece_of_a_way_that_the_lidar_was_followed_wrongly_on_is_left_out(
+    num_wrong: int, is_fitted: bool
+) -> None:
+    drive = cut(with_rounds(Pose2D(0.1, 0.0, 0.0)), HALF_TRACK_M)
+    pieces = [index for index, one in enumerate(drive.stretches) if one.is_piece]
+    for index in pieces[5 : 5 + 4 * num_wrong : 4]:
+        right = drive.stretches[index]
+        drive.stretches[index] = replace(right, seen=right.seen @ Pose2D(0.0, 0.1, 0.0))
+    with nullcontext() if is_fitted else pytest.raises(SetupRefused, match="On one stretch"):
+        assert fit(drive).left.value == pytest.approx(LEFT, rel=1e-3)
 
 
 def test_pieces_of_a_long_way_leave_nothing_of_it_out() -> None:
