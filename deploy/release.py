@@ -11,6 +11,7 @@ it commits and tags; where anything fails, the files are as they were. It publis
 import argparse
 import datetime
 import hashlib
+import os
 import re
 import shutil
 import subprocess
@@ -22,6 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CHANGES = "CHANGELOG.md"
 UNRELEASED = "## Unreleased\n"
 CHECKSUMS = "SHA256SUMS"
+TOLD_BY_MAKE = ("ARGS", "VERSION", "MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS")
 NAMESPACE = "trolley-release"
 """What the signature is for: one of another namespace does not count."""
 
@@ -166,10 +168,13 @@ def sign(file: Path, key: Path) -> None:
 def run(root: Path, *words: str) -> None:
     """Run a program that says by itself how it goes.
 
+    What `make release` was told is none of its business: `make test` would take ARGS for its own.
+
     Raises:
         ReleaseError: It failed.
     """
-    if subprocess.run(words, cwd=root, check=False).returncode != 0:
+    own = {name: value for name, value in os.environ.items() if name not in TOLD_BY_MAKE}
+    if subprocess.run(words, cwd=root, env=own, check=False).returncode != 0:
         raise ReleaseError(f"`{' '.join(words)}` failed")
 
 

@@ -3,6 +3,7 @@
 import datetime
 import importlib.util
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from types import ModuleType
@@ -95,6 +96,21 @@ def test_without_a_key_nothing_is_begun(
     assert tool.main(["9.8.7"]) == 1
     assert "no key to sign with" in capsys.readouterr().err
     assert git(clone, "status", "--porcelain") == ""
+
+
+def test_what_make_release_was_told_is_not_told_to_the_tests(
+    tool: ModuleType, tmp_path: Path
+) -> None:
+    (tmp_path / "Makefile").write_text("release:\n\t@$(RUN)\ntest:\n\t@test -z '$(ARGS)'\n")
+    (tmp_path / "release.py").write_text(
+        f"import importlib.util, pathlib\n"
+        f"spec = importlib.util.spec_from_file_location('release', {tool.__file__!r})\n"
+        f"tool = importlib.util.module_from_spec(spec)\n"
+        f"spec.loader.exec_module(tool)\n"
+        f"tool.run(pathlib.Path.cwd(), 'make', 'test')\n"
+    )
+    words = ["make", "release", f"RUN={sys.executable} release.py", "ARGS=--key FILE"]
+    subprocess.run(words, cwd=tmp_path, check=True, capture_output=True)
 
 
 def test_anybody_can_check_the_checksums_and_their_signature(
