@@ -171,7 +171,8 @@ class LazyGroup(SuggestingGroup):
 
 def plugins() -> dict[str, EntryPoint]:
     """Entry points of commands that other packages bring along, by name."""
-    return {entry.name: entry for entry in entry_points(group=PLUGINS)}
+    # By themselves they come as their files lie in a folder: otherwise on each computer.
+    return {one.name: one for one in sorted(entry_points(group=PLUGINS), key=lambda one: one.name)}
 
 
 def _loaded(entry: EntryPoint | None) -> click.Command | None:

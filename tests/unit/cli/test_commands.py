@@ -4,7 +4,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from importlib.metadata import version
+from importlib.metadata import EntryPoint, version
 from pathlib import Path
 
 import click
@@ -12,7 +12,7 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
-from trolley.cli import COMMANDS, cli
+from trolley.cli import COMMANDS, PLUGINS, cli, plugins
 from trolley.cli.go import go_command
 from trolley.cli.init import render
 from trolley.config import RobotConfig, load_config
@@ -288,3 +288,14 @@ def test_a_file_in_a_folder_that_is_not_there_names_the_folder(tmp_path: Path) -
     result = CliRunner().invoke(cli, ["init", str(tmp_path / "away" / "robot.toml")])
     assert result.exit_code == 2
     assert f"there is no folder {tmp_path / 'away'}" in result.output + str(result.exception)
+
+
+def test_commands_of_other_packages_come_in_the_same_order_on_each_computer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    entries = [EntryPoint(name, "a:b", PLUGINS) for name in ("setup", "ros2", "mcp")]
+    orders: list[list[str]] = []
+    for found in (entries, entries[::-1]):
+        monkeypatch.setattr("trolley.cli.entry_points", lambda group, found=found: found)
+        orders.append(list(plugins()))
+    assert orders == [["mcp", "ros2", "setup"]] * 2
