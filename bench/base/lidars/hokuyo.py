@@ -77,28 +77,20 @@ def hokuyo_frames(rng: np.random.Generator) -> list[bytes]:
 UTM_STEPS, UTM_FRONT = 1081, 540
 UTM_COMMAND = b"ME0000108001000\n"
 UTM_ANSWER = UTM_COMMAND + b"00P\n\n"
+UTM_SAYS = ["DMIN:23", "DMAX:60000", "ARES:1440", "AMIN:0", "AMAX:1080", "AFRT:540", "SCAN:2400"]
 UTM_PARAMETERS = driver.Parameters(23, 60000, 1440, 0, 1080, UTM_FRONT, 2400)
-
-
-def utm_scan(stamp_ms: int, values: list[int]) -> bytes:
-    """A distance and its intensity by turns, three characters each, in lines of 64."""
-    text = "".join(hokuyo.in_characters(value, 3) for value in values)
-    lines = [hokuyo.in_characters(stamp_ms, 4)]
-    lines += [text[i : i + 64] for i in range(0, len(text), 64)]
-    said = "".join(f"{line}{chr(sum(line.encode()) % 64 + 48)}\n" for line in lines)
-    return UTM_COMMAND + b"99b\n" + said.encode() + b"\n"
 
 
 def utm_stream() -> Iterator[Frame]:
     """Forty scans a second: 1081 of 1440 steps in sight, the 540th of them ahead."""
-    values: list[int] = []
+    command, values = UTM_COMMAND.decode().strip(), list[int]()
     for step in range(UTM_STEPS):
         away_m = distance_m((step - UTM_FRONT) * 0.25)
         values += [round(1000 * away_m), intensity_of(step)]
     turn = 0
     while True:
         at_s = 0.025 * (turn + UTM_FRONT / 1440.0)
-        yield Frame(at_s, utm_scan(round(1000 * at_s), values))
+        yield Frame(at_s, hokuyo.encode(command, "99", round(1000 * at_s), values))
         turn += 1
 
 
@@ -134,7 +126,10 @@ def utm_samples(frame: bytes) -> Polar:
 
 def utm_frames(rng: np.random.Generator) -> list[bytes]:
     """Make three scans."""
-    return [utm_scan(25 * i, distances(rng, 65000, 2 * UTM_STEPS)) for i in range(3)]
+    return [
+        hokuyo.encode(UTM_COMMAND.decode().strip(), "99", 25 * i, values)
+        for i, values in enumerate(distances(rng, 65000, 2 * UTM_STEPS) for _ in range(3))
+    ]
 
 
 RECORDS = {
@@ -179,20 +174,7 @@ RECORDS = {
         reader=lambda: utm_samples,
         answers={
             b"VV\n": b"VV\n00P\nPROD:SOKUIKI Sensor TOP-URG UTM-30LX;B\nPROT:SCIP 2.0;N\n\n",
-            b"PP\n": b"PP\n00P\n"
-            + "".join(
-                f"{line};{chr(sum(line.encode()) % 64 + 48)}\n"
-                for line in (
-                    "DMIN:23",
-                    "DMAX:60000",
-                    "ARES:1440",
-                    "AMIN:0",
-                    "AMAX:1080",
-                    "AFRT:540",
-                    "SCAN:2400",
-                )
-            ).encode()
-            + b"\n",
+            b"PP\n": hokuyo.answer("PP", "00", hokuyo.about(*UTM_SAYS)),
         },
         begins={UTM_COMMAND: UTM_ANSWER},
         ends=frozenset({b"\nQT\nTM2\n", b"QT\n"}),

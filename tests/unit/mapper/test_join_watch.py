@@ -2,26 +2,16 @@
 
 import numpy as np
 import pytest
+from support.posts import keyframe_among
 
 from trolley.config.mapper import MapperConfig
-from trolley.scan_matching.layout import Cloud
-from trolley.scan_matching.sweep import Sweep
 from trolley_mapper.slam.join_watch import JoinWatch
 from trolley_mapper.slam.joining import Joint
-from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between
 
 POSTS = np.random.default_rng(0).uniform((-4.0, -4.0), (16.0, 4.0), (400, 2))
 """What stands about [m]."""
-
-
-def keyframe(number: int, true: np.ndarray) -> Keyframe:
-    """What is seen within 5 m of a true place; nothing hides anything."""
-    away = POSTS - true[:2]
-    points = away[np.hypot(*away.T) < 5.0]
-    normals = -points / np.hypot(*points.T)[:, None]
-    return Keyframe.of(number, 0, Sweep(Cloud(points, normals), np.zeros(2), is_blind=False))
 
 
 @pytest.mark.parametrize(
@@ -45,7 +35,7 @@ def test_only_what_is_near_along_the_drive_tells_another_floor(
             edges = [Edge(number - 1, number, step, np.eye(3), ODOMETRY)]
         if number == begin:
             watch = JoinWatch(Joint(number, pose, np.eye(3), None), edges, has_stood=True)
-        store.add(keyframe(number, true), pose, edges)
+        store.add(keyframe_among(POSTS, number, true), pose, edges)
         # After a loop, only its end comes to where the map shows something else.
         if watch is not None and (is_refuted or true[0] < 2.0):
             watch.see(store, MapperConfig())

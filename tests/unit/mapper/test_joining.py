@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from support.posts import keyframe_among
 
 from trolley.config.mapper import MapperConfig
-from trolley.scan_matching.layout import Cloud
-from trolley.scan_matching.sweep import Sweep
 from trolley_mapper.slam.joining import JoinJob, Joint, Place
-from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import Closure
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid
@@ -16,16 +13,9 @@ from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between
 from trolley_mapper.slices import whole
 
 ROOM_M = 16.0
-POSTS = np.random.default_rng(0).uniform((0.0, -4.0), (ROOM_M, 4.0), (300, 2))
+IN_A_ROOM = np.random.default_rng(0).uniform((0.0, -4.0), (ROOM_M, 4.0), (300, 2))
+POSTS = np.vstack([IN_A_ROOM, IN_A_ROOM + np.array([ROOM_M, 0.0])])
 """What stands about in each of two rooms alike, one beside the other [m]."""
-
-
-def keyframe(number: int, true: NDArray[np.float64]) -> Keyframe:
-    """What is seen within 5 m of a true place; nothing hides anything."""
-    away = np.vstack([POSTS, POSTS + np.array([ROOM_M, 0.0])]) - true[:2]
-    points = away[np.hypot(*away.T) < 5.0]
-    normals = -points / np.hypot(*points.T)[:, None]
-    return Keyframe.of(number, 0, Sweep(Cloud(points, normals), np.zeros(2), is_blind=False))
 
 
 @pytest.mark.parametrize(
@@ -45,7 +35,7 @@ def test_a_part_is_not_joined_farther_off_than_somebody_can_have_carried_the_rob
         step = between(store.poses[-1], pose) if not is_first else np.zeros(3)
         information = np.diag([400.0, 400.0, 1e4])
         edges = [] if is_first else [Edge(number - 1, number, step, information, ODOMETRY)]
-        store.add(keyframe(number, pose), pose, edges)
+        store.add(keyframe_among(POSTS, number, pose), pose, edges)
         if number >= joint.number and not accepted:
             alike = Place(pose[:2] - np.array([ROOM_M, 0.0]), (1.0, 0.5))
             job = JoinJob(
