@@ -1,6 +1,7 @@
 """Hokuyo's URG-04LX, over SCIP 2.0, and a UTM-30LX, which tells intensities."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from bench.base.lidars.record import (
@@ -29,38 +30,54 @@ def hokuyo_stream() -> Iterator[Frame]:
         turn += 1
 
 
-def hokuyo_length(data: bytes) -> int | None:
-    """The command and status 99, a time, 682 steps in 31 full lines and one that is not."""
-    head = b"MD0044072501000\n99b\n"
-    if not head.startswith(data[:20]):
-        return 0
-    return None if len(data) < 20 else 20 + 6 + 31 * 66 + 62 + 2 + 1
+class Answer(NamedTuple):
+    """What a sensor sends for each scan, as SCIP 2.0 lays it down."""
 
+    command: bytes
+    steps: int
+    front: int
+    """Steps before the one that looks ahead."""
+    step_deg: float
+    characters: int
+    """For each step; the first three are the distance."""
+    least_mm: int
+    greatest_mm: int
+    """The distances that it measures; others mean that it saw nothing."""
 
-def hokuyo_check(frame: bytes) -> bool:
-    """A sum behind each line, and nothing in the last one."""
-    lines = frame[20:].split(b"\n")
-    if [len(line) for line in lines] != [5, *[65] * 31, 63, 0, 0]:
-        return False
-    return all(
-        line[-1] == sum(line[:-1]) % 64 + 48 and all(48 <= one < 112 for one in line[:-1])
-        for line in lines[:-2]
-    )
+    def length(self, data: bytes) -> int | None:
+        """The command and status 99, a time, full lines and one that is not."""
+        head = self.command + b"99b\n"
+        if not head.startswith(data[:20]):
+            return 0
+        full, rest = divmod(self.characters * self.steps, 64)
+        return None if len(data) < 20 else 20 + 6 + full * 66 + rest + 2 + 1
 
+    def check(self, frame: bytes) -> bool:
+        """A sum behind each line, and nothing in the last one."""
+        lines = frame[20:].split(b"\n")
+        full, rest = divmod(self.characters * self.steps, 64)
+        if [len(line) for line in lines] != [5, *[65] * full, rest + 1, 0, 0]:
+            return False
+        return all(
+            line[-1] == sum(line[:-1]) % 64 + 48 and all(48 <= one < 112 for one in line[:-1])
+            for line in lines[:-2]
+        )
 
-def hokuyo_samples(frame: bytes) -> Polar:
-    """Three characters a step, of which the 384th looks ahead; nothing in the dark behind."""
-    text = b"".join(line[:-1] for line in frame[26:].split(b"\n"))
-    found: Polar = []
-    for i in range(682):
-        high, middle, low = (one - 48 for one in text[3 * i : 3 * i + 3])
-        mm = high * 4096 + middle * 64 + low
-        found.append(((44 + i - 384) * 360 / 1024 % 360, mm if 20 <= mm <= 5600 else 0))
-    return found
+    def samples(self, frame: bytes) -> Polar:
+        """Six bits in each character, the highest first."""
+        text = b"".join(line[:-1] for line in frame[26:].split(b"\n"))
+        found: Polar = []
+        for i in range(self.steps):
+            high, middle, low = (one - 48 for one in text[self.characters * i :][:3])
+            mm = high * 4096 + middle * 64 + low
+            seen = self.least_mm <= mm <= self.greatest_mm
+            found.append(((i - self.front) * self.step_deg % 360, mm if seen else 0))
+        return found
 
 
 COMMAND = b"MD0044072501000\n"
-ANSWER = COMMAND + b"00P\n\n"
+ACCEPTED = COMMAND + b"00P\n\n"
+URG = Answer(COMMAND, 682, 340, 360 / 1024, 3, 20, 5600)
 REFUSED = b"ME0044072501000\n"
 """Asks for intensities, too, which it does not know."""
 PARAMETERS = driver.Parameters(20, 5600, 1024, 44, 725, 384, 600)
@@ -76,7 +93,8 @@ def hokuyo_frames(rng: np.random.Generator) -> list[bytes]:
 
 UTM_STEPS, UTM_FRONT = 1081, 540
 UTM_COMMAND = b"ME0000108001000\n"
-UTM_ANSWER = UTM_COMMAND + b"00P\n\n"
+UTM_ACCEPTED = UTM_COMMAND + b"00P\n\n"
+UTM = Answer(UTM_COMMAND, UTM_STEPS, UTM_FRONT, 0.25, 6, 23, 60000)
 UTM_SAYS = ["DMIN:23", "DMAX:60000", "ARES:1440", "AMIN:0", "AMAX:1080", "AFRT:540", "SCAN:2400"]
 UTM_PARAMETERS = driver.Parameters(23, 60000, 1440, 0, 1080, UTM_FRONT, 2400)
 
@@ -99,31 +117,6 @@ def intensity_of(step: int) -> int:
     return 1000 + 3 * step
 
 
-def utm_length(data: bytes) -> int | None:
-    """The command and status 99, a time, 101 full lines and one of 22 characters."""
-    head = UTM_COMMAND + b"99b\n"
-    if not head.startswith(data[:20]):
-        return 0
-    return None if len(data) < 20 else 20 + 6 + 101 * 66 + 24 + 1
-
-
-def utm_check(frame: bytes) -> bool:
-    """A sum behind each line."""
-    lines = frame[20:].split(b"\n")[:-2]
-    return all(line[-1] == sum(line[:-1]) % 64 + 48 for line in lines)
-
-
-def utm_samples(frame: bytes) -> Polar:
-    """Six characters a step, the first three of which are the distance."""
-    text = b"".join(line[:-1] for line in frame[26:].split(b"\n"))
-    found: Polar = []
-    for i in range(UTM_STEPS):
-        high, middle, low = (one - 48 for one in text[6 * i : 6 * i + 3])
-        mm = high * 4096 + middle * 64 + low
-        found.append(((i - UTM_FRONT) * 0.25 % 360, mm if 23 <= mm <= 60000 else 0))
-    return found
-
-
 def utm_frames(rng: np.random.Generator) -> list[bytes]:
     """Make three scans."""
     return [
@@ -143,8 +136,8 @@ RECORDS = {
         sees_deg=(-119.6, 120.0),
         sends_whole_turns=True,
         stream=hokuyo_stream,
-        finder=lambda: PlainFrames(hokuyo_length, hokuyo_check),
-        reader=lambda: hokuyo_samples,
+        finder=lambda: PlainFrames(URG.length, URG.check),
+        reader=lambda: URG.samples,
         answers={
             b"VV\n": b"VV\n00P\nPROD:SOKUIKI Sensor URG-04LX-UG01(Simple-URG);[\n"
             b"PROT:SCIP 2.0;N\n\n",
@@ -152,9 +145,9 @@ RECORDS = {
             b"AFRT:384;6\nSCAN:600;e\n\n",
             REFUSED: REFUSED + b"0Ee\n\n",
         },
-        begins={COMMAND: ANSWER},
+        begins={COMMAND: ACCEPTED},
         ends=frozenset({b"\nQT\nTM2\n", b"QT\n"}),
-        emulated=Start(COMMAND, ANSWER),
+        emulated=Start(COMMAND, ACCEPTED),
         form=driver.form_of(PARAMETERS),
         header=COMMAND + b"99b\n",
         judged=Judged(lambda counts: driver.ScipDecoder(PARAMETERS, counts), hokuyo_frames),
@@ -170,13 +163,13 @@ RECORDS = {
         is_twin=True,
         sends_whole_turns=True,
         stream=utm_stream,
-        finder=lambda: PlainFrames(utm_length, utm_check),
-        reader=lambda: utm_samples,
+        finder=lambda: PlainFrames(UTM.length, UTM.check),
+        reader=lambda: UTM.samples,
         answers={
             b"VV\n": b"VV\n00P\nPROD:SOKUIKI Sensor TOP-URG UTM-30LX;B\nPROT:SCIP 2.0;N\n\n",
             b"PP\n": hokuyo.answer("PP", "00", hokuyo.about(*UTM_SAYS)),
         },
-        begins={UTM_COMMAND: UTM_ANSWER},
+        begins={UTM_COMMAND: UTM_ACCEPTED},
         ends=frozenset({b"\nQT\nTM2\n", b"QT\n"}),
         emulated=None,
         judged=Judged(

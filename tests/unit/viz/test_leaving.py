@@ -246,7 +246,7 @@ def test_an_end_of_which_the_page_says_nothing_is_none(page: Page, stage: "Stage
 def test_no_zone_is_moved(page: Page, stage: "Stage") -> None:
     keeper = stage.runtime.add(ZoneKeeper())
     stage.runtime.run(0.5)
-    editor = stage.session.zone_editor
+    editor = stage.session.drawing.zone_editor
     editor.select(MIRROR.name)
     page.begin_drag("/drawing/handles")
     page.wait(lambda: editor.sketch is not None and editor.sketch.points[0][0] > 1.5)

@@ -1,6 +1,5 @@
 """The costmap: map, zones and what the lidar sees, inflated."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,9 +10,10 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import distance_to_outline
 from trolley.gridmap import GridMap
-from trolley.gridmap.distance import distance_transform
 from trolley.messages import OccupancyGrid, Zone
+from trolley_planner.costmap.closed_layer import ClosedLayer
 from trolley_planner.costmap.cost_layer import CostLayer
+from trolley_planner.costmap.distance_field import DistanceField
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import (
     LETHAL,
@@ -21,16 +21,12 @@ from trolley_planner.costmap.inflation import (
     UNKNOWN,
     WEIGHT_UNIT,
     CostmapLayers,
-    compose_into,
     inflation_table,
-    measure_box,
-    replace_mask,
-    update_distances,
     weigh_boxes,
 )
 from trolley_planner.costmap.obstacle_layer import ObstacleLayer
 from trolley_planner.costmap.social_layer import SocialLayer
-from trolley_planner.costmap.static_layer import StaticLayer, close_border, disc_mask, line_segments
+from trolley_planner.costmap.static_layer import StaticLayer, close_border
 from trolley_planner.people.moving_obstacles import MovingObstacles
 from trolley_planner.people.tracker import TrackedPerson, person_discs
 from trolley_planner.sensing.beams import Sweep
@@ -48,11 +44,6 @@ class CostmapParams:
     """Weight of cells where the robot fits only if all lies well in its cells."""
     beside_m: float = 0.15
     """A person nearer to the robot's outline than this is an obstacle as well."""
-    most_flipped: int = 40
-    """If more cells than this change at once, the distances between them are recomputed, too;
-    found by bench/planner/costmap."""
-    closed_s: float = 60.0
-    """A place where the robot did not get through is tried again after this time."""
 
 
 COSTMAP = CostmapParams()
@@ -90,7 +81,6 @@ class Costmap:
             TABLE_STEP_M,
             WEIGHT_UNIT,
         )
-        self._reach_m = self._table.shape[0] * TABLE_STEP_M
         self.static = StaticLayer(grid, self._table, unknown_is_free)
         """Map and zones."""
         self.obstacle_layer = ObstacleLayer(self.shape, grid.resolution, config)
@@ -98,14 +88,17 @@ class Costmap:
         self._cost_layer = CostLayer(self.shape, grid.resolution)
         self.moving = MovingObstacles()
         """People and other robots: they are not in the distances, but in the local costmap."""
-        self._closed = np.zeros(self.shape, dtype=np.uint8)
-        self._closed_until_ns: int | None = None
-        self._suspects = np.empty((0, 4))
-        self._stands = np.zeros(self.shape, dtype=np.uint8)
-        """(rows, cols) 1 where something stands, as of the last refresh."""
+        self._closed_layer = ClosedLayer(self.shape, grid.resolution)
+        reach_m = self._table.shape[0] * TABLE_STEP_M
+        self._distances = DistanceField(self.shape, grid.resolution, reach_m)
         self.tight_m = footprint.inscribed_m - COSTMAP.tight_cells * grid.resolution
         """Cells nearer than this to an obstacle cannot hold the footprint's centre."""
         self.recompute()
+
+    @property
+    def distance_m(self) -> NDArray[np.float32]:
+        """(rows, cols) to the nearest obstacle, up to the inflation's reach [m]."""
+        return self._distances.values_m
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
         """Replace the zones (points in the frame of the goals)."""
@@ -120,7 +113,7 @@ class Costmap:
         Args:
             lines: points of each in the frame of the goals [m].
         """
-        self._suspects = line_segments(lines, self.grid_T_frame)
+        self.static.set_suspects(lines)
 
     def set_costs(self, costs: Mapping[str, OccupancyGrid]) -> None:
         """Take over the costs that programs publish, in the frame of the goals, step by step."""
@@ -152,8 +145,8 @@ class Costmap:
             grid_T_frame @ sweep.end,
             sweep.body_laser,
         )
-        lines = np.concatenate([self.static.mirrors, self._suspects])
-        walls, walls_m = self.static.walls, self.static.wall_distance_m
+        static = self.static
+        lines, walls, walls_m = static.reflecting, static.walls, static.wall_distance_m
         in_cells = grid_T_frame.transform_points(further)
         self.obstacle_layer.update(in_grid, walls, walls_m, lines, now_ns, in_cells)
         self.moving.update(now_ns, self.obstacle_layer.beams, walls_m, self.resolution_m)
@@ -173,7 +166,7 @@ class Costmap:
     def forget_old(self, now_ns: int) -> None:
         """Forget what has been out of sight for too long, and open what was closed long ago."""
         self.obstacle_layer.forget_old(now_ns)
-        if self._closed_until_ns is not None and now_ns > self._closed_until_ns:
+        if self._closed_layer.is_over(now_ns):
             self.reopen()
 
     def forget_all(self) -> None:
@@ -185,15 +178,12 @@ class Costmap:
 
     def close(self, x_grid: float, y_grid: float, radius_m: float, now_ns: int) -> None:
         """Close a circle [m] where the robot did not get through, though nothing is seen there."""
-        self._closed |= disc_mask(self.shape, (x_grid, y_grid), radius_m, self.resolution_m)
-        self._closed_until_ns = now_ns + round(COSTMAP.closed_s * 1e9)
+        self._closed_layer.close((x_grid, y_grid), radius_m, now_ns)
         self.obstacle_layer.mark_all_dirty()
 
     def reopen(self) -> None:
         """Reopen all closed places."""
-        if self._closed_until_ns is not None:
-            self._closed_until_ns = None
-            self._closed[:] = 0
+        if self._closed_layer.reopen():
             self.obstacle_layer.mark_all_dirty()
 
     def refresh(self) -> bool:
@@ -201,17 +191,8 @@ class Costmap:
         dirty = self.obstacle_layer.pop_dirty()
         if dirty is None:
             return False
-        first_row, last_row, first_col, last_col = dirty
-        shape = last_row + 1 - first_row, last_col + 1 - first_col
-        is_occupied = np.empty(shape, dtype=np.uint8)
-        compose_into(is_occupied, self._layers(), (first_row, first_col), not self.unknown_is_free)
-        flipped = replace_mask(self._stands, is_occupied, (first_row, first_col))
+        around = self._distances.update(self._layers(), not self.unknown_is_free, dirty)
         boxes = self._social_layer.pop_changed() + self._cost_layer.pop_changed()
-        if len(flipped) <= COSTMAP.most_flipped:
-            edge_m, reach_m = self.resolution_m, self._reach_m
-            around = update_distances(self.distance_m, self._stands, flipped, edge_m, reach_m)
-        else:
-            around = np.array([self._measure(flipped)])
         if boxes:
             around = np.concatenate([np.array(boxes), around])
         self._weigh(around)
@@ -222,24 +203,11 @@ class Costmap:
         self.obstacle_layer.pop_dirty()
         self._social_layer.pop_changed()
         self._cost_layer.pop_changed()
-        compose_into(self._stands, self._layers(), (0, 0), not self.unknown_is_free)
-        self.distance_m = distance_transform(self._stands, self.resolution_m, self._reach_m)
-        """Distance to the nearest obstacle, up to the inflation's reach [m]."""
+        self._distances.recompute(self._layers(), not self.unknown_is_free)
         self.weights = np.full(self.shape, LETHAL, dtype=np.uint8)
         """Weights by that distance, where people walk, and by the costs that programs publish; the
         outermost cells are lethal."""
         self._weigh(np.array([(0, self.shape[0], 0, self.shape[1])]))
-
-    def _measure(self, flipped: NDArray[np.int64]) -> tuple[int, int, int, int]:
-        """Recompute the distances around many cells (n, 2); return their box."""
-        (rows, cols), low, high = self.shape, flipped.min(axis=0), flipped.max(axis=0)
-        reach = math.ceil(self._reach_m / self.resolution_m)
-        around = int(low[0]), int(high[0]), int(low[1]), int(high[1])
-        # Distances change within reach of what changed.
-        box = _grown(around, reach, rows, cols)
-        edge_m, reach_m = self.resolution_m, self._reach_m
-        measure_box(self.distance_m, self._stands, np.array(box), reach, edge_m, reach_m)
-        return box
 
     def _weigh(self, boxes: NDArray[np.int64]) -> None:
         """Bring the weights up to date in boxes (n, 4): first and end row, first and end column."""
@@ -298,7 +266,7 @@ class Costmap:
         grid = self.obstacle_layer.grid
         static = self.static
         return CostmapLayers(
-            static.kinds, static.keepout, self._closed, grid.evidence, grid.observed
+            static.kinds, static.keepout, self._closed_layer.mask, grid.evidence, grid.observed
         )
 
 
@@ -306,15 +274,3 @@ def _may_lift(person: TrackedPerson, outline: NDArray[np.float64]) -> bool:
     """Say whether a person is no obstacle: it is seen, and the robot does not turn into it."""
     gap_m = float(distance_to_outline(outline, person.points).min())
     return person.is_seen and gap_m > COSTMAP.beside_m
-
-
-def _grown(
-    box: tuple[int, int, int, int], by: int, rows: int, cols: int
-) -> tuple[int, int, int, int]:
-    """Return first and end row, first and end column of a box of cells grown on all sides."""
-    return (
-        max(box[0] - by, 0),
-        min(box[1] + 1 + by, rows),
-        max(box[2] - by, 0),
-        min(box[3] + 1 + by, cols),
-    )

@@ -51,6 +51,7 @@ class StaticLayer:
         self._unknown_is_free = unknown_is_free
         self._zones: list[Zone] = []
         self._leaving: tuple[str, ...] = ()
+        self._suspects = np.empty((0, 4))
         self.set_zones([])
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
@@ -72,6 +73,15 @@ class StaticLayer:
         self.has_speed_limits = bool(np.isfinite(self.speed_limits).any())
         self._leaving = ()
         self._inflate()
+
+    def set_suspects(self, lines: Sequence[Sequence[tuple[float, float]]]) -> None:
+        """Replace the lines on which mirrors are suspected (points in the frame of the goals)."""
+        self._suspects = line_segments(lines, self._grid_T_frame)
+
+    @property
+    def reflecting(self) -> NDArray[np.float64]:
+        """(m, 4) x1, y1, x2, y2 [m] of mirrors, glass and suspected mirrors."""
+        return np.concatenate([self.mirrors, self._suspects])
 
     def set_position(self, x: float, y: float) -> bool:
         """Open the keep-out zones that hold the robot; True if that changes anything.

@@ -32,6 +32,7 @@ from trolley_viz.scene.map_layers import MapLayer
 from trolley_viz.server.messages import Notice, Told
 from trolley_viz.server.visitors import Visitor
 from trolley_viz.session.browser_choices import Choices
+from trolley_viz.session.drawing import Drawing
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.preferences import Preferences
 from trolley_viz.session.window import Window
@@ -102,36 +103,37 @@ class Session:
             lambda: self._robot,
             lambda: self.view,
         )
-        self.zone_editor = ZoneEditor(
-            Canvas(picture, self.drags),
-            ZoneRequests(
+        self.drawing = Drawing(
+            ZoneEditor(
+                Canvas(picture, self.drags),
+                ZoneRequests(
+                    service,
+                    lambda: self._robot,
+                    lambda: stored_zones(self.view),
+                    self._map_name,
+                    self.actions.history,
+                    self.tell,
+                ),
+                lambda: self.view,
+                self.tell,
+                lambda: self.drawing.begin_zone(self._robot),
+            ),
+            MapEditor(
+                Canvas(picture, self.drags),
+                MapPreview(picture),
                 service,
                 lambda: self._robot,
-                lambda: stored_zones(self.view),
-                self._map_name,
-                self.actions.history,
+                lambda: self.view,
                 self.tell,
+                lambda: self.drawing.begin_map_tool(),
             ),
-            lambda: self.view,
-            self.tell,
-            self._begin_zone,
-        )
-        self.map_editor = MapEditor(
-            Canvas(picture, self.drags),
-            MapPreview(picture),
-            service,
-            lambda: self._robot,
-            lambda: self.view,
-            self.tell,
-            self._begin_map_tool,
+            self.aiming,
         )
         self.suspected_mirrors = SuspectLines(picture, self.preferences.in_language)
         self.change_marks = ChangeMarks(picture)
         self.change_requests = ChangeRequests(
             service, self.actions, lambda: self._robot, self._map_name
         )
-        self._put_aside: dict[str, Callable[[], None]] = {}
-        """Takes up what is drawn on the map of a robot that was followed before, by its name."""
         self.take_tap: Callable[[Touched], bool] | None = None
         """Takes what is touched, as while a tour is made of it; says whether it did."""
 
@@ -142,16 +144,14 @@ class Session:
         self.window.open(client)
         self._set_look()
         self.pointing.show()
-        self.zone_editor.show()
-        self.map_editor.show()
+        self.drawing.show()
 
     def detach(self) -> None:
         """Go without a picture, as while viser's part of the page loads."""
         if self.window.picture.client is not None:
             self.drags.cancelled()
             self.pointing.hide()
-            self.zone_editor.hide()
-            self.map_editor.hide()
+            self.drawing.hide()
             self.window.shut()
 
     # What the panels read.
@@ -183,7 +183,7 @@ class Session:
     @property
     def hint(self) -> str:
         """What the armed tool waits for, "" where there is none."""
-        return self.zone_editor.hint or self.map_editor.hint or self.aiming.hint
+        return self.drawing.hint or self.aiming.hint
 
     def robot_labels(self) -> dict[str, str]:
         """What to call each robot in a list, to its name."""
@@ -222,11 +222,7 @@ class Session:
     def follow(self, robot: str) -> None:
         """Show another robot."""
         if robot != self._robot:
-            # First the map: a zone is drawn on the map that is stored.
-            self._put_map_aside()
-            take_up = self.zone_editor.put_aside()
-            if take_up is not None:
-                self._put_aside.setdefault(self._robot, take_up)
+            self.drawing.put_aside(self._robot)
             self.put_tools_away()
             self.actions.forget()
             self.past.close()
@@ -263,13 +259,13 @@ class Session:
         self.aiming.tick()
         scene, eye = self.window.scene, self.window.eye
         if scene is not None and eye is not None:
-            hidden = {MapLayer.key} if self.map_editor.hides_map else set[str]()
+            hidden = {MapLayer.key} if self.drawing.map_editor.hides_map else set[str]()
             hidden |= HIDDEN if self.past.is_past else set[str]()
             shown = layers
             if hidden:
                 shown = {key: is_on and key not in hidden for key, is_on in layers.items()}
             scene.show_robot(self._robot, robots, shown)
-            scene.move_root(self._robot, self.map_editor.new_T_old)
+            scene.move_root(self._robot, self.drawing.map_editor.new_T_old)
             markers = self._hub.scenes.of(self._robot).markers
             scene.draw(
                 view,
@@ -283,10 +279,11 @@ class Session:
             )
             scene.past.draw(self.past.picture, view)
             self.window.update(self._robot)
-        self._keep_one_tool()
-        self._take_up_drawing()
-        self.zone_editor.update()
-        self.map_editor.update()
+        if self.pointing.tool is not None:
+            self.drawing.yield_pointer()
+        if view.map is not None and view.placement.world == MAP:
+            self.drawing.take_up(self._robot)
+        self.drawing.update()
         dismissed = self.preferences.choices.dismissed
         self.suspected_mirrors.update(view, dismissed, is_shown=layers["zones"])
         self.change_marks.update(view, is_shown=layers["zones"])
@@ -317,8 +314,7 @@ class Session:
         """End all pointing and drawing."""
         self.touching.close()
         self.aiming.put_away()
-        self.zone_editor.leave()
-        self.map_editor.choose("look")
+        self.drawing.put_away()
 
     # Inside.
     def _note_sent(self, robot: str, sent: str) -> None:
@@ -348,37 +344,6 @@ class Session:
                 fn()
 
         self._hub.service.call_soon(call)
-
-    def _take_up_drawing(self) -> None:
-        """Go on with what was put aside, for a zone or while another robot was followed."""
-        view, is_idle = self.view, self.zone_editor.mode == "idle"
-        if is_idle and view.map is not None and view.placement.world == MAP:
-            take_up = self._put_aside.pop(self._robot, None)
-            if take_up is not None:
-                take_up()
-
-    def _begin_zone(self) -> None:
-        """Put away what else draws on the map: zones belong to the map that is stored."""
-        self.aiming.put_away()
-        self._put_map_aside()
-
-    def _put_map_aside(self) -> None:
-        """Leave the map editor; its steps so far come back later."""
-        take_up = self.map_editor.put_aside()
-        if take_up is not None:
-            self._put_aside[self._robot] = take_up
-
-    def _begin_map_tool(self) -> None:
-        self.aiming.put_away()
-        self.zone_editor.leave()
-
-    def _keep_one_tool(self) -> None:
-        """Put away what else takes the pointer while something is pointed out."""
-        if self.pointing.tool is None:
-            return
-        if self.zone_editor.mode != "idle":
-            self.zone_editor.leave()
-        self.map_editor.choose("look")
 
     def _map_name(self) -> str:
         grid = self.view.map

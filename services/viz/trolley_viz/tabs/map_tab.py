@@ -16,7 +16,8 @@ class MapTab:
 
     def __init__(self, gui: Controls, tab: Container, session: Session) -> None:
         self.tab = tab
-        folder, editor, history = session.folder, session.zone_editor, session.actions.history
+        folder, drawing, history = session.folder, session.drawing, session.actions.history
+        editor = drawing.zone_editor
         self._changes = ChangePanel(
             gui,
             session.change_marks,
@@ -32,7 +33,7 @@ class MapTab:
             gui, folder, editor, session.suspected_mirrors, session.dismiss, history
         )
         self._mapping = MappingPanel(gui, folder, session.actions, session.aiming)
-        self._map_edit = MapEditPanel(gui, folder, session.map_editor)
+        self._map_edit = MapEditPanel(gui, folder, drawing.map_editor)
 
     def edit_place(self, name: str) -> None:
         """Let a place be changed."""

@@ -540,28 +540,28 @@ def test_what_is_drawn_is_drawn_again_in_another_scene(stage: "Stage", begun: st
     browser, session = stage.browse(), stage.session
     canvas: Any
     if begun == "zone":
-        session.zone_editor.start("keepout")
-        canvas = session.zone_editor._canvas
-        session.zone_editor._tapped((0.0, 0.0), 0.1)
+        session.drawing.zone_editor.start("keepout")
+        canvas = session.drawing.zone_editor._canvas
+        session.drawing.zone_editor._tapped((0.0, 0.0), 0.1)
         assert canvas._dots is not None
     else:
-        session.map_editor.open()
-        session.map_editor.choose("erase")
-        canvas = session.map_editor.pencil._canvas
-        session.map_editor.pencil._tapped((0.0, 0.0), 0.1)
+        session.drawing.map_editor.open()
+        session.drawing.map_editor.choose("erase")
+        canvas = session.drawing.map_editor.pencil._canvas
+        session.drawing.map_editor.pencil._tapped((0.0, 0.0), 0.1)
         stage.runtime.run(0.5)
-        assert session.map_editor.hides_map
+        assert session.drawing.map_editor.hides_map
     floor = canvas._floor
     stage.viz.pages.close_scene(0)
     assert canvas._floor is None
     assert canvas._dots is None
-    assert not session.map_editor.hides_map
+    assert not session.drawing.map_editor.hides_map
     stage.show(browser)
     stage.runtime.run(0.5)
     assert canvas._floor is not None
     assert canvas._floor is not floor
     assert (canvas._dots is not None) == (begun == "zone")
-    assert session.map_editor.hides_map == (begun == "erase")
+    assert session.drawing.map_editor.hides_map == (begun == "erase")
 
 
 # Gone.
@@ -589,12 +589,12 @@ def test_a_page_is_kept_for_half_a_minute_and_then_forgotten(stage: "Stage") -> 
 
 def test_what_was_begun_at_a_page_ends_when_it_is_forgotten(stage: "Stage") -> None:
     browser, session = stage.browse(), stage.session
-    session.zone_editor.start("keepout")
+    session.drawing.zone_editor.start("keepout")
     browser.line.close()
     stage.runtime.run(29.0)
-    assert session.zone_editor.mode != "idle"
+    assert session.drawing.zone_editor.mode != "idle"
     stage.runtime.run(2.0)
-    assert session.zone_editor.mode == "idle"
+    assert session.drawing.zone_editor.mode == "idle"
 
 
 def test_one_that_is_forgotten_takes_nothing_from_the_others(stage: "Stage") -> None:

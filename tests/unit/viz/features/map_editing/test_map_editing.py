@@ -74,7 +74,7 @@ class Hand:
 
     @property
     def editor(self) -> Any:
-        return self.stage.session.map_editor
+        return self.stage.session.drawing.map_editor
 
     @property
     def cells(self) -> np.ndarray:
@@ -265,7 +265,7 @@ def test_a_change_that_takes_long_is_waited_for(hand: Hand, mapper: Mapper) -> N
 def test_drawing_a_zone_puts_the_draft_aside(hand: Hand) -> None:
     hand.editor.turn_to(5.0)
     hand.wait()
-    zones = hand.stage.session.zone_editor
+    zones = hand.stage.session.drawing.zone_editor
     zones.start("keepout")
     hand.wait()
     assert not hand.editor.is_open

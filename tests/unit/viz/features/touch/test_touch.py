@@ -187,8 +187,8 @@ def test_the_floor_of_a_room_is_called_after_it(stage: "Stage", page: PageOf) ->
     tap(stage, 1.0, -1.5)
     page.within("hall").press("Edit")
     stage.runtime.run(0.5)
-    assert stage.session.zone_editor.selected is not None
-    assert stage.session.zone_editor.selected.name == "hall"
+    assert stage.session.drawing.zone_editor.selected is not None
+    assert stage.session.drawing.zone_editor.selected.name == "hall"
 
 
 def test_whoever_stands_on_the_floor_is_followed(stage: "Stage", page: PageOf) -> None:
@@ -279,11 +279,11 @@ def test_a_tap_before_stop_is_forgotten(stage: "Stage", page: PageOf) -> None:
 
 
 def test_a_corner_that_the_scene_has_missed_is_drawn(stage: "Stage", page: PageOf) -> None:
-    stage.session.zone_editor.start("keepout")
+    stage.session.drawing.zone_editor.start("keepout")
     tap(stage, -1.0, 0.5)
     tap(stage, 0.5, 0.5)
     stage.runtime.run(1.0)
-    sketch = stage.session.zone_editor.sketch
+    sketch = stage.session.drawing.zone_editor.sketch
     assert sketch is not None
     assert np.array(sketch.points) == pytest.approx(np.array([(-1.0, 0.5), (0.5, 0.5)]), abs=1e-6)
 

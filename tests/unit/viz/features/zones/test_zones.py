@@ -77,7 +77,7 @@ class Hand:
 
     @property
     def editor(self) -> Any:
-        return self.stage.session.zone_editor
+        return self.stage.session.drawing.zone_editor
 
     @property
     def canvas(self) -> Any:
@@ -356,11 +356,11 @@ def test_a_zone_that_somebody_deletes_is_let_go(hand: Hand, keeper: ZoneKeeper) 
 def test_pointing_ends_drawing_and_drawing_ends_pointing(hand: Hand, stage: "Stage") -> None:
     session = stage.session
     session.aiming.point_goal()
-    session.zone_editor.start("mirror")
+    session.drawing.zone_editor.start("mirror")
     assert session.pointing.tool is None
     session.aiming.point_goal()
     hand.wait()
-    assert session.zone_editor.mode == "idle"
+    assert session.drawing.zone_editor.mode == "idle"
     assert session.pointing.tool is not None
 
 
