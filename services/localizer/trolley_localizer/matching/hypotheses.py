@@ -104,12 +104,6 @@ class ProofParams:
     """Most that the bound grows, as a share of itself."""
     most_m: float = 2.0
     """Distance after which an undecided proof is given up [m]."""
-    again: float = 1.0
-    """How often what the best view says counts at most while nothing new comes into view: rooms of
-    the same shape fit as well in each scan as in the first. Up to a support of 0.8 (with
-    `usual_lead`) driving about in a room proves nothing, and up to 0.95 once it has driven a metre
-    without a proof: a room of another floor between the same outer walls had 0.87, and one of
-    another house 0.79."""
     agreement: float = 0.2
     """Share of the beams on new surface that must end where the map says for it to speak for a
     place. Counting beams that end short of a wall, too, which are left out here, it was 0.01 in the
@@ -260,7 +254,11 @@ class Proof:
         self._driven_m += firmness * distance_m
         self._sum += evidence * (firmness if evidence > 0.0 else 1.0)
         if self._seen is not None:
-            self._sum = min(self._sum, PROOF.again * self._best)
+            # Rooms of the same shape fit as well in each scan as in the first: until something new
+            # comes into view, all views together say no more than the best one. A room of another
+            # floor between the same outer walls had a support of 0.87, one of another house 0.79;
+            # without a lead, 0.8 is too little, and 0.95 once it has driven a metre unproven.
+            self._sum = min(self._sum, self._best)
         # What spoke against a place that is kept nevertheless counts no more than once.
         self._sum = max(self._sum, -PROOF.bound)
         self._views += 1
