@@ -134,8 +134,8 @@ SENTENCES: dict[str, str] = {
     SCAN_LOST: "The lidar is silent.",
     LINK_LOST: "The connection to the motor board is down.",
     COMMAND_LOST: "Velocity commands stopped arriving.",
-    COMMAND_LATE: "Velocity commands are ignored, since they arrive more than half a second late or "
-    "their time is not the robot's.",
+    COMMAND_LATE: "Velocity commands are ignored, since they arrive more than half a second late "
+    "or their time is not the robot's.",
     BUMPER: "The bumper was hit.",
     CLIFF: "A cliff sensor sees no floor.",
     BATTERY: "The battery is too low to drive.",

@@ -8,7 +8,7 @@ from trolley.interrupts import Interrupts
 from trolley.runtime.endpoints import SOCKET
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.supervision import Supervision
-from trolley.runtime.zenoh_bus import NotConnected, open_bus, open_router
+from trolley.runtime.zenoh_bus import open_router, takes_new_sessions
 from trolley.security.access import Security
 
 UNWATCHED_PERIOD_S = 60.0
@@ -16,8 +16,6 @@ UNWATCHED_PERIOD_S = 60.0
 SLICE_S = 0.5
 NEAR = ("tcp/", SOCKET)
 """How this host's own programs come."""
-NOBODY = "trolley/@nobody"
-"""A key that nobody uses: the router's own answer to it is enough."""
 
 
 def run_router(
@@ -59,18 +57,3 @@ def run_router(
             else:
                 log.limited("session", "A program that starts now gets no new session", at=near[0])
         supervision.stopping()
-
-
-def takes_new_sessions(endpoints: Sequence[str], patience_s: float) -> bool:
-    """Whether a program that began now would be served; true if there is no endpoint for it.
-
-    A router in which nothing but its old sessions works is dead to `trolley stop`.
-    """
-    if not endpoints:
-        return True
-    try:
-        with open_bus(endpoints[:1], patience_s) as bus:
-            bus.alive(NOBODY, patience_s)
-    except NotConnected:
-        return False
-    return True

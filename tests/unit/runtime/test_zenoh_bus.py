@@ -1,0 +1,32 @@
+"""A router in which nobody gets a session is opened anew."""
+
+import pytest
+
+from trolley.runtime.zenoh_bus import MOST_OPENINGS, open_answering
+
+
+class Opened:
+    """Knows whether it is open."""
+
+    def __init__(self) -> None:
+        self.is_open = True
+
+    def close(self) -> None:
+        self.is_open = False
+
+
+@pytest.mark.parametrize("num_deaf", [0, 1, MOST_OPENINGS - 1, MOST_OPENINGS + 5])
+def test_a_router_in_which_nobody_gets_a_session_is_opened_anew_but_not_for_ever(
+    num_deaf: int,
+) -> None:
+    opened: list[Opened] = []
+
+    def open_one() -> Opened:
+        assert not any(one.is_open for one in opened), "its port must be free"
+        opened.append(Opened())
+        return opened[-1]
+
+    found = open_answering(open_one, lambda: len(opened) > num_deaf)
+    assert found is opened[-1]
+    assert found.is_open
+    assert len(opened) == min(num_deaf + 1, MOST_OPENINGS)
