@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from support.cases import cases
@@ -17,6 +17,7 @@ from trolley_planner.control.controller import limits_of
 from trolley_planner.control.proximity import (
     PROXIMITY,
     disc_gap,
+    is_walked_into,
     people_proximity_cost,
     standing_cost,
     would_meet_people,
@@ -151,6 +152,27 @@ def test_braking_for_somebody_is_seen_in_time(
                 nearly |= not is_outside
     assert found or not meets
     assert nearly or not found
+
+
+@settings(max_examples=cases(300))
+@given(crowds, poses, st.floats(-0.5, 0.5), st.floats(-1.5, 1.5))
+def test_it_stands_for_who_walks_into_it_where_moving_is_no_better(
+    crowd: NDArray[np.float64], pose: Pose2D, v: float, w: float
+) -> None:
+    start = np.array([*pose.as_array(), v, w])
+    found = is_walked_into(start, np.column_stack([crowd, np.ones(len(crowd))]), BODY)
+    times = np.arange(0.0, PROXIMITY.bump_s + 1e-6, PROXIMITY.brake_dt_s)
+    must, may = False, False
+    for x, y, vx, vy, radius, _ in crowd:
+        ways = [(x + t * vx, y + t * vy, radius) for t in times]
+        moved = [integrate_twist(pose, Twist2D(v, 0.0, w), t) for t in times]
+        moving = [plain_gap(at, *there) for at, there in zip(moved, ways, strict=True)]
+        standing = min(plain_gap(pose, *there) for there in ways)
+        assume(min(*moving, standing) > COARSE_M - radius)  # nobody is within the outline
+        close, gain = min(moving) - min(0.0, moving[0] - 0.01), min(moving) - standing
+        must |= close < -COARSE_M and gain < PROXIMITY.flee_m - COARSE_M
+        may |= close < COARSE_M and gain < PROXIMITY.flee_m + COARSE_M
+    assert must <= found <= may
 
 
 def test_who_stands_or_leaves_meets_nobody() -> None:

@@ -24,6 +24,7 @@ from trolley.messages.types import floats_to_bytes
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limits_of
 from trolley_planner.control.critics import Target
+from trolley_planner.control.proximity import is_walked_into
 from trolley_planner.control.pure_pursuit import PurePursuit
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
@@ -85,6 +86,7 @@ def warm_up() -> None:
     were_passed(np.zeros((1, 2)), np.zeros(2), np.array([0.0, 1.0]), np.ones(2))
     context.planner.optimistic_weights()
     Passages(context.costmap.static.distance_m, EDGE_M, 0.4)
+    is_walked_into(np.zeros(5), np.zeros((1, 7)), context.local_costmap.body)
     _squeeze()
     _detour()
     _pursue(context)

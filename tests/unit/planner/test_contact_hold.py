@@ -1,12 +1,14 @@
 """Standing still while somebody touches the robot."""
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.flatland import Flatland, empty_room, with_block
 
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, wrap_angle
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.driving.contact_hold import ContactHold
 from trolley_planner.driving.goal_execution import GoalExecution
@@ -105,6 +107,35 @@ def test_the_robot_stands_while_somebody_leans_on_it(ride) -> None:
     world.set_truth(room)
     assert drive.until_over().state == "arrived"
     assert world.touches == 0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_robot_has_stopped_turning_when_somebody_walks_into_it(ride, side: float) -> None:
+    room, start = empty_room(), Pose2D(3.0, 3.0, 0.0)
+    world = Flatland(room, start)
+    drive = ride(world)
+    touch_m, walking_mps, since_s = 0.25, 1.0, 1.5
+
+    def walk(step: int) -> float:
+        """Let somebody walk on, who began to so as to be there while it turns."""
+        off_m = touch_m + walking_mps * max(30 * STEP_S + since_s - step * STEP_S, 0.0)
+        world.set_truth(with_block(room, start.x - 0.1, start.y + side * off_m - 0.1, 0.2, 0.2))
+        return off_m
+
+    for step in range(30):
+        walk(step)
+        drive.step()
+    drive.send(Pose2D(start.x, start.y, math.pi))
+    turned: list[float] = []
+    for step in range(30, 200):
+        before = world.pose.yaw
+        off_m = walk(step)
+        drive.step()
+        turned.append(abs(wrap_angle(world.pose.yaw - before)) / STEP_S)
+        if off_m <= touch_m + 0.1:
+            break
+    assert max(turned) > 0.5, "it turned"
+    assert turned[-1] < 0.1, "and stood before they were there"
 
 
 def test_a_wall_beside_it_is_nobody_who_touches_it() -> None:

@@ -10,7 +10,11 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.control.critics import Target
 from trolley_planner.control.local_costmap import LocalCostmap
-from trolley_planner.control.proximity import would_meet_people, would_meet_robots
+from trolley_planner.control.proximity import (
+    is_walked_into,
+    would_meet_people,
+    would_meet_robots,
+)
 from trolley_planner.control.robot_motion import DT_S, ROBOT_MOTION, Limits, stopping_clearance
 from trolley_planner.costmap.footprint import clearance_at
 
@@ -135,6 +139,19 @@ def safe_command(
         if smallest >= min(limits.clearance_m, (now if now_m is None else now_m) - give_m):
             return wanted.scaled(share)
     return Twist2D.zero()
+
+
+def had_better_stand(motion: Motion, wanted: Twist2D, local_costmap: LocalCostmap) -> bool:
+    """Say whether somebody walks into the robot soon, and the velocity hardly changes that.
+
+    A robot that stands hurts nobody, and is easier to step around than one that turns.
+    """
+    walkers = local_costmap.field.walkers
+    if len(walkers) == 0 or wanted.is_zero:
+        return False
+    start = state_of(motion)
+    start[3], start[4] = wanted.vx, wanted.wz
+    return is_walked_into(start, walkers, local_costmap.body)
 
 
 def limited_change(before: Twist2D, wanted: Twist2D, limits: Limits, elapsed_s: float) -> Twist2D:

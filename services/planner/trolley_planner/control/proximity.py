@@ -68,6 +68,10 @@ class ProximityParams(NamedTuple):
     is known some tenths of a second late [m/s^2]."""
     forgotten: float = 7.0
     """Who counts for less than e to the minus this is not looked at."""
+    bump_s: float = 0.8
+    """Time ahead for which the robot looks whether somebody walks into it [s]."""
+    flee_m: float = 0.03
+    """Distance by which moving must keep them farther off than standing does [m]."""
     brake_dt_s: float = 0.05
     """Time step of the braking check [s]."""
     longest_brake_s: float = 10.0
@@ -336,6 +340,57 @@ def would_meet_people(
                 if runs_into(body, away, turned, radius_m, (state[3], state[4])):
                     return True
     return False
+
+
+@kernel
+def is_walked_into(start: NDArray[np.float64], walkers: NDArray[np.float64], body: Body) -> bool:
+    """Say whether people who walk on soon touch a moving robot that had better stand.
+
+    It had where moving keeps it hardly farther off. Those who touch it already count only if they
+    come nearer.
+
+    Args:
+        start: (5,) with the velocity that is about to be commanded.
+        walkers: (n, 7) see `Field.walkers`.
+        body: the outline.
+    """
+    still = start.copy()
+    still[3] = still[4] = 0.0
+    for index in range(walkers.shape[0]):
+        now_m, moving_m = least_gap(start, walkers[index], body)
+        touches = moving_m < min(0.0, now_m - 0.01)
+        if touches and moving_m < least_gap(still, walkers[index], body)[1] + PROXIMITY.flee_m:
+            return True
+    return False
+
+
+@kernel
+def least_gap(
+    start: NDArray[np.float64], walker: NDArray[np.float64], body: Body
+) -> tuple[float, float]:
+    """Return the gap to a person now and the least one within `bump_s`, as both move on [m].
+
+    It is infinite where they are far apart.
+
+    Args:
+        start: (5,) of the robot, which keeps its velocity.
+        walker: (7,) see `Field.walkers`.
+        body: the outline.
+    """
+    x, y, yaw, v, w = start
+    reach, dt_s = walker[4] + body.circumscribed_m, PROXIMITY.brake_dt_s
+    now_m = least_m = math.inf
+    for step in range(round(PROXIMITY.bump_s / dt_s) + 1):
+        away = walker[0] + step * dt_s * walker[2] - x, walker[1] + step * dt_s * walker[3] - y
+        if away[0] * away[0] + away[1] * away[1] < reach * reach:
+            turned = math.cos(yaw), math.sin(yaw)
+            gap_m = disc_gap(body.edge_points, body.inscribed_m, away, turned, walker[4])
+            now_m = gap_m if step == 0 else now_m
+            least_m = min(least_m, gap_m)
+        middle = yaw + 0.5 * dt_s * w
+        x, y = x + dt_s * v * math.cos(middle), y + dt_s * v * math.sin(middle)
+        yaw += dt_s * w
+    return now_m, least_m
 
 
 @kernel

@@ -9,7 +9,13 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
-from trolley_planner.control.controller import HURRIED_REVERSE, Motion, limited_change, safe_command
+from trolley_planner.control.controller import (
+    HURRIED_REVERSE,
+    Motion,
+    had_better_stand,
+    limited_change,
+    safe_command,
+)
 from trolley_planner.control.critics import Target
 from trolley_planner.control.local_costmap import TIGHT_CLEARANCE_M
 from trolley_planner.control.robot_motion import Limits
@@ -112,6 +118,9 @@ class GoalExecution:
         if self._progress.must_stand(now.now_ns):
             self.context.controller.reset()
             twist = Twist2D.zero()
+        elif had_better_stand(now.motion, twist, self.context.local_costmap):
+            self.context.controller.reset()
+            twist = limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
         if self._progress.is_excused(twist, now) and not self.is_recovering:
             self.recovery.sequence.excuse(round(now.elapsed_s * 1e9))
         self.recovery.update(twist, now.elapsed_s)
