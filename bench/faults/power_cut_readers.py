@@ -9,7 +9,7 @@ from trolley.gridmap import MapError, load_map
 from trolley.runtime.log import Log
 from trolley.runtime.state import StateFolder
 from trolley.zones import ZoneFile
-from trolley_base import persistence
+from trolley_base import persistence, upkeep_watch
 from trolley_localizer.map_server import CHOSEN_MAP_FILE, ChosenMap
 from trolley_localizer.start_pose import LAST_POSE_FILE, LastPose
 from trolley_localizer.zone_rules import state_file
@@ -24,6 +24,7 @@ TYPES: dict[str, type[Any]] = {
     persistence.TIME_FILE: persistence.SavedTime,
     persistence.LATCH_FILE: persistence.SavedLatch,
     persistence.WORLD_FILE: persistence.SavedWorld,
+    upkeep_watch.UPKEEP_FILE: upkeep_watch.SavedUpkeep,
     LAST_POSE_FILE: LastPose,
     CHOSEN_MAP_FILE: ChosenMap,
     state_file(MAP): ZoneFile,
