@@ -67,14 +67,18 @@ def test_who_looks_back_sees_where_the_robot_was(
     )
     page.screenshot(path=pictures / "past.png")
     # What else is blue there stays.
-    assert count_seen(page, FAR, is_blue, REACH_M) < with_robot - NUM_SEEN
+    poll(
+        page,
+        lambda: count_seen(page, FAR, is_blue, REACH_M) < with_robot - NUM_SEEN,
+        "the robot is not where it is now",
+    )
     button(page, "Now").click()
     poll(
         page,
         lambda: count_seen(page, FAR, is_blue, REACH_M) > with_robot - NUM_SEEN,
         "the robot is seen",
     )
-    assert num_pink(page, start) < without + NUM_SEEN
+    poll(page, lambda: num_pink(page, start) < without + NUM_SEEN, "the ghost is gone")
 
 
 def test_a_failed_stop_leads_to_its_moment(page: Page, shown: "Shown", pictures: Path) -> None:
