@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Error as PlaywrightError
 from support.demo import Demo
 from support.processes import find_free_port
 from support.waiting import PATIENCE_S, wait_until
@@ -183,7 +184,20 @@ def pytest_runtest_makereport(
     report = yield
     if report.failed:
         item.stash[FAILED] = True
+        for name, page in cast("pytest.Function", item).funcargs.items():
+            if isinstance(page, Page) and not page.is_closed():
+                report.sections.append((f"what `{name}` showed", kept_picture(page, item)))
     return report
+
+
+def kept_picture(page: Page, item: pytest.Item) -> str:
+    """Keep a picture of a page whose test failed; its words, and where the picture is."""
+    path = item.config.rootpath / "out" / "browser" / "failed" / f"{item.name}.png"
+    try:
+        page.screenshot(path=path, timeout=10_000)
+        return f"{path}\n{page.inner_text('body', timeout=10_000)}"
+    except PlaywrightError as error:
+        return f"No picture: {error}"
 
 
 @pytest.fixture(autouse=True)

@@ -4,6 +4,7 @@ import base64
 import contextlib
 import io
 import math
+import re
 from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 from typing import Any
@@ -128,6 +129,24 @@ def count_seen(page: Page, point: tuple[float, float], colour: Colour, reach_m: 
     left, bottom = pixel_of(page, (x - reach_m, y - reach_m))
     right, top = pixel_of(page, (x + reach_m, y + reach_m))
     return int(colour(picture(page))[round(top) : round(bottom), round(left) : round(right)].sum())
+
+
+NOT_DONE = re.compile(r"Nothing was done|Press again")
+"""What the page says of a press that it or the viewer came round to too late."""
+
+
+def press(page: Page, push: Callable[[], object], happened: Callable[[], bool], what: str) -> None:
+    """Press something as a person does: again where the page says that nothing was done."""
+    push()
+    refused = page.locator(".notice", has_text=NOT_DONE)
+
+    def has_happened() -> bool:
+        if not happened() and refused.count() > 0:
+            page.evaluate("document.querySelectorAll('.notice').forEach((one) => one.remove())")
+            push()
+        return happened()
+
+    poll(page, has_happened, what)
 
 
 def poll(page: Page, happened: Callable[[], bool], what: str) -> None:

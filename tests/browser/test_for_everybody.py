@@ -12,7 +12,7 @@ from support.waiting import wait_until
 from trolley import topics
 
 from .conftest import open_page, open_viewer
-from .seeing import pixel_of, undrawn
+from .seeing import pixel_of, press, undrawn
 from .test_viewer import button, goal_state
 
 if TYPE_CHECKING:
@@ -77,8 +77,11 @@ def test_all_is_done_without_a_mouse(page: Page, shown: "Shown", pictures: Path)
             break
     assert names[-1] == "kitchen", names
     page.screenshot(path=pictures / "focus.png")
-    page.keyboard.press("Enter")
-    wait_until(lambda: goal_state(shown) == "driving", "it sets off")
+
+    def enter() -> None:
+        page.keyboard.press("Enter")
+
+    press(page, enter, lambda: goal_state(shown) == "driving", "it sets off")
     page.keyboard.press("Space")
 
     def mode() -> str:
@@ -88,11 +91,14 @@ def test_all_is_done_without_a_mouse(page: Page, shown: "Shown", pictures: Path)
     wait_until(lambda: mode() == "stopped", "Space is Stop, wherever the focus is")
     expect(page.locator("#resume")).to_be_enabled()
     page.locator("#resume").focus()
-    page.keyboard.press("Enter")
-    wait_until(lambda: mode() == "ok", "it may drive again")
+    press(page, enter, lambda: mode() == "ok", "it may drive again")
     wait_until(lambda: goal_state(shown) == "driving", "and goes on to the kitchen")
-    page.keyboard.press("x")
-    wait_until(lambda: goal_state(shown) == "canceled", "X cancels")
+    press(
+        page,
+        lambda: page.keyboard.press("x"),
+        lambda: goal_state(shown) == "canceled",
+        "X cancels",
+    )
     page.get_by_role("tab", name="More").press("Enter")
     page.get_by_text("Layers: Sensing", exact=True).press("Enter")
     box = page.get_by_label("Particles")
