@@ -123,10 +123,11 @@ def open_answering(open_one: Callable[[], Opened], answers: Callable[[], bool]) 
     The last is kept in any case: the machine may only be too busy to answer.
     """
     for _ in range(MOST_OPENINGS - 1):
-        session = open_one()
-        if answers():
-            return session
-        session.close()
+        with ExitStack() as stack:
+            session = stack.enter_context(closing(open_one()))
+            if answers():
+                stack.pop_all()
+                return session
     return open_one()
 
 

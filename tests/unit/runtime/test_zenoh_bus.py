@@ -30,3 +30,18 @@ def test_a_router_in_which_nobody_gets_a_session_is_opened_anew_but_not_for_ever
     assert found is opened[-1]
     assert found.is_open
     assert len(opened) == min(num_deaf + 1, MOST_OPENINGS)
+
+
+def test_who_is_interrupted_meanwhile_leaves_no_router_open() -> None:
+    opened: list[Opened] = []
+
+    def open_one() -> Opened:
+        opened.append(Opened())
+        return opened[-1]
+
+    def interrupted() -> bool:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        open_answering(open_one, interrupted)
+    assert [one.is_open for one in opened] == [False]
