@@ -169,7 +169,7 @@ def test_it_stands_for_who_walks_into_it_where_moving_is_no_better(
         moving = [plain_gap(at, *there) for at, there in zip(moved, ways, strict=True)]
         standing = min(plain_gap(pose, *there) for there in ways)
         assume(min(*moving, standing) > COARSE_M - radius)  # nobody is within the outline
-        close, gain = min(moving) - min(0.0, moving[0] - 0.01), min(moving) - standing
+        close, gain = min(moving) - min(0.0, moving[0] - PROXIMITY.nearer_m), min(moving) - standing
         must |= close < -COARSE_M and gain < PROXIMITY.flee_m - COARSE_M
         may |= close < COARSE_M and gain < PROXIMITY.flee_m + COARSE_M
     assert must <= found <= may

@@ -70,6 +70,8 @@ class ProximityParams(NamedTuple):
     """Who counts for less than e to the minus this is not looked at."""
     bump_s: float = 0.8
     """Time ahead for which the robot looks whether somebody walks into it [s]."""
+    nearer_m: float = 0.01
+    """Who touches the robot already counts only if they come nearer by this [m]."""
     flee_m: float = 0.03
     """Distance by which moving must keep them farther off than standing does [m]."""
     brake_dt_s: float = 0.05
@@ -358,7 +360,7 @@ def is_walked_into(start: NDArray[np.float64], walkers: NDArray[np.float64], bod
     still[3] = still[4] = 0.0
     for index in range(walkers.shape[0]):
         now_m, moving_m = least_gap(start, walkers[index], body)
-        touches = moving_m < min(0.0, now_m - 0.01)
+        touches = moving_m < min(0.0, now_m - PROXIMITY.nearer_m)
         if touches and moving_m < least_gap(still, walkers[index], body)[1] + PROXIMITY.flee_m:
             return True
     return False
