@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 from trolley.interrupts import Interrupts
-from trolley.runtime.endpoints import SOCKET
+from trolley.runtime.endpoints import is_far
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.supervision import Supervision
 from trolley.runtime.zenoh_bus import open_router, takes_new_sessions
@@ -14,8 +14,6 @@ from trolley.security.access import Security
 UNWATCHED_PERIOD_S = 60.0
 """How often new sessions are tried where nobody restarts a router that takes none."""
 SLICE_S = 0.5
-NEAR = ("tcp/", SOCKET)
-"""How this host's own programs come."""
 
 
 def run_router(
@@ -43,7 +41,7 @@ def run_router(
     with open_router(listen, uplink, security, downsample):
         log.info("Listening", at=", ".join(listen), uplink=", ".join(uplink) or "none")
         supervision.ready()
-        near = [one for one in listen if one.startswith(NEAR)]
+        near = [one for one in listen if not is_far(one)]
         period_s = supervision.period_s or UNWATCHED_PERIOD_S
         due_s = time.monotonic()
         while not asked:

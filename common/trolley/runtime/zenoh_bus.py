@@ -83,10 +83,9 @@ def open_router(
     with ExitStack() as stack:
         try:
             doors = [stack.enter_context(closing(Door(one))) for one in listen if is_far(one)]
-            inside = [one for one in listen if not is_far(one)]
-            inside += [one for door in doors for one in door.inside]
-            config = router_config(inside, uplink, security, downsample)
             near = [one for one in listen if not is_far(one)]
+            inside = [*near, *(one for door in doors for one in door.inside)]
+            config = router_config(inside, uplink, security, downsample)
             session = open_answering(
                 lambda: zenoh.open(config), lambda: takes_new_sessions(near, ANSWERS_S)
             )

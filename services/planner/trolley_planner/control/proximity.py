@@ -379,19 +379,20 @@ def least_gap(
         walker: (7,) see `Field.walkers`.
         body: the outline.
     """
-    x, y, yaw, v, w = start
+    state = (start[0], start[1], start[2], start[3], start[4])
     reach, dt_s = walker[4] + body.circumscribed_m, PROXIMITY.brake_dt_s
     now_m = least_m = math.inf
     for step in range(round(PROXIMITY.bump_s / dt_s) + 1):
-        away = walker[0] + step * dt_s * walker[2] - x, walker[1] + step * dt_s * walker[3] - y
+        away = (
+            walker[0] + step * dt_s * walker[2] - state[0],
+            walker[1] + step * dt_s * walker[3] - state[1],
+        )
         if away[0] * away[0] + away[1] * away[1] < reach * reach:
-            turned = math.cos(yaw), math.sin(yaw)
+            turned = math.cos(state[2]), math.sin(state[2])
             gap_m = disc_gap(body.edge_points, body.inscribed_m, away, turned, walker[4])
             now_m = gap_m if step == 0 else now_m
             least_m = min(least_m, gap_m)
-        middle = yaw + 0.5 * dt_s * w
-        x, y = x + dt_s * v * math.cos(middle), y + dt_s * v * math.sin(middle)
-        yaw += dt_s * w
+        state = brake_on(state, 0.0, math.inf, 0.0)
     return now_m, least_m
 
 

@@ -90,7 +90,7 @@ class Costmap:
         """People and other robots: they are not in the distances, but in the local costmap."""
         self._closed_layer = ClosedLayer(self.shape, grid.resolution)
         reach_m = self._table.shape[0] * TABLE_STEP_M
-        self._distances = DistanceField(self.shape, grid.resolution, reach_m)
+        self._distances = DistanceField(self.shape, grid.resolution, reach_m, not unknown_is_free)
         self.tight_m = footprint.inscribed_m - COSTMAP.tight_cells * grid.resolution
         """Cells nearer than this to an obstacle cannot hold the footprint's centre."""
         self.recompute()
@@ -191,7 +191,7 @@ class Costmap:
         dirty = self.obstacle_layer.pop_dirty()
         if dirty is None:
             return False
-        around = self._distances.update(self._layers(), not self.unknown_is_free, dirty)
+        around = self._distances.update(self._layers(), dirty)
         boxes = self._social_layer.pop_changed() + self._cost_layer.pop_changed()
         if boxes:
             around = np.concatenate([np.array(boxes), around])
@@ -203,7 +203,7 @@ class Costmap:
         self.obstacle_layer.pop_dirty()
         self._social_layer.pop_changed()
         self._cost_layer.pop_changed()
-        self._distances.recompute(self._layers(), not self.unknown_is_free)
+        self._distances.recompute(self._layers())
         self.weights = np.full(self.shape, LETHAL, dtype=np.uint8)
         """Weights by that distance, where people walk, and by the costs that programs publish; the
         outermost cells are lethal."""

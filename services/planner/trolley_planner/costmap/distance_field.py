@@ -35,28 +35,29 @@ class DistanceField:
         shape: rows and columns.
         resolution_m: cell edge [m].
         reach_m: greater distances count as this [m].
+        unknown_blocks: whether cells that nobody has seen are obstacles.
     """
 
-    def __init__(self, shape: tuple[int, int], resolution_m: float, reach_m: float) -> None:
+    def __init__(
+        self, shape: tuple[int, int], resolution_m: float, reach_m: float, unknown_blocks: bool
+    ) -> None:
         self._resolution_m = resolution_m
         self._reach_m = reach_m
+        self._unknown_blocks = unknown_blocks
         self._is_occupied = np.zeros(shape, dtype=np.uint8)
         self.values_m = np.full(shape, reach_m, dtype=np.float32)
         """(rows, cols) [m]."""
 
-    def recompute(self, layers: CostmapLayers, unknown_blocks: bool) -> None:
+    def recompute(self, layers: CostmapLayers) -> None:
         """Measure all distances."""
-        compose_into(self._is_occupied, layers, (0, 0), unknown_blocks)
+        compose_into(self._is_occupied, layers, (0, 0), self._unknown_blocks)
         self.values_m = distance_transform(self._is_occupied, self._resolution_m, self._reach_m)
 
-    def update(
-        self, layers: CostmapLayers, unknown_blocks: bool, dirty: tuple[int, int, int, int]
-    ) -> NDArray[np.int64]:
+    def update(self, layers: CostmapLayers, dirty: tuple[int, int, int, int]) -> NDArray[np.int64]:
         """Bring the distances up to date after a box of the layers changed.
 
         Args:
             layers: what can block a cell.
-            unknown_blocks: whether cells that nobody has seen do.
             dirty: first and last row, first and last column of the box.
 
         Returns:
@@ -66,7 +67,7 @@ class DistanceField:
         first_row, last_row, first_col, last_col = dirty
         shape, first = (last_row + 1 - first_row, last_col + 1 - first_col), (first_row, first_col)
         is_occupied = np.empty(shape, dtype=np.uint8)
-        compose_into(is_occupied, layers, first, unknown_blocks)
+        compose_into(is_occupied, layers, first, self._unknown_blocks)
         flipped = replace_mask(self._is_occupied, is_occupied, first)
         edge_m, reach_m = self._resolution_m, self._reach_m
         if len(flipped) <= DISTANCE_FIELD.most_flipped:
