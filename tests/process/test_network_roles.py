@@ -14,7 +14,7 @@ import zenoh
 from support.processes import Process, find_free_port
 from support.waiting import PATIENCE_S, wait_until
 
-from trolley import requests, topics
+from trolley import codes, requests, topics
 from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.connection import Connection, RobotUnreachable
@@ -374,7 +374,14 @@ def test_drives_the_robot_from_another_host(
 ) -> None:
     robot = add_robot("one")
     where = house.host(house.keyring.host("operator", "anna"))
-    wait_until(lambda: house.connect(where).robots() == ["one"], "the robot is seen")
+    operator = house.connect(where)
+    wait_until(lambda: operator.robots() == ["one"], "the robot is seen")
+    # That it is there may be known before what it answers.
+    nowhere = SendGoal(name="nowhere")
+    wait_until(
+        lambda: code_of(operator, requests.GOAL_SEND, nowhere) == codes.UNKNOWN_NAME,
+        "the robot answers",
+    )
     with Robot("one", connect=where) as far:
         assert far.go_to("kitchen").state == "arrived"
     assert [one.name for one in robot.sent] == ["kitchen"]
