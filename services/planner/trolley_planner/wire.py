@@ -60,9 +60,9 @@ def blocked_by(robot: str | None) -> str | None:
 
 def recovery_sentence(execution: GoalExecution, robot: str | None = None) -> str:
     """Return the sentence for the current recovery behaviour; `robot` is in the way."""
-    if execution.is_waiting:
+    if execution.is_waiting_at_goal:
         return f"{GOAL_OCCUPIED} The robot waits for it to go."
-    action = execution.recovery.sequence.current
+    action = RecoveryAction.WAIT if execution.is_waiting else execution.recovery.sequence.current
     if robot is not None and action in (RecoveryAction.WAIT, RecoveryAction.WAIT_LONGER):
         return f"{blocked_by(robot)} The robot waits for it to go."
     return "" if action is None else RECOVERY_SENTENCES[action]

@@ -137,7 +137,7 @@ class GoalExecution:
         """Return the velocity along the route and onto the goal; may begin recovery."""
         self.recovery.drop_crumb(now.odom_T_base)
         self.recovery.sequence.update_remaining(self.remaining_m(now.motion.pose))
-        if self._waits_at_goal(now):
+        if self._waits_at_goal(now) or self._waits_on_way(now):
             return limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
         approach, route = self._approach, self.route
         if self._hurries:
@@ -223,9 +223,14 @@ class GoalExecution:
         return self.recovery.sequence.current is not None
 
     @property
-    def is_waiting(self) -> bool:
+    def is_waiting_at_goal(self) -> bool:
         """Whether the robot waits before an occupied goal."""
         return self._progress.is_waiting_at_goal
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether it waits there, or for what stands on the only path."""
+        return self._progress.is_waiting_at_goal or self._progress.is_waiting_on_way
 
     @property
     def path_key(self) -> str:
@@ -313,9 +318,18 @@ class GoalExecution:
         left_m = self.remaining_m(now.motion.pose)
         if not self._progress.wait_at_goal(left_m, now.elapsed_s, is_occupied=is_occupied):
             self.outcome = "failed"
-        if self.is_waiting:
+        if self.is_waiting_at_goal:
             self.trouble = codes.BLOCKED
-        return self.is_waiting
+        return self.is_waiting_at_goal
+
+    def _waits_on_way(self, now: ControlInput) -> bool:
+        """Say whether to wait, at a distance, for what stands on the only path."""
+        is_led = self._hurries or self._maneuvering.is_active
+        free_m = math.inf if is_led else self.route.free_m
+        waits = self._progress.wait_on_way(free_m, now.elapsed_s)
+        if waits:
+            self.trouble = codes.BLOCKED
+        return waits
 
     def _check_progress(self, now: ControlInput) -> None:
         """Begin recovery when there is no path, or the robot does not get nearer."""

@@ -28,11 +28,29 @@ class PatienceParams:
     """Distance from the robot's outline to an occupied goal at which it waits."""
     goal_patience: float = 4.0
     """It waits there for this many times the usual patience."""
+    wait_on_way_m: float = 0.9
+    """Length of free path ahead of the robot's outline at which it waits for what stands on the
+    only path. With the path's clearance that is the 1.2 m beyond which a stranger is not too near:
+    Hall, The Hidden Dimension (1966)."""
+    way_patience: float = 3.0
+    """It waits there for this many times the usual patience, then comes closer."""
     yield_m: float = 0.8
     """Distance from the outline within which a moving person may be why the robot stands."""
 
 
 PATIENCE = PatienceParams()
+
+
+class Patience:
+    """How long something was waited for; it comes back slowly while nothing is."""
+
+    def __init__(self) -> None:
+        self._waited_s = 0.0
+
+    def lasts(self, elapsed_s: float, most_s: float, *, waits: bool) -> bool:
+        """Record whether the robot waits; say whether it has not yet waited for too long."""
+        self._waited_s = max(0.0, self._waited_s + (elapsed_s if waits else -0.2 * elapsed_s))
+        return self._waited_s <= most_s
 
 
 class ProgressMonitor:
@@ -50,9 +68,11 @@ class ProgressMonitor:
         self._contact_hold = ContactHold(context.footprint, config.patience_s)
         self._no_path_s = 0.0
         self._held_s = 0.0
-        self._occupied_s = 0.0
+        self._at_goal, self._on_way = Patience(), Patience()
         self.is_waiting_at_goal = False
         """Whether the robot waits before an occupied goal."""
+        self.is_waiting_on_way = False
+        """Whether it waits for what stands on the only path."""
 
     def update(self, now_ns: int, pose: Pose2D) -> None:
         """Take in a scan."""
@@ -113,10 +133,23 @@ class ProgressMonitor:
         """
         reach_m = self._context.footprint.circumscribed_m + PATIENCE.wait_at_goal_m
         waits = is_occupied and PATIENCE.on_goal_m < left_m < reach_m
-        self._occupied_s += elapsed_s if waits else -0.2 * elapsed_s
-        self._occupied_s = max(0.0, self._occupied_s)
-        is_patient = self._occupied_s <= PATIENCE.goal_patience * self._patience_s
+        most_s = PATIENCE.goal_patience * self._patience_s
+        is_patient = self._at_goal.lasts(elapsed_s, most_s, waits=waits)
         self.is_waiting_at_goal = waits or not is_patient
         if is_patient and waits:
             self._checker.reset()
         return is_patient
+
+    def wait_on_way(self, free_m: float, elapsed_s: float) -> bool:
+        """Say whether to wait, at a distance, for what stands on the only path.
+
+        Args:
+            free_m: length of the path up to there, infinite where it is free.
+            elapsed_s: since the last time.
+        """
+        reach_m = self._context.footprint.circumscribed_m + PATIENCE.wait_on_way_m
+        waits, most_s = free_m < reach_m, PATIENCE.way_patience * self._patience_s
+        self.is_waiting_on_way = self._on_way.lasts(elapsed_s, most_s, waits=waits) and waits
+        if self.is_waiting_on_way:
+            self._checker.reset()
+        return self.is_waiting_on_way

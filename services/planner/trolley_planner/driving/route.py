@@ -217,6 +217,16 @@ class Route:
             lethal &= costmap.distance_m[rows, cols] < costmap.tight_m
         return [(float(x), float(y)) for x, y in points[lethal][:limit]]
 
+    @property
+    def free_m(self) -> float:
+        """Length of the path up to what stands on it; infinite where there is another path [m]."""
+        blocked = self.blocked_points(1) if self.is_blocked else []
+        if not blocked:
+            return math.inf
+        away_m = np.hypot(*(self.path.points[self.index :] - blocked[0]).T)
+        left_m = self.path.remaining_m[self.index + int(np.argmin(away_m))]
+        return float(self.path.remaining_m[self.index] - left_m)
+
     def leads_off_map(self, off_m: float) -> bool:
         """Say whether the path leads further off the map, and not back onto it.
 

@@ -105,7 +105,7 @@ class GoalDriver:
             self._current.end("arrived", "", now.now_ns, "The robot has arrived.")
         elif execution.outcome == "failed":
             blocker = wire.blocked_by(self._yielding.blocking_robot(execution))
-            why = wire.GOAL_OCCUPIED if execution.is_waiting else blind or blocker
+            why = wire.GOAL_OCCUPIED if execution.is_waiting_at_goal else blind or blocker
             self._current.end("failed", trouble, now.now_ns, why)
         elif execution.is_recovering or execution.is_waiting:
             why = wire.recovery_sentence(execution, self._yielding.blocking_robot(execution))
