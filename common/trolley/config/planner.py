@@ -81,7 +81,8 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     progress_s: Seconds = 6.0
     """Time without progress by `progress_distance_m` after which the robot tries to free itself."""
     patience_s: Seconds = 5.0
-    """How long the robot waits at a blocked path before it takes another one or tries to free
+    """How long the robot waits at a blocked path before it takes a much longer one; if there is
+    none, it waits three times as long at a distance, before it comes closer and tries to free
     itself."""
     back_up_m: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.4
     """How far the robot backs up along its own path to free itself [m]."""

@@ -134,6 +134,22 @@ def test_it_waits_for_who_stands_in_the_only_door_and_says_so(play) -> None:
     assert scene.goes_on()
 
 
+def test_who_stands_in_the_only_door_is_waited_for_at_a_distance(play) -> None:
+    scene = play(two_rooms(0.8), OTHER_ROOM)
+    away_m: list[float] = []
+
+    def person(_time_s: float, robot: Pose2D) -> Places:
+        away_m.append(math.dist((robot.x, robot.y), DOOR))
+        return [DOOR]
+
+    said = scene.live(15.0, person)
+    assert min(away_m) > 1.2
+    assert away_m[-1] < 1.7  # and not where it set off
+    assert said[-1].state == "recovering"
+    assert "waits for it to go" in said[-1].message
+    assert scene.goes_on()
+
+
 @pytest.mark.slow
 def test_it_lets_ten_people_come_through_the_door(play) -> None:
     scene = play(two_rooms(0.9), OTHER_ROOM)
