@@ -104,6 +104,20 @@ def test_it_asks_for_the_time_and_gives_up_after_11_s(simulate: MakeSimulation):
     assert of(board.wait(1.0), VELOCITIES) == []
 
 
+def test_a_frame_that_comes_in_drips_is_not_taken(simulate: MakeSimulation):
+    board, sent = bench(simulate), twist(0.3, 0.0)
+
+    def drip(pause_s: float) -> None:
+        for at in range(0, len(sent), 14):
+            board.write(sent[at : at + 14])
+            board.wait(pause_s)
+
+    drip(0.03)
+    assert not board.board.commands
+    drip(0.0)
+    assert [one.twist for one in board.board.commands] == [Twist2D(0.3, 0.0, 0.0)]
+
+
 def test_it_drives_as_commanded_and_stands_400_ms_after_the_last_command(
     simulate: MakeSimulation,
 ):

@@ -106,20 +106,6 @@ def test_the_board_moves_the_robot_and_commands_are_kept(make: Make):
         wait_until(lambda: robot.truth().twist.vx == 0.0, "its watchdog has stopped it")
 
 
-def test_a_frame_that_comes_in_drips_is_not_taken(make: Make):
-    with (
-        make("linorobot:quiet") as robot,
-        serial.Serial(str(robot.ports["linorobot"]), 57600, timeout=0.02) as port,
-    ):
-        frame = twist(0.3, 0.0)
-        for at in range(0, len(frame), 14):
-            port.write(frame[at : at + 14])
-            time.sleep(0.03)
-        port.write(frame)
-        wait_until(lambda: len(robot.commands()) > 0, "a whole frame")
-        assert len(robot.commands()) == 1
-
-
 def test_at_another_speed_both_sides_hear_rubbish(make: Make):
     lines: list[str] = []
     with make("linorobot", "ld19", tell=lines.append) as robot:
