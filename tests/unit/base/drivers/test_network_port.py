@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.metal import make_hall
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley.config.hardware import LidarConfig
 from trolley.network_ports import explain_network, parse_address
@@ -82,11 +82,12 @@ def test_what_nobody_takes_is_dropped_and_not_sent_late(server: socket.socket) -
         assert taken < 10_000_000
     assert not port.write(b"stop")
     held = 0
-    device.settimeout(0.3)
+    device.settimeout(PATIENCE_S)
     while held < taken:
         data = device.recv(65536)
         assert b"stop" not in data
         held += len(data)
+    device.settimeout(0.3)
     with pytest.raises(TimeoutError):
         device.recv(1)
     device.close()
