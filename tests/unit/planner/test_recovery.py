@@ -41,6 +41,16 @@ def test_a_door_that_is_blocked_for_a_while_is_waited_for(ride) -> None:
     assert world.touches == 0
 
 
+def test_at_a_door_that_is_narrower_than_the_map_says_it_looks_from_close_by(ride) -> None:
+    world = Flatland(two_rooms(0.4), START)
+    lower = with_block(two_rooms(0.4), 3.95, 2.8, 0.1, 0.1)
+    world.set_truth(with_block(lower, 3.95, 3.15, 0.1, 0.05))  # 0.25 m are left
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.until(lambda: drive.navigator.current.board.state == "recovering")
+    assert world.pose.distance_to(Pose2D(4.0, 3.0, 0.0)) < 0.8
+
+
 def test_a_blocked_way_fails_after_bounded_tries(ride) -> None:
     world = Flatland(two_rooms(), START)
     world.set_truth(with_block(two_rooms(), 3.9, 2.5, 0.2, 1.0))

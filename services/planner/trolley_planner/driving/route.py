@@ -45,6 +45,9 @@ class RouteParams:
     """Distance behind a tight place up to which the robot accepts the clearance that there is."""
     off_map_m: float = 1.0
     """Extra length of a path that may lie off the map, since maps have holes."""
+    off_wall_m: float = 0.16
+    """Distance from the map's walls beyond which something stands on its own, and is no edge of a
+    door that is not quite where the map says: three cells."""
     horizon_m: float = 12.0
     """Distance along the path up to which obstacles call for replanning."""
 
@@ -219,9 +222,23 @@ class Route:
 
     @property
     def free_m(self) -> float:
-        """Length of the path up to what stands on it; infinite where there is another path [m]."""
+        """Length of the path up to something that stands on it, and on any other [m].
+
+        Infinite where nothing stands off the map's walls: from close by, the edges of a narrow door
+        may leave room.
+        """
         blocked = self.blocked_points(1) if self.is_blocked else []
         if not blocked:
+            return math.inf
+        costmap = self._context.costmap
+        col, row = (int(value / costmap.resolution_m) for value in blocked[0])
+        reach = math.ceil(costmap.footprint.circumscribed_m / costmap.resolution_m)
+        around = (
+            slice(max(row - reach, 0), row + reach + 1),
+            slice(max(col - reach, 0), col + reach + 1),
+        )
+        stands = costmap.distance_m[around] <= 0.0
+        if not (stands & (costmap.static.distance_m[around] > ROUTE.off_wall_m)).any():
             return math.inf
         away_m = np.hypot(*(self.path.points[self.index :] - blocked[0]).T)
         left_m = self.path.remaining_m[self.index + int(np.argmin(away_m))]
