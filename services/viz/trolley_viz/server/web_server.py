@@ -78,6 +78,8 @@ MAX_UNSENT_BYTES = 16_384
 """What is buffered for a slow browser cannot be replaced by anything newer."""
 SCENE_BUFFER_BYTES = 16_384
 """What waits between viser and here; viser drops what is old only before it."""
+LET_IN_S = 0.02
+"""How long it takes to let somebody in who has called: some turns of the loop [s]."""
 CHUNK_BYTES = 8192
 """Viser's page is sent in pieces of this size."""
 SEGMENT_BYTES = 1460
@@ -215,6 +217,9 @@ class WebServer:
         ) as self._to_scene:
             started.set()
             await self._ends.wait()
+            # Who is being let in while the server closes would never be closed (gh-109564).
+            self._loop.remove_reader(self._socket)
+            await asyncio.sleep(LET_IN_S)
             await runner.cleanup()
 
     @web.middleware
