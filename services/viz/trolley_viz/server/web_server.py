@@ -182,7 +182,6 @@ class WebServer:
         self._socket = _bind(config.host, config.port)
         self._loop = asyncio.new_event_loop()
         self._ends = asyncio.Event()
-        self._runner: web.AppRunner | None = None
         started = threading.Event()
         self._thread = threading.Thread(
             target=lambda: self._loop.run_until_complete(self._run(started)),
