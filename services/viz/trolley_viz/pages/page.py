@@ -356,7 +356,7 @@ class Page:
         if gesture.size is not None:
             session.window.resized(gesture.size)
         elif gesture.cancelled or (is_late and gesture.released is not None):
-            session.drags.cancelled()
+            session.drags.cancelled(is_late=not gesture.cancelled)
         elif gesture.released is not None:
             session.released(gesture.released, is_tap=gesture.is_tap)
 

@@ -65,7 +65,7 @@ class Drags:
     Args:
         post: hands a call there.
         now_ns: the local monotonic time [ns].
-        unconfirmed: called when an end was not confirmed.
+        unconfirmed: called when an end was not confirmed in time.
     """
 
     def __init__(
@@ -81,6 +81,8 @@ class Drags:
         self._is_dragged = False
         """Whether viser tells of a drag: it has not missed that the pointer came down."""
         self._cancelled_until_ns = 0
+        self._came_late = False
+        """Whether that was since word of the end came too late."""
 
     def take(
         self,
@@ -146,10 +148,12 @@ class Drags:
         """Let a tap of which viser has not told mean nothing."""
         self._released = None
 
-    def cancelled(self) -> None:
-        """The script reports that a press was called off."""
+    def cancelled(self, *, is_late: bool = False) -> None:
+        """The script reports that a press was called off, or too late that it ended."""
         self._cancelled_until_ns = self._now_ns() + CANCELLED_NS
-        self._is_dragged = False
+        self._is_dragged, self._came_late = False, is_late
+        if self._end is not None and is_late:
+            self._unheard()
         self._drop()
 
     def tick(self) -> None:
@@ -177,6 +181,8 @@ class Drags:
         now_ns, released = self._now_ns(), self._released
         if now_ns < self._cancelled_until_ns:
             cancel()
+            if self._came_late:
+                self._unheard()
         elif (
             released is not None
             and now_ns - released.heard_ns < WAIT_NS

@@ -627,6 +627,8 @@ def test_what_was_let_go_long_ago_points_at_nothing(
     stage.runtime.run(3.0)
     assert bool(stage.robot.goals) == is_meant
     assert (stage.session.aiming.armed == "") == is_meant
+    told = [title for title, _ in browser.notices if title == "Nothing was done"]
+    assert len(told) == (not is_meant)
 
 
 def test_only_the_page_itself_says_that_something_was_let_go(stage: "Stage") -> None:
