@@ -117,12 +117,16 @@ class Shown:
 
     def _stored(self) -> dict[str, set[str]]:
         robot = self.robot
-        zones, poses = robot.latest(topics.ZONES), robot.latest(topics.POSES)
-        tours = robot.latest(topics.TOURS)
+        poses = wait_until(lambda: robot.latest(topics.POSES), "the places are told")
+        tours = wait_until(lambda: robot.latest(topics.TOURS), "the tours are told")
+        zones = wait_until(lambda: robot.latest(topics.ZONES), "the zones are told")
+        assert zones is not None
+        assert poses is not None
+        assert tours is not None
         return {
-            "zones": {one.name for one in zones.zones} if zones else set(),
-            "poses": {one.name for one in poses.poses} if poses else set(),
-            "tours": {one.name for one in tours.tours} if tours else set(),
+            "zones": {one.name for one in zones.zones},
+            "poses": {one.name for one in poses.poses},
+            "tours": {one.name for one in tours.tours},
         }
 
 

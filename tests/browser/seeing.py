@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Frame, Locator, Page
+from playwright.sync_api import Frame, Locator, Page, expect
 from support.waiting import PATIENCE_S
 
 from trolley.gridmap import GridMap, load_map
@@ -131,20 +131,38 @@ def count_seen(page: Page, point: tuple[float, float], colour: Colour, reach_m: 
     return int(colour(picture(page))[round(top) : round(bottom), round(left) : round(right)].sum())
 
 
-NOT_DONE = re.compile(r"Nothing was done|Press again")
-"""What the page says of a press that it or the viewer came round to too late."""
+NOT_DONE = re.compile(r"Nothing was done|Press again|Check whether it was done|No current pose")
+"""What the page says of a press that it, the viewer or the robot came round to too late."""
+WATCH_LINE = """() => {
+  window.wasLost = false;
+  window.lineWatch ??= new MutationObserver(() => {
+    window.wasLost ||= document.body.dataset.line !== "open";
+  });
+  lineWatch.observe(document.body, { attributeFilter: ["data-line"] });
+  document.querySelectorAll(".notice").forEach((one) => one.remove());
+}"""
+"""Note whether the line is lost from now on: then keys and the pointer are for nothing."""
+LATE_MS = 3000
+"""What was only late has happened after this."""
 
 
 def press(page: Page, push: Callable[[], object], happened: Callable[[], bool], what: str) -> None:
     """Press something as a person does: again where the page says that nothing was done."""
-    push()
     refused = page.locator(".notice", has_text=NOT_DONE)
 
+    def push_anew() -> None:
+        expect(page.locator("body")).to_have_attribute("data-line", "open")
+        page.evaluate(WATCH_LINE)
+        push()
+
     def has_happened() -> bool:
-        if not happened() and refused.count() > 0:
-            page.evaluate("document.querySelectorAll('.notice').forEach((one) => one.remove())")
-            push()
+        if not happened() and (refused.count() > 0 or page.evaluate("wasLost")):
+            page.wait_for_timeout(LATE_MS)
+            if not happened():
+                push_anew()
         return happened()
+
+    push_anew()
 
     poll(page, has_happened, what)
 

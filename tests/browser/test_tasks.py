@@ -19,7 +19,7 @@ from trolley.messages.request_params import Named, Nothing
 
 from .conftest import START, open_page, open_viewer
 from .seeing import count_seen, is_blue, pixel_of, poll, undrawn, wait_for_frames
-from .test_viewer import FAR, button, field, goal_state, place_of
+from .test_viewer import FAR, button, field, goal_state, known, place_of
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -127,12 +127,13 @@ def test_where_it_is_is_seen_and_it_is_sent_stopped_and_sent_on_by_one_press_eac
     hand: Presser, shown: "Shown"
 ) -> None:
     page = hand.page
+    with undrawn(page):
+        shown.settle()  # it was called back nearer to the kitchen
     sentence, lines = page.locator("#sentence"), page.locator("#lines")
     for shows in (sentence, lines):
         expect(shows).to_be_in_viewport(ratio=1)
     expect(lines).to_contain_text("Localized")
-    here = shown.robot.latest(topics.SIM_TRUTH)
-    assert here is not None
+    here = known(shown, topics.SIM_TRUTH)
     at = (here.pose.x, here.pose.y)
     poll(
         page,

@@ -1,7 +1,10 @@
 """The viewer as people use it: a real browser, a mouse, and the demo's robot."""
 
 import math
+import os
 import re
+import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,9 +15,10 @@ from support.waiting import wait_until
 from trolley import topics
 from trolley.geometry import wrap_angle
 from trolley.messages import SavedPose
+from trolley.topics import M, Topic
 
 from .conftest import open_page, open_viewer
-from .seeing import pixel_of, undrawn, wait_for_frames
+from .seeing import pixel_of, press, undrawn, wait_for_frames
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -41,9 +45,20 @@ def goal_state(shown: "Shown") -> str:
     return "" if goal is None else goal.state
 
 
+def goal_id(shown: "Shown") -> str | None:
+    """Of the newest goal."""
+    return known(shown, topics.GOAL).id
+
+
+def known(shown: "Shown", topic: Topic[M]) -> M:
+    """The newest message of a topic, however late whoever has it answers."""
+    found = wait_until(lambda: shown.robot.latest(topic), f"{topic.name} is known")
+    assert found is not None
+    return found
+
+
 def place_of(shown: "Shown", name: str) -> SavedPose | None:
-    saved = shown.robot.latest(topics.POSES)
-    assert saved is not None
+    saved = known(shown, topics.POSES)
     return next((one for one in saved.poses if one.name == name), None)
 
 
@@ -63,17 +78,22 @@ def button(page: Page, name: str) -> Locator:
 def test_go_to_with_the_mouse_and_the_robot_arrives(
     page: Page, shown: "Shown", pictures: Path
 ) -> None:
-    page.get_by_role("button", name="Go to …").click()
-    expect(page.get_by_text("Press where it should go")).to_be_visible()
-    drag(page, PLACE, TOWARDS)
-    wait_until(lambda: goal_state(shown) == "driving", "the robot sets off")
+    hint = page.get_by_text("Press where it should go")
+    press(page, button(page, "Go to …").click, hint.is_visible, "it is to be pointed out")
+    before = goal_id(shown)
+    press(
+        page,
+        lambda: drag(page, PLACE, TOWARDS),
+        lambda: goal_id(shown) != before,
+        "the goal is sent",
+    )
+    wait_until(lambda: goal_state(shown) in ("driving", "arrived"), "the robot sets off")
     page.screenshot(path=pictures / "driving.png")
     with undrawn(page):
         wait_until(lambda: goal_state(shown) in ("arrived", "failed"), "the robot gets there")
     expect(page.locator("#sentence")).to_contain_text("It has arrived at the place on the map")
     page.screenshot(path=pictures / "arrived.png")
-    truth = shown.robot.latest(topics.SIM_TRUTH)
-    assert truth is not None
+    truth = known(shown, topics.SIM_TRUTH)
     assert truth.collisions == 0
     assert math.dist((truth.pose.x, truth.pose.y), PLACE) < 0.15
     assert abs(wrap_angle(truth.pose.yaw - math.pi / 4)) < 0.15
@@ -92,24 +112,28 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
         at = [{"x": x, "y": y} for x, y in points]
         fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
 
-    button(phone, "Go to …").tap()
     hint = phone.locator("#hint")
-    expect(hint).to_contain_text("Press where it should go")
+    asks = hint.filter(has_text="Press where it should go")
+    press(phone, button(phone, "Go to …").tap, asks.is_visible, "it is to be pointed out")
     wait_for_frames(phone)
     (x, y), (x1, y1) = pixel_of(phone, FAR), pixel_of(phone, FROM_FAR)
-    touch("touchStart", (x, y))
-    for part in (0.3, 0.6, 1.0):
-        touch("touchMove", (x + part * (x1 - x), y + part * (y1 - y)))
-    expect(hint).to_have_text(re.compile(r"\d+\.\d m, about [\d.]+ s"))
-    phone.screenshot(path=pictures / "pointing-phone.png")
-    touch("touchEnd")
+    before = goal_id(shown)
+
+    def point_out() -> None:
+        touch("touchStart", (x, y))
+        for part in (0.3, 0.6, 1.0):
+            touch("touchMove", (x + part * (x1 - x), y + part * (y1 - y)))
+        expect(hint).to_have_text(re.compile(r"\d+\.\d m, about [\d.]+ s"))
+        phone.screenshot(path=pictures / "pointing-phone.png")
+        touch("touchEnd")
+
+    press(phone, point_out, lambda: goal_id(shown) != before, "the goal is sent")
     wait_until(lambda: goal_state(shown) == "driving", "the robot sets off")
-    goal = shown.robot.latest(topics.GOAL)
-    assert goal is not None
+    phone.get_by_role("button", name="Undo: Go to").tap()
+    goal = known(shown, topics.GOAL)
     assert goal.pose is not None
     assert math.dist((goal.pose.x, goal.pose.y), FAR) < 0.1
     assert abs(wrap_angle(goal.pose.yaw - math.pi)) < 0.15
-    phone.get_by_role("button", name="Undo: Go to").tap()
     wait_until(lambda: goal_state(shown) == "canceled", "the goal is taken back")
     # Who vanishes in the middle of a drag has done nothing.
     button(phone, "Go to …").tap()
@@ -124,39 +148,38 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
 
 def test_tools_are_taken_and_left_by_keys_and_by_buttons(page: Page) -> None:
     hint = page.locator("#hint")
-    button(page, "Set pose …").click()
+    card = page.locator(".hand-card")
+
+    def key(name: str) -> Callable[[], None]:
+        return lambda: page.keyboard.press(name)
+
+    press(page, button(page, "Set pose …").click, hint.is_visible, "the pose is to be set")
     expect(hint).to_contain_text("Press where the robot is")
-    page.keyboard.press("Escape")
-    expect(hint).to_be_hidden()
-    page.keyboard.press("g")
+    press(page, key("Escape"), hint.is_hidden, "it is left")
+    press(page, key("g"), hint.is_visible, "a goal is to be set")
     expect(hint).to_contain_text("Press where it should go")
-    button(page, "Press again to cancel").click()
-    expect(hint).to_be_hidden()
-    page.keyboard.press("j")
-    expect(page.locator(".hand-card")).to_be_visible()
-    page.keyboard.press("j")
-    expect(page.locator(".hand-card")).to_be_hidden()
+    press(page, button(page, "Press again to cancel").click, hint.is_hidden, "it is left")
+    press(page, key("j"), card.is_visible, "it is driven by hand")
+    press(page, key("j"), card.is_hidden, "it is not driven by hand any more")
 
 
 def test_several_places_in_a_row_are_driven(page: Page, shown: "Shown", pictures: Path) -> None:
     page.get_by_text("Several places in a row").click()
-    button(page, "Choose places …").click()
+    done = button(page, "Done choosing")
+    press(page, button(page, "Choose places …").click, done.is_visible, "places are chosen")
     wait_for_frames(page)
     page.mouse.click(*pixel_of(page, BESIDE))
     button(page, "start").click()
     expect(page.locator("ol > li")).to_have_count(2)
     page.screenshot(path=pictures / "row.png")
-    button(page, "Start").click()
 
     def trip_state() -> str:
-        trip = shown.robot.latest(topics.TOUR)
-        return "" if trip is None else trip.state
+        return known(shown, topics.TOUR).state
 
-    wait_until(lambda: trip_state() == "driving", "it sets off")
+    press(page, button(page, "Start").click, lambda: trip_state() == "driving", "it sets off")
     with undrawn(page):
         wait_until(lambda: trip_state() == "done", "it has been at both")
-    trip = shown.robot.latest(topics.TOUR)
-    assert trip is not None
+    trip = known(shown, topics.TOUR)
     assert [result.state for result in trip.results] == ["reached", "reached"]
     expect(page.locator("#sentence")).to_contain_text("The tour is done.")
     expect(page.locator("ol > li")).to_have_count(0)
@@ -176,9 +199,7 @@ def test_a_place_is_saved_changed_and_brought_back(
     button(page, "Save where the robot is").click()
     wait_until(lambda: place_of(shown, "play corner") is not None, "it is saved")
     expect(page.locator("#hint")).to_be_hidden()
-    base = shown.robot.latest(topics.BASE)
-    assert base is not None
-    assert base.mode == "ok"
+    assert known(shown, topics.BASE).mode == "ok"
     choose(page, "Place", "play corner")
     expect(field(page, "Name")).to_have_value("play corner")  # else it comes while one types
     field(page, "Name").fill("toy corner")
@@ -188,16 +209,22 @@ def test_a_place_is_saved_changed_and_brought_back(
     renamed = place_of(shown, "toy corner")
     assert renamed is not None
     assert renamed.icon == "baby-carriage"
-    for notice in ("Not saved", "This place is called"):  # they lie where it is to be pressed
+    for notice in ("Not saved", "This place is now called"):  # they lie where it is to be pressed
         expect(page.get_by_text(notice)).to_have_count(0)
     button(page, "Move on the map …").click()
     expect(page.locator("#hint")).to_contain_text("Press")
-    drag(page, PLACE, TOWARDS)
-    wait_until(lambda: place_of(shown, "toy corner") != renamed, "it is moved")
+    expect(field(page, "Place")).to_have_value("toy corner")
+    press(
+        page,
+        lambda: drag(page, PLACE, TOWARDS),
+        lambda: place_of(shown, "toy corner") != renamed,
+        "it is moved",
+    )
     moved = place_of(shown, "toy corner")
     assert moved is not None
     assert math.dist((moved.pose.x, moved.pose.y), PLACE) < 0.1
     page.screenshot(path=pictures / "places.png")
+    expect(page.get_by_role("button", name="Undo: Move")).to_be_visible()
     button(page, "Delete").click()
     wait_until(lambda: place_of(shown, "toy corner") is None, "it is deleted")
     page.get_by_role("button", name="Undo: Delete").click()
@@ -208,10 +235,13 @@ def test_a_place_is_saved_changed_and_brought_back(
 
 
 def test_a_button_drives_to_its_place(page: Page, shown: "Shown") -> None:
-    button(page, "start").click()
-    with undrawn(page):
-        expect(page.locator("#sentence")).to_contain_text("It has arrived at start.")
-    button(page, "corridor").click()
+    for name in ("start", "corridor"):
+        before = goal_id(shown)
+        sent = button(page, name)
+        press(page, sent.click, lambda: goal_id(shown) != before, "it is sent")  # noqa: B023
+        if name == "start":
+            with undrawn(page):
+                expect(page.locator("#sentence")).to_contain_text("It has arrived at start.")
     expect(page.locator("#sentence")).to_contain_text("It is on its way to corridor")
     button(page, "Pause").click()
     expect(page.locator("#sentence")).to_contain_text("It is paused on its way to corridor")
@@ -233,23 +263,24 @@ def test_stop_stops_and_resume_lets_it_drive_again(page: Page, shown: "Shown") -
         base = shown.robot.latest(topics.BASE)
         return "" if base is None else base.mode
 
+    drive_on = button(page, "Drive on").click
     page.get_by_role("button", name="STOP").click()
     wait_until(lambda: mode() == "stopped", "base is stopped")
     expect(page.locator("#sentence")).to_contain_text(
         "Stopped. Press “Drive on” to let it drive again."
     )
-    page.get_by_role("button", name="Drive on").click()
-    wait_until(lambda: mode() == "ok", "base may drive again")
+    press(page, drive_on, lambda: mode() == "ok", "base may drive again")
     page.keyboard.press("Space")
     wait_until(lambda: mode() == "stopped", "a key stops it, too")
-    page.get_by_role("button", name="Drive on").click()
-    wait_until(lambda: mode() == "ok", "base may drive again")
+    press(page, drive_on, lambda: mode() == "ok", "base may drive again")
 
 
 def test_a_stop_that_nobody_answers_is_repeated_and_says_so(page: Page, shown: "Shown") -> None:
-    shown.demo.kill_service("base")
+    # Frozen first: killed, it would be back before a busy page has noticed.
+    os.kill(shown.demo.children()["base"], signal.SIGSTOP)
     page.get_by_role("button", name="STOP").click()
     expect(page.get_by_text("NOT STOPPED: no connection")).to_be_visible()
+    shown.demo.kill_service("base")
 
     def is_stopped() -> bool:
         base = shown.robot.latest(topics.BASE)

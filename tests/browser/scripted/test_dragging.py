@@ -23,6 +23,7 @@ def shown_list(page: Page, viewer: Viewer) -> dict[str, int]:
     viewer.greet()
     viewer.tell_controls(controls)
     expect(page.get_by_role("button", name=NAMES[-1])).to_be_visible()
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
     return {name: entry.id for name, entry in entries.items()}
 
 

@@ -96,6 +96,7 @@ def test_arrow_keys_point_only_while_something_is_to_be_pointed_out(
     viewer.greet()
     viewer.tell_controls(controls)
     expect(page.locator("#sentence")).to_have_text("Ready.")
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
     for key in keys:
         page.keyboard.press(key)
     wait_until(lambda: viewer.pressed() == [done], "Enter is what it was")

@@ -3,6 +3,7 @@
 import pytest
 from playwright.sync_api import FloatRect, Locator, Page, ViewportSize, expect
 
+from browser.seeing import poll
 from trolley_viz.controls.controls import Controls
 from trolley_viz.features.people.links import TO_DRIVE, TO_LOOK, LinkCard
 from trolley_viz.robots.stop_presses import StopLine
@@ -42,6 +43,7 @@ def test_the_code_of_a_link_is_seen_whole_without_scrolling(
 
 def test_a_card_leaves_the_buttons_over_the_map_free(page: Page, viewer: Viewer) -> None:
     page.set_viewport_size(PHONE)
+    page.emulate_media(reduced_motion="reduce")  # the sheet is at once as high as it is to be
     controls = Controls()
     with controls.add_bar():
         controls.add_button("Show the whole map", icon="maximize")
@@ -60,16 +62,17 @@ def test_a_card_leaves_the_buttons_over_the_map_free(page: Page, viewer: Viewer)
         viewer.tell_controls(controls)
         region = page.locator("section.card")
         expect(region).to_be_visible()
-        page.wait_for_timeout(400)  # the sheet takes a fifth of a second to come down
-        top = box_of(region)["y"]
-        assert box_of(bar)["y"] + box_of(bar)["height"] <= top
+        poll(
+            page,
+            lambda: box_of(bar)["y"] + box_of(bar)["height"] <= box_of(region)["y"],  # noqa: B023
+            "they are free",
+        )
         expect(bar).to_be_in_viewport(ratio=1.0)
     page.locator("#handle").press("ArrowUp")
     card.visible = False
     viewer.tell_controls(controls)
     expect(page.locator("section.card")).to_be_hidden()
-    page.wait_for_timeout(400)
-    assert box_of(bar) == before
+    poll(page, lambda: box_of(bar) == before, "they are where they were")
 
 
 def test_the_last_control_can_be_pressed_while_the_strip_of_the_past_is_open(
