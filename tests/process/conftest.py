@@ -218,7 +218,6 @@ class ThreadHost:
 def running(robot: ScriptedRobot, name: str, endpoint: str, folder: Path) -> Iterator[Node]:
     """Run a scripted robot on a thread."""
     with open_bus([endpoint], PATIENCE_S) as bus:
-        bus.declare_token(topics.ALIVE.key(name, "base", str(Run.here())))
         node = Node(robot, name, bus, ThreadHost(folder))
         stop = threading.Event()
 
@@ -232,6 +231,8 @@ def running(robot: ScriptedRobot, name: str, endpoint: str, folder: Path) -> Ite
         thread = threading.Thread(target=run)
         thread.start()
         assert robot.is_up.wait(PATIENCE_S)
+        # Last, so that who sees it finds everything else, too: the router keeps the order.
+        bus.declare_token(topics.ALIVE.key(name, "base", str(Run.here())))
         try:
             yield node
         finally:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from support.waiting import PATIENCE_S
+from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics
 from trolley.messages import GoalStatus
@@ -167,14 +167,19 @@ def test_topics_are_listed_echoed_and_measured(
     add_robot: Callable, endpoint: str, trolley: Callable
 ) -> None:
     add_robot("one")
-    listed = trolley("topic", "list", "--seconds", "0.5", "--json", "--connect", endpoint)
-    rows = {row["topic"]: row for row in json.loads(listed.stdout)}
-    assert rows["odom"]["hz"] > 0.0
+    rows: dict[str, dict] = {}
+
+    def is_heard() -> bool:
+        listed = trolley("topic", "list", "--seconds", "0.5", "--json", "--connect", endpoint)
+        rows.update({row["topic"]: row for row in json.loads(listed.stdout)})
+        return {"odom", "tf/laser"} <= rows.keys() and rows["odom"]["hz"] > 0.0
+
+    wait_until(is_heard, "odom is heard while it listens")
     assert rows["tf/laser"]["hz"] == 0.0
     echoed = trolley("topic", "echo", "odom", "-n", "2", "--json", "--connect", endpoint)
     assert [json.loads(line)["pose"]["x"] for line in echoed.stdout.splitlines()] == [1.0, 1.0]
-    measured = trolley("topic", "hz", "odom", "--seconds", "1", "--json", "--connect", endpoint)
-    assert json.loads(measured.stdout)["hz"] > 0.0
+    hz = ("topic", "hz", "odom", "--seconds", "1", "--json", "--connect", endpoint)
+    wait_until(lambda: json.loads(trolley(*hz).stdout)["hz"], "two messages come in a second")
     silent = trolley("topic", "echo", "scan", "--timeout", "0.3", "--connect", endpoint)
     assert silent.returncode == 1
     assert trolley("topic", "echo", "nonsense", "--connect", endpoint).returncode == 2

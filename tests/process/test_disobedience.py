@@ -61,8 +61,8 @@ def test_a_linorobot_that_does_not_obey_is_told_of(make_metal: Callable[..., Met
             resume(metal)
         metal.start_driving(AHEAD)
         metal.emulated.fault("linorobot:refuse")
-        state = metal.wait_for("held", codes.LINK_LOST, chassis="down")
-        assert "accepts nothing" in state.message
+        metal.wait_for("held", codes.LINK_LOST, chassis="down")
+        wait_until(lambda: metal.state and "accepts nothing" in metal.state.message, "why")
         metal.wait_for_standing()
         metal.hand.let_go()
         metal.emulated.fault("linorobot:ok")

@@ -164,10 +164,14 @@ def test_top_measures_once_without_a_terminal(
     add_robot: Callable, endpoint: str, trolley: Callable
 ) -> None:
     add_robot("one")
-    done = trolley("top", "--connect", endpoint)
-    assert done.returncode == 0, done.stderr
-    assert "one: Ready." in done.stdout
-    assert "\x1b" not in done.stdout
+
+    def is_ready() -> bool:
+        done = trolley("top", "--connect", endpoint)
+        assert done.returncode == 0, done.stderr
+        assert "\x1b" not in done.stdout
+        return "one: Ready." in done.stdout
+
+    wait_until(is_ready, "its pose is fresh as the measurement ends")
     assert trolley("top", "--connect", endpoint, "--robot", "three").returncode == 3
 
 

@@ -140,8 +140,8 @@ def code_of(connection: Connection, request: Request, params: Any = None) -> str
 
 
 def command(connection: Connection) -> VelocityCommand:
-    clock = connection.latest("one", topics.CLOCK)
-    assert clock is not None, "everybody who was let in reads"
+    clock = wait_until(lambda: connection.latest("one", topics.CLOCK), "who was let in reads")
+    assert clock is not None
     return VelocityCommand(stamp_ns=clock.stamp_ns, twist=Twist2D.zero(), valid_for=0.2)
 
 

@@ -153,7 +153,7 @@ def test_a_closed_robot_says_so(add_robot: Callable, endpoint: str) -> None:
 
 def test_a_stream_goes_on_when_the_robot_was_restarted(endpoint: str, tmp_path: Path) -> None:
     with running(ScriptedRobot("one", ()), "one", endpoint, tmp_path / "a"):
-        robot = Robot(connect=endpoint)
+        robot = Robot("one", connect=endpoint, connect_timeout=PATIENCE_S)
         poses = robot.poses(timeout=PATIENCE_S)
         before = next(poses)
     with robot, running(ScriptedRobot("one", ()), "one", endpoint, tmp_path / "b"):
@@ -266,6 +266,8 @@ def test_a_cancelled_task_cancels_the_goal_that_it_waits_for(
     async def give_up() -> None:
         async with AsyncRobot("one", connect=endpoint) as robot:
             going = asyncio.ensure_future(robot.go_to("kitchen"))
+            while not scripted.sent:  # else the goal before it, none, is followed
+                await asyncio.sleep(0.01)
             async for status in robot.follow():
                 if status.state == "driving":
                     break

@@ -106,7 +106,7 @@ def test_a_client_sees_a_robot_like_any_other(
         assert (robot.name, robot.title) == ("two", "Scripted")
         assert "two" in connection.robots()
         wait_until(lambda: connection.latest("two", topics.POSES), "its places are told")
-        assert connection.get("two", topics.TF, "laser")
+        wait_until(lambda: connection.get("two", topics.TF, "laser"), "its lidar's place is told")
         follow_time(connection, "two", 2.0)
         process.terminate()
         assert process.wait() == 0

@@ -223,7 +223,7 @@ def test_a_node_sees_the_robot_as_it_would_see_nav2(
 ) -> None:
     run_bridge("--distro", distro)
     with ros_node(endpoint, mode=mode, hashes=distro == "jazzy") as node:
-        assert node.topics() == [
+        shown = [
             "/one/amcl_pose",
             "/one/cmd_vel",
             "/one/goal_pose",
@@ -236,6 +236,7 @@ def test_a_node_sees_the_robot_as_it_would_see_nav2(
             "/one/tf",
             "/one/tf_static",
         ]
+        wait_until(lambda: node.topics() == shown, lambda: f"{node.topics()}")
         assert "NN/%/%one/trolley" in node.graph()
         kept = {"transient_local": True}
         scan = node.subscribe("/one/scan", cdr.LASER_SCAN)
@@ -318,7 +319,7 @@ def test_what_no_node_subscribes_to_is_not_even_heard_from_the_robot(
         assert not heard(endpoint, topics.SCAN.key("one"))
         scans = node.subscribe("/one/scan", cdr.LASER_SCAN)
         wait_for(scans, "a scan")
-        assert heard(endpoint, topics.SCAN.key("one"))
+        wait_until(lambda: heard(endpoint, topics.SCAN.key("one")), "it listens")
         node.unsubscribe()
         wait_until(lambda: not heard(endpoint, topics.SCAN.key("one")), "it listens no more")
 
@@ -424,8 +425,8 @@ def test_goals_in_a_flood_do_not_flood_the_planner(
     run_bridge()
     with ros_node(endpoint, "flood") as node:
         goals = node.advertise("/one/goal_pose", cdr.POSE)
-        repeat(lambda: goals.publish(goal(3.0)), lambda: robot.goals, "it is heard")
         began_s = time.monotonic()
+        repeat(lambda: goals.publish(goal(3.0)), lambda: robot.goals, "it is heard")
         for _ in range(1000):
             goals.publish(goal(4.0))
         # Behind a flood one may be so late that it is dropped.

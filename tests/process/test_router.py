@@ -70,8 +70,9 @@ def test_a_router_that_takes_no_new_session_falls_silent_and_lives(
             stack.enter_context(socket.create_connection(("127.0.0.1", port)))
             for _ in range(2 * FEW_FILES)
         ]
-        wait_until(is_silent, "it does not claim to live")
-        assert "gets no new session" in router.log
+        wait_until(
+            lambda: is_silent() and "gets no new session" in router.log, "it does not claim to live"
+        )
         for one in idle:
             one.close()
         wait_until(lambda: not is_silent(), "it is well again")
