@@ -111,16 +111,16 @@ def test_a_host_negotiates_reads_and_sees_faults(emulate):
             assert b"\xff\xfe\x0c\x00\xf3\x7d\x00" in told
 
             data = read_some(lidar, 47 * 400)
-            data = data[data.index(b"\x54\x2c") :]
-            packets = [data[at : at + 47] for at in range(0, len(data) - 46, 47)]
-            good = [one for one in packets if crc8(one[:46]) == one[46] and one[0] == 0x54]
-            assert len(good) > 0.9 * len(packets)
+            # Wherever they begin: a port loses what nobody reads for a second.
+            begun = [at for at in range(len(data) - 46) if data[at : at + 2] == b"\x54\x2c"]
+            good = [at for at in begun if crc8(data[at : at + 46]) == data[at + 46]]
+            assert len(good) > 0.9 * len(data) / 47
 
-            one.type("ld19:silence+1")
+            one.type("ld19:silence+3")
             one.type("ld19:whatever")
             wait_until(lambda: not lidar.read(4096), "silence")
             wait_until(lambda: lidar.read(4096), "data again")
-        one.wait_for("ld19: silence begins (ld19:silence+1)")
+        one.wait_for("ld19: silence begins (ld19:silence+3)")
         one.wait_for("ld19: silence ends")
         one.wait_for("there is no fault whatever")
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import zenoh
 from support.examples import EXAMPLES, load_example
-from support.waiting import PATIENCE_S
+from support.waiting import PATIENCE_S, wait_until
 
-from trolley import Robot, topics
+from trolley import Refused, Robot, RobotUnreachable, topics
 from trolley.messages.types import floats_from_bytes
 
 from .test_python import MAP, SCAN, publish
@@ -60,8 +60,17 @@ def test_an_example_does_what_it_says(
 ) -> None:
     if name == "nearest":  # the scripted robot has one scan only
         monkeypatch.setattr("itertools.islice", lambda scans, _: [next(scans)])
-    load_example(name)
-    assert SAYS[name] in capsys.readouterr().out
+    said = [""]
+
+    def does_it() -> bool:
+        try:
+            load_example(name)
+        except (Refused, RobotUnreachable):  # the scripted robot was late for a second
+            return False
+        said[0] += capsys.readouterr().out
+        return SAYS[name] in said[0]
+
+    wait_until(does_it, lambda: f"{SAYS[name]!r} in {said[0]!r}")
     if name == "picture":
         assert Path("map.png").read_bytes().startswith(b"\x89PNG")
 
