@@ -18,6 +18,7 @@ from trolley.messages import Clock, Robot, VelocityCommand
 from trolley.recording.reader import RecordingFile
 from trolley.runtime.bus import Sample
 from trolley.runtime.robot_time import FollowedTime
+from trolley.topics import Qos
 
 Trolley = Callable[..., Any]
 
@@ -67,7 +68,7 @@ def recorded(shelf: Path, add_robot: Callable, trolley: Trolley, endpoint: str) 
 def replayed(endpoint: str, name: str, process: Callable[[], Process]) -> dict[str, list[Sample]]:
     """All that is published under a name while a replay lasts, by the rest of the key."""
     heard: dict[str, list[Sample]] = {}
-    with Connection([endpoint]) as connection:
+    with Connection([endpoint]) as connection, Connection([endpoint]) as other:
 
         def take(sample: Sample) -> None:
             heard.setdefault(sample.key.split("/", 2)[2], []).append(sample)
@@ -76,6 +77,10 @@ def replayed(endpoint: str, name: str, process: Callable[[], Process]) -> dict[s
         running = process()
         code = running.wait()
         assert code == 0, running.log
+        # The router has read all of a session that it knows to be over; the mark comes behind.
+        wait_until(lambda: name not in other.robots(), "the replay has gone")
+        other.bus.put(f"trolley/{name}/end", b"", "", Qos.STATE)
+        wait_until(lambda: heard.pop("end", None), "all has arrived")
         closer.close()
     return heard
 
