@@ -205,7 +205,12 @@ class Route:
         return bool(self._lethal(first, self.path.ahead(self.index, ROUTE.tight_ahead_m)).any())
 
     def blocked_points(self, limit: int = 20) -> list[tuple[float, float]]:
-        """Return blocked points of the path ahead [m in `grid`].
+        """Return blocked points of the path ahead [m in `grid`]."""
+        points = self.path.points[self._blocked()[:limit]]
+        return [(float(x), float(y)) for x, y in points]
+
+    def _blocked(self) -> NDArray[np.int64]:
+        """Return the indices of the blocked points of the path ahead.
 
         The robot's own place and the goal's are left out: they may be tight and still be right.
         """
@@ -213,12 +218,11 @@ class Route:
         first = self.path.ahead(self.index, ROUTE.own_place_m)
         left = float(self.path.remaining_m[self.index])
         last = self.path.ahead(self.index, min(ROUTE.horizon_m, left - ROUTE.goal_place_m))
-        points = self.path.points[first : last + 1]
         lethal = self._lethal(first, last)
         if self.path.is_tight:
             cols, rows = self._cells(first, last)
             lethal &= costmap.distance_m[rows, cols] < costmap.tight_m
-        return [(float(x), float(y)) for x, y in points[lethal][:limit]]
+        return first + np.flatnonzero(lethal)
 
     @property
     def free_m(self) -> float:
@@ -227,11 +231,11 @@ class Route:
         Infinite where nothing stands off the map's walls: from close by, the edges of a narrow door
         may leave room.
         """
-        blocked = self.blocked_points(1) if self.is_blocked else []
-        if not blocked:
+        blocked = self._blocked() if self.is_blocked else ()
+        if len(blocked) == 0:
             return math.inf
-        costmap = self._context.costmap
-        col, row = (int(value / costmap.resolution_m) for value in blocked[0])
+        there = int(blocked[0])
+        costmap, ((col,), (row,)) = self._context.costmap, self._cells(there, there)
         reach = math.ceil(costmap.footprint.circumscribed_m / costmap.resolution_m)
         around = (
             slice(max(row - reach, 0), row + reach + 1),
@@ -240,9 +244,7 @@ class Route:
         stands = costmap.distance_m[around] <= 0.0
         if not (stands & (costmap.static.distance_m[around] > ROUTE.off_wall_m)).any():
             return math.inf
-        away_m = np.hypot(*(self.path.points[self.index :] - blocked[0]).T)
-        left_m = self.path.remaining_m[self.index + int(np.argmin(away_m))]
-        return float(self.path.remaining_m[self.index] - left_m)
+        return float(self.path.remaining_m[self.index] - self.path.remaining_m[there])
 
     def leads_off_map(self, off_m: float) -> bool:
         """Say whether the path leads further off the map, and not back onto it.
