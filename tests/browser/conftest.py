@@ -16,6 +16,7 @@ from trolley import requests, topics
 from trolley.client import Refused
 from trolley.geometry import Pose2D, wrap_angle
 from trolley.messages.request_params import Named
+from trolley.topics import M, Topic
 
 CHROMIUM = Path("/usr/bin/chromium")
 # Rendered in software: slow, but it needs no graphics card. No sandbox: containers forbid it.
@@ -82,6 +83,12 @@ class Shown:
     def url(self) -> str:
         return f"http://127.0.0.1:{self.viz_port}/{SCENE}"
 
+    def known(self, topic: Topic[M]) -> M:
+        """The newest message of a topic, however late whoever has it answers."""
+        found = wait_until(lambda: self.robot.latest(topic), f"{topic.name} is known")
+        assert found is not None
+        return found
+
     def is_ready(self) -> bool:
         """Localized, with its places saved and a planner that knows them."""
         pose, poses = self.robot.latest(topics.POSE), self.robot.latest(topics.POSES)
@@ -103,8 +110,7 @@ class Shown:
         with contextlib.suppress(Refused):  # none is under way
             robot.ask(requests.TOUR_STOP)
         robot.resume()
-        truth = robot.latest(topics.SIM_TRUTH)
-        assert truth is not None
+        truth = self.known(topics.SIM_TRUTH)
         if truth.pose.distance_to(START) > 0.1 or abs(wrap_angle(truth.pose.yaw - START.yaw)) > 0.2:
             wait_until(self._has_come_back, "it is back at the start")
 
@@ -116,17 +122,10 @@ class Shown:
             return False
 
     def _stored(self) -> dict[str, set[str]]:
-        robot = self.robot
-        poses = wait_until(lambda: robot.latest(topics.POSES), "the places are told")
-        tours = wait_until(lambda: robot.latest(topics.TOURS), "the tours are told")
-        zones = wait_until(lambda: robot.latest(topics.ZONES), "the zones are told")
-        assert zones is not None
-        assert poses is not None
-        assert tours is not None
         return {
-            "zones": {one.name for one in zones.zones},
-            "poses": {one.name for one in poses.poses},
-            "tours": {one.name for one in tours.tours},
+            "zones": {one.name for one in self.known(topics.ZONES).zones},
+            "poses": {one.name for one in self.known(topics.POSES).poses},
+            "tours": {one.name for one in self.known(topics.TOURS).tours},
         }
 
 

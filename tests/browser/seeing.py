@@ -163,7 +163,6 @@ def press(page: Page, push: Callable[[], object], happened: Callable[[], bool], 
         return happened()
 
     push_anew()
-
     poll(page, has_happened, what)
 
 

@@ -99,6 +99,7 @@ def test_all_is_done_without_a_mouse(page: Page, shown: "Shown", pictures: Path)
         return "" if base is None else base.mode
 
     wait_until(lambda: mode() == "stopped", "Space is Stop, wherever the focus is")
+    expect(resume).to_be_enabled()
     # Only then does it go on by itself.
     expect(page.locator("#sentence")).to_contain_text("let it go on to kitchen")
     press(page, lambda: resume.press("Enter"), lambda: mode() == "ok", "it may drive again")

@@ -5,22 +5,14 @@ from typing import TYPE_CHECKING
 import pytest
 from playwright.sync_api import Page, expect
 
-from trolley import topics
-
 from .seeing import pixel_of, wait_for_frames
 from .test_life_line import NO_CONNECTION, frozen
-from .test_viewer import FAR, FROM_FAR, button, goal_state
+from .test_viewer import FAR, FROM_FAR, button, goal_id, goal_state
 
 if TYPE_CHECKING:
     from .conftest import Shown
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
-
-
-def goal_id(shown: "Shown") -> str | None:
-    goal = shown.robot.latest(topics.GOAL)
-    assert goal is not None
-    return goal.id
 
 
 def begin_drag(page: Page) -> None:

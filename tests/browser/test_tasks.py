@@ -19,7 +19,7 @@ from trolley.messages.request_params import Named, Nothing
 
 from .conftest import START, open_page, open_viewer
 from .seeing import count_seen, is_blue, pixel_of, poll, undrawn, wait_for_frames
-from .test_viewer import FAR, button, field, goal_state, known, place_of
+from .test_viewer import FAR, button, field, goal_state, place_of
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -133,7 +133,7 @@ def test_where_it_is_is_seen_and_it_is_sent_stopped_and_sent_on_by_one_press_eac
     for shows in (sentence, lines):
         expect(shows).to_be_in_viewport(ratio=1)
     expect(lines).to_contain_text("Localized")
-    here = known(shown, topics.SIM_TRUTH)
+    here = shown.known(topics.SIM_TRUTH)
     at = (here.pose.x, here.pose.y)
     poll(
         page,

@@ -15,7 +15,6 @@ from support.waiting import wait_until
 from trolley import topics
 from trolley.geometry import wrap_angle
 from trolley.messages import SavedPose
-from trolley.topics import M, Topic
 
 from .conftest import open_page, open_viewer
 from .seeing import pixel_of, press, undrawn, wait_for_frames
@@ -47,18 +46,17 @@ def goal_state(shown: "Shown") -> str:
 
 def goal_id(shown: "Shown") -> str | None:
     """Of the newest goal."""
-    return known(shown, topics.GOAL).id
+    return shown.known(topics.GOAL).id
 
 
-def known(shown: "Shown", topic: Topic[M]) -> M:
-    """The newest message of a topic, however late whoever has it answers."""
-    found = wait_until(lambda: shown.robot.latest(topic), f"{topic.name} is known")
-    assert found is not None
-    return found
+def send(page: Page, shown: "Shown", push: Callable[[], object]) -> None:
+    """Press what sends the robot to a goal, until there is a new one."""
+    before = goal_id(shown)
+    press(page, push, lambda: goal_id(shown) != before, "the goal is sent")
 
 
 def place_of(shown: "Shown", name: str) -> SavedPose | None:
-    saved = known(shown, topics.POSES)
+    saved = shown.known(topics.POSES)
     return next((one for one in saved.poses if one.name == name), None)
 
 
@@ -80,20 +78,14 @@ def test_go_to_with_the_mouse_and_the_robot_arrives(
 ) -> None:
     hint = page.get_by_text("Press where it should go")
     press(page, button(page, "Go to …").click, hint.is_visible, "it is to be pointed out")
-    before = goal_id(shown)
-    press(
-        page,
-        lambda: drag(page, PLACE, TOWARDS),
-        lambda: goal_id(shown) != before,
-        "the goal is sent",
-    )
+    send(page, shown, lambda: drag(page, PLACE, TOWARDS))
     wait_until(lambda: goal_state(shown) in ("driving", "arrived"), "the robot sets off")
     page.screenshot(path=pictures / "driving.png")
     with undrawn(page):
         wait_until(lambda: goal_state(shown) in ("arrived", "failed"), "the robot gets there")
     expect(page.locator("#sentence")).to_contain_text("It has arrived at the place on the map")
     page.screenshot(path=pictures / "arrived.png")
-    truth = known(shown, topics.SIM_TRUTH)
+    truth = shown.known(topics.SIM_TRUTH)
     assert truth.collisions == 0
     assert math.dist((truth.pose.x, truth.pose.y), PLACE) < 0.15
     assert abs(wrap_angle(truth.pose.yaw - math.pi / 4)) < 0.15
@@ -117,7 +109,6 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     press(phone, button(phone, "Go to …").tap, asks.is_visible, "it is to be pointed out")
     wait_for_frames(phone)
     (x, y), (x1, y1) = pixel_of(phone, FAR), pixel_of(phone, FROM_FAR)
-    before = goal_id(shown)
 
     def point_out() -> None:
         touch("touchStart", (x, y))
@@ -127,10 +118,10 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
         phone.screenshot(path=pictures / "pointing-phone.png")
         touch("touchEnd")
 
-    press(phone, point_out, lambda: goal_id(shown) != before, "the goal is sent")
+    send(phone, shown, point_out)
     wait_until(lambda: goal_state(shown) == "driving", "the robot sets off")
     phone.get_by_role("button", name="Undo: Go to").tap()
-    goal = known(shown, topics.GOAL)
+    goal = shown.known(topics.GOAL)
     assert goal.pose is not None
     assert math.dist((goal.pose.x, goal.pose.y), FAR) < 0.1
     assert abs(wrap_angle(goal.pose.yaw - math.pi)) < 0.15
@@ -174,12 +165,12 @@ def test_several_places_in_a_row_are_driven(page: Page, shown: "Shown", pictures
     page.screenshot(path=pictures / "row.png")
 
     def trip_state() -> str:
-        return known(shown, topics.TOUR).state
+        return shown.known(topics.TOUR).state
 
     press(page, button(page, "Start").click, lambda: trip_state() == "driving", "it sets off")
     with undrawn(page):
         wait_until(lambda: trip_state() == "done", "it has been at both")
-    trip = known(shown, topics.TOUR)
+    trip = shown.known(topics.TOUR)
     assert [result.state for result in trip.results] == ["reached", "reached"]
     expect(page.locator("#sentence")).to_contain_text("The tour is done.")
     expect(page.locator("ol > li")).to_have_count(0)
@@ -199,7 +190,7 @@ def test_a_place_is_saved_changed_and_brought_back(
     button(page, "Save where the robot is").click()
     wait_until(lambda: place_of(shown, "play corner") is not None, "it is saved")
     expect(page.locator("#hint")).to_be_hidden()
-    assert known(shown, topics.BASE).mode == "ok"
+    assert shown.known(topics.BASE).mode == "ok"
     choose(page, "Place", "play corner")
     expect(field(page, "Name")).to_have_value("play corner")  # else it comes while one types
     field(page, "Name").fill("toy corner")
@@ -235,13 +226,10 @@ def test_a_place_is_saved_changed_and_brought_back(
 
 
 def test_a_button_drives_to_its_place(page: Page, shown: "Shown") -> None:
-    for name in ("start", "corridor"):
-        before = goal_id(shown)
-        sent = button(page, name)
-        press(page, sent.click, lambda: goal_id(shown) != before, "it is sent")  # noqa: B023
-        if name == "start":
-            with undrawn(page):
-                expect(page.locator("#sentence")).to_contain_text("It has arrived at start.")
+    send(page, shown, button(page, "start").click)
+    with undrawn(page):
+        expect(page.locator("#sentence")).to_contain_text("It has arrived at start.")
+    send(page, shown, button(page, "corridor").click)
     expect(page.locator("#sentence")).to_contain_text("It is on its way to corridor")
     button(page, "Pause").click()
     expect(page.locator("#sentence")).to_contain_text("It is paused on its way to corridor")

@@ -93,7 +93,7 @@ def test_a_signal_ends_it_cleanly(
     wait_until(lambda: said, "its last word")
     assert codec.decode(BaseState, said[0].payload).message == "bye"
     assert "kitchen" in (tmp_path / "state" / "tester" / "kept.toml").read_text()
-    wait_until(lambda: bus.alive("trolley/tester/alive/**", PATIENCE_S) == [], "its token is gone")
+    wait_until(lambda: tokens_of(bus) == [], "its token is gone")
 
 
 def test_without_a_router_it_waits_and_can_be_ended(
@@ -186,10 +186,8 @@ def test_of_two_processes_the_later_ends_and_names_the_other(
     assert f"pid={keeper.pid}" in later.log
     assert keeper.is_running
     # The router takes a token back a moment after the process that held it has ended.
-    wait_until(
-        lambda: len(bus.alive("trolley/tester/alive/**", PATIENCE_S)) == 1, "one token is left"
-    )
-    (token,) = bus.alive("trolley/tester/alive/**", PATIENCE_S)
+    wait_until(lambda: len(tokens_of(bus)) == 1, "one token is left")
+    (token,) = tokens_of(bus)
     assert token.startswith(f"trolley/tester/alive/tour/{host_name()}-{keeper.pid}-")
 
 
@@ -264,6 +262,11 @@ def test_a_token_that_nobody_answers_for_ends_no_service(
     assert later.is_running
 
 
+def tokens_of(bus: ZenohBus) -> list[str]:
+    """The tokens of those that run."""
+    return bus.alive("trolley/tester/alive/**", PATIENCE_S)
+
+
 def is_up(bus: ZenohBus, process: Process) -> bool:
     """Whether the health of the service is answered for by this very process, and is good."""
     found = [
@@ -275,7 +278,7 @@ def is_up(bus: ZenohBus, process: Process) -> bool:
 
 
 def test_health_tells_the_run_of_the_token(keeper: Process, bus: ZenohBus):
-    (token,) = bus.alive("trolley/tester/alive/**", PATIENCE_S)
+    (token,) = tokens_of(bus)
     assert is_up(bus, keeper)
     health = health_of(bus, "tour")
     assert health is not None
@@ -310,8 +313,7 @@ def test_after_a_router_restart_everything_is_there_again(
     wait_until(lambda: (health := health_of(bus, viewer)) and health.message == expected, "")
     assert keeper.is_running
     assert listener.is_running
-    alive = bus.alive("trolley/tester/alive/**", PATIENCE_S)
-    tokens = {token.split("/")[3] for token in alive}
+    tokens = {token.split("/")[3] for token in tokens_of(bus)}
     assert tokens == {"tour", viewer}
 
 

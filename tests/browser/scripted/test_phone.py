@@ -56,22 +56,22 @@ def test_a_card_leaves_the_buttons_over_the_map_free(page: Page, viewer: Viewer)
     bar = page.get_by_role("toolbar")
     before = box_of(bar)
     card.visible = True
+    region = page.locator("section.card")
     for handle_key in (None, "ArrowDown"):  # the sheet as it is, and down
         if handle_key is not None:
             page.locator("#handle").press(handle_key)
         viewer.tell_controls(controls)
-        region = page.locator("section.card")
         expect(region).to_be_visible()
         poll(
             page,
-            lambda: box_of(bar)["y"] + box_of(bar)["height"] <= box_of(region)["y"],  # noqa: B023
+            lambda: box_of(bar)["y"] + box_of(bar)["height"] <= box_of(region)["y"],
             "they are free",
         )
         expect(bar).to_be_in_viewport(ratio=1.0)
     page.locator("#handle").press("ArrowUp")
     card.visible = False
     viewer.tell_controls(controls)
-    expect(page.locator("section.card")).to_be_hidden()
+    expect(region).to_be_hidden()
     poll(page, lambda: box_of(bar) == before, "they are where they were")
 
 
