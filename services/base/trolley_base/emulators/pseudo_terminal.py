@@ -46,6 +46,7 @@ class PseudoTerminal:
         self.is_open = False
         """Whether a host has it open, as of the last `look`."""
         self._unread = b""
+        self._last_words = b""
         self._is_refusing = False
         self.plug()
 
@@ -98,12 +99,19 @@ class PseudoTerminal:
         was_open = self.is_open
         self.is_open = not any(event & select.POLLHUP for _, event in self._poll.poll(0))
         if was_open and not self.is_open:
+            while data := self._take():
+                self._last_words += data
             self._unread = b""
             self._prepare_for_next()
         return self.is_open and not was_open
 
     def read(self) -> bytes:
-        """Return what the host has written since the last call."""
+        """Return what the host has written since the last call, be it gone meanwhile."""
+        data = self._last_words + self._take()
+        self._last_words = b""
+        return data
+
+    def _take(self) -> bytes:
         if self._master is None:
             return b""
         try:

@@ -63,6 +63,17 @@ def test_a_host_may_close_and_open_again_and_finds_nothing_old(terminal: PseudoT
     os.close(host)
 
 
+def test_what_a_host_says_before_it_closes_is_heard(terminal: PseudoTerminal):
+    host = open_plainly(terminal)
+    terminal.look()
+    num_written = os.write(host, b"stop" * 1500)
+    assert num_written > 4096, "more than the master's side has room for"
+    os.close(host)
+    terminal.look()
+    assert len(terminal.read()) == num_written
+    assert terminal.read() == b""
+
+
 @pytest.mark.parametrize("baud", [57600, 115200, 128000, 230400])
 def test_it_knows_the_hosts_speed(terminal: PseudoTerminal, baud: int):
     assert terminal.host_baud() == 57600
