@@ -5,6 +5,7 @@ import contextlib
 import io
 import math
 import re
+import time
 from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 from typing import Any
@@ -146,17 +147,33 @@ LATE_MS = 3000
 """What was only late has happened after this."""
 
 
-def press(page: Page, push: Callable[[], object], happened: Callable[[], bool], what: str) -> None:
-    """Press something as a person does: again where the page says that nothing was done."""
+def press(
+    page: Page,
+    push: Callable[[], object],
+    happened: Callable[[], bool],
+    what: str,
+    again_s: float = math.inf,
+) -> None:
+    """Press something as a person does: again where the page says that nothing was done.
+
+    `again_s`: press it again after so long without a word, as what moves away just then is pressed
+    for nothing.
+    """
     refused = page.locator(".notice", has_text=NOT_DONE)
+    pushed_s = 0.0
 
     def push_anew() -> None:
+        nonlocal pushed_s
+        pushed_s = time.monotonic()
         expect(page.locator("body")).to_have_attribute("data-line", "open")
         page.evaluate(WATCH_LINE)
         push()
 
     def has_happened() -> bool:
-        if not happened() and (refused.count() > 0 or page.evaluate("wasLost")):
+        if happened():
+            return True
+        is_overdue = time.monotonic() > pushed_s + again_s
+        if is_overdue or refused.count() > 0 or page.evaluate("wasLost"):
             page.wait_for_timeout(LATE_MS)
             if not happened():
                 push_anew()

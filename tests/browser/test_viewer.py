@@ -52,7 +52,7 @@ def goal_id(shown: "Shown") -> str | None:
 def send(page: Page, shown: "Shown", push: Callable[[], object]) -> None:
     """Press what sends the robot to a goal, until there is a new one."""
     before = goal_id(shown)
-    press(page, push, lambda: goal_id(shown) != before, "the goal is sent")
+    press(page, push, lambda: goal_id(shown) != before, "the goal is sent", again_s=10.0)
 
 
 def place_of(shown: "Shown", name: str) -> SavedPose | None:
