@@ -2,7 +2,6 @@
 
 import os
 import secrets
-import socket
 import subprocess
 import sys
 import threading
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.processes import find_free_port
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import codes, requests, topics
@@ -244,9 +244,7 @@ def running(robot: ScriptedRobot, name: str, endpoint: str, folder: Path) -> Ite
 @pytest.fixture
 def port() -> int:
     """A free TCP port of loopback."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    return find_free_port()
 
 
 @pytest.fixture

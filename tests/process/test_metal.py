@@ -1,13 +1,13 @@
 """What leaves base on the serial line: judged by the emulated board and by the simulated truth."""
 
 import signal
-import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from support.metal import Metal
+from support.processes import find_free_port
 from support.waiting import wait_until
 
 from trolley import codes
@@ -52,10 +52,7 @@ def test_each_cause_sends_a_zero_to_other_boards(
 
 @pytest.mark.slow
 def test_each_cause_sends_a_zero_over_udp(make_metal: Callable[..., Metal]) -> None:
-    with socket.socket(type=socket.SOCK_DGRAM) as free:
-        free.bind(("", 0))
-        number = free.getsockname()[1]
-    with make_metal("linorobot2", udp=number).running() as metal:
+    with make_metal("linorobot2", udp=find_free_port()).running() as metal:
         metal.wait_for("ok")
         check_each_cause(metal)
 

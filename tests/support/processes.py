@@ -1,6 +1,8 @@
 """Real processes for tests: the tests' own Python, output in a file, ended by their pid."""
 
+import itertools
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -10,17 +12,23 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from support.waiting import PATIENCE_S, wait_until
+from trolley.ports import is_free
 from trolley.runtime.zenoh_bus import open_router
 from trolley.security.access import Security
 
 TESTS = Path(__file__).resolve().parents[1]
 
 
+PORTS = range(11_000, 32_000)
+"""Ports that tests use. From 32768 on any connection that anybody opens may be given one, before
+the test or its robot listens there."""
+_first = random.SystemRandom().choice(PORTS)  # tests run side by side
+_ports = itertools.cycle((*range(_first, PORTS.stop), *range(PORTS.start, _first)))
+
+
 def find_free_port() -> int:
-    """A port of the loopback interface that nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port of the loopback interface that nobody listens on now, a new one each time."""
+    return next(port for port in _ports if is_free(port))
 
 
 class Process:

@@ -1,6 +1,5 @@
 """A viewer that tells a page what a test wants, without a robot."""
 
-import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,6 +8,7 @@ from typing import Any
 
 from msgspec import structs
 from playwright.sync_api import Browser, Page
+from support.processes import find_free_port
 from support.waiting import wait_until
 
 from browser.conftest import open_page
@@ -83,9 +83,7 @@ class Viewer:
 @contextmanager
 def scripted_viewer() -> Iterator[Viewer]:
     """A viewer without a robot."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = find_free_port()
     viewer = Viewer(f"http://127.0.0.1:{port}/")
     scene = open_scene()
     access = AccessControl(port, (), always_ask=False, tokens=AccessTokens.new())

@@ -3,7 +3,6 @@
 import contextlib
 import math
 import re
-import socket
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import viser
+from support.processes import find_free_port
 
 from trolley import requests, topics
 from trolley.codes import Refused
@@ -61,12 +61,6 @@ from trolley_viz.session.browser_scene import BrowserScene
 from trolley_viz.session.hub import Hub
 from trolley_viz.session.robot_scene import RobotScene
 from trolley_viz.session.session import Session
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 class PretendRobot(Service):
@@ -375,7 +369,7 @@ class Stage:
             robot=RobotSection(
                 name="trolley", footprint=FootprintConfig(length_m=0.4, width_m=0.4)
             ),
-            viz=VizConfig(port=free_port()),
+            viz=VizConfig(port=find_free_port()),
         )
         self.robot = self.runtime.add(PretendRobot())
         self.viz = self.runtime.add(VizService(self.config))

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from support.metal import make_hall
+from support.processes import find_free_port
 
 from trolley_base.detection import settings, udev_rules
 from trolley_base.detection.detector import detect_devices
@@ -22,9 +23,7 @@ pytestmark = pytest.mark.drives
 
 @pytest.fixture
 def number() -> int:
-    with socket.socket(type=socket.SOCK_DGRAM) as found:
-        found.bind(("", 0))
-        return found.getsockname()[1]
+    return find_free_port()
 
 
 @contextmanager

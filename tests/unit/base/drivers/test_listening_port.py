@@ -12,6 +12,7 @@ import msgspec
 import pytest
 from bench.base.lidars.ld19 import ld19_stream
 from support.metal import make_hall
+from support.processes import find_free_port
 from support.waiting import wait_until
 
 from trolley.config import ConfigError, RobotConfig
@@ -35,15 +36,9 @@ PING = bytes.fromhex("80 00 00 00 02 01 08 00 00 0A FF FD 02 00 00 00")
 RUBBISH = (b"", b"\x00", b"M-SEARCH * HTTP/1.1\r\n", bytes(1400), b"\xff" * 64, PING[:7], PING[4:])
 
 
-def free_port() -> int:
-    with socket.socket(type=socket.SOCK_DGRAM) as found:
-        found.bind(("", 0))
-        return found.getsockname()[1]
-
-
 @pytest.fixture
 def number() -> int:
-    return free_port()
+    return find_free_port()
 
 
 @pytest.fixture

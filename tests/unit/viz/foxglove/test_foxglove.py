@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.foxglove_client import FoxgloveClient, fields
+from support.processes import find_free_port
 
 from trolley import topics
 from trolley.config import VizConfig
@@ -15,7 +16,7 @@ from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service
 from trolley_viz.foxglove import open_bridge
 
-from ..conftest import PretendRobot, free_port
+from ..conftest import PretendRobot
 
 PATIENCE = 400
 
@@ -41,7 +42,7 @@ class Scene:
     """A robot, the bridge, and clients."""
 
     def __init__(self, state: Path) -> None:
-        self.port = free_port()
+        self.port = find_free_port()
         self.runtime = Lockstep(state=state)
         self.host = self.runtime.add(Host(VizConfig(foxglove_port=self.port)))
         self.robot = self.runtime.add(PretendRobot())
@@ -182,7 +183,9 @@ def test_it_is_open_to_the_network_only_where_that_is_said(
     tmp_path: Path, *, is_open: bool, is_served: bool
 ) -> None:
     runtime = Lockstep(state=tmp_path)
-    config = VizConfig(foxglove_port=free_port(), foxglove_host="0.0.0.0", foxglove_open=is_open)
+    config = VizConfig(
+        foxglove_port=find_free_port(), foxglove_host="0.0.0.0", foxglove_open=is_open
+    )
     healths = runtime.record(topics.HEALTH, "viz")
     host = runtime.add(Host(config))
     runtime.run(1.5)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import viser
+from support.processes import find_free_port
 from support.waiting import PATIENCE_S, wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -56,9 +57,7 @@ async def photo_of(robot: str, name: str) -> bytes | None:
 
 
 def serve(*, always_ask: bool = False, post: Post = lambda call: call()) -> Iterator[Served]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = find_free_port()
     served = Served(port, open_scene(), AccessTokens.new(), [], [], [])
     access = AccessControl(port, (), always_ask=always_ask, tokens=served.tokens)
     lines = Lines(
