@@ -34,6 +34,7 @@ from trolley.geometry import Pose2D
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.description import footprint_of
 from trolley_base.service import BaseService
+from trolley_planner import navigator
 from trolley_planner.service import PlannerService
 
 Floats = NDArray[np.float64]
@@ -108,6 +109,8 @@ def _spread(values: Floats) -> str:
 
 def watch(scene: Scene, seed: int, seconds: float, sights: Sights) -> None:
     """Let a crowd walk around a robot that stands in the middle of the hall."""
+    # It looks at each scan, as a robot does that has somewhere to go.
+    navigator.IDLE_SCAN_S = 0.0
     (left, low), (right, high) = HALL
     scene = replace(scene, start=Pose2D(0.5 * (left + right), 0.5 * (low + high), 0.0))
     with tempfile.TemporaryDirectory() as folder, Lockstep("trolley", seed) as lockstep:

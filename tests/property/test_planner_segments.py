@@ -10,6 +10,7 @@ from support.cases import cases
 
 from trolley_planner.people.free_space import View, views_of, was_free, was_free_in_any
 from trolley_planner.people.segments import SEGMENTS, begins_of, segments_of
+from trolley_planner.people.sights import HIDDEN, SIGHTS, middle_of
 
 Floats = NDArray[np.float64]
 ORIGIN, STEP_RAD = np.array([0.1, -0.2]), 0.0175
@@ -45,8 +46,8 @@ def plain_pieces(points: Floats, step_rad: float) -> list[Floats]:
     return pieces
 
 
-def plain_segments(points: Floats, step_rad: float) -> list[tuple[Floats, Floats]]:
-    """Points and middle of each segment."""
+def plain_segments(points: Floats, step_rad: float) -> list[tuple[list[Floats], Floats]]:
+    """Parts of each segment, and its middle where all of it is seen."""
     pieces = plain_pieces(points, step_rad)
     joined: list[list[Floats]] = []
     legs: list[int] = []
@@ -72,12 +73,11 @@ def plain_segments(points: Floats, step_rad: float) -> list[tuple[Floats, Floats
         else:
             joined[pair].append(piece)
             legs.remove(pair)
-    found: list[tuple[Floats, Floats]] = []
-    for parts in joined:
-        points_of = np.concatenate(parts)
-        if size(points_of) <= SEGMENTS.largest_m:
-            found.append((points_of, np.mean([plain_middle(part) for part in parts], axis=0)))
-    return found
+    return [
+        (parts, np.mean([plain_middle(part) for part in parts], axis=0))
+        for parts in joined
+        if size(np.concatenate(parts)) <= SEGMENTS.largest_m
+    ]
 
 
 def plain_middle(part: Floats) -> Floats:
@@ -85,19 +85,29 @@ def plain_middle(part: Floats) -> Floats:
     mean = part.mean(axis=0)
     away = (mean - ORIGIN) / math.dist(mean, ORIGIN)
     beside = (part - mean) @ (-away[1], away[0])
-    return mean + SEGMENTS.depth * float(np.ptp(beside)) * away
+    return mean + SIGHTS.depth * float(np.ptp(beside)) * away
 
 
 @settings(max_examples=cases(60))
 @given(st.integers(0, 2**32 - 1))
 def test_segments_are_those_of_lists_of_pieces(seed: int) -> None:
     points = scan(seed)
-    found = segments_of(points, ORIGIN, STEP_RAD)
+    is_hidden = np.random.default_rng(seed).random((len(points), 2)) < 0.3
+    found = segments_of(points, is_hidden, ORIGIN, STEP_RAD)
     plain = plain_segments(points, STEP_RAD)
     assert len(found) == len(plain)
-    for one, (its_points, middle) in zip(found, plain, strict=True):
-        assert np.array_equal(one.points, its_points)
-        assert np.allclose(one.place, middle, atol=1e-9)
+    hidden_by_point = {
+        tuple(point): tuple(sides) for point, sides in zip(points, is_hidden, strict=True)
+    }
+    for one, (parts, middle) in zip(found, plain, strict=True):
+        assert np.array_equal(one.points, np.concatenate(parts))
+        assert np.allclose(middle_of(one.sight, 0.0), middle, atol=1e-9)
+        # Of two legs neither side counts as hidden.
+        right, left = (
+            hidden_by_point[tuple(parts[0][0])][0],
+            hidden_by_point[tuple(parts[0][-1])][1],
+        )
+        assert one.sight[HIDDEN] == (right + 2 * left if len(parts) == 1 else 0)
 
 
 @given(st.integers(1, 4), st.integers(0, 2**32 - 1), st.floats(0.5, 6.0))

@@ -296,6 +296,21 @@ def test_who_comes_out_from_behind_somebody_goes_on_as_before() -> None:
     assert len(known) == 2
 
 
+def test_who_is_half_hidden_walks_as_before() -> None:
+    """A pillar hides first one side of who walks behind it, then the other."""
+    watch, num_seen = PeopleTracker(), 0
+    for step in range(34):
+        y = 3.3 + 0.1 * step
+        beams = beams_to([(6.0, 5.0, 0.15), (7.0, y, 0.3)], wall_m=4.0)
+        people = watch.update(step * 100_000_000, beams, NO_WALLS, EDGE_M)
+        for person in people:
+            x, y_mps = person.velocity
+            assert math.hypot(x, y_mps - 1.0) < 0.2, y
+            assert math.dist(person.place, (7.0, y)) < 0.1, y
+        num_seen += len(people)
+    assert num_seen >= 28
+
+
 def test_a_pause_of_the_lidar_leaves_no_velocity_to_measure() -> None:
     watch = PeopleTracker()
     for stamp_ns, y in ((0, 5.0), (100_000_000, 5.05), (800_000_000, 5.1)):

@@ -23,6 +23,12 @@ class FreeSpaceParams(NamedTuple):
     beside_rad: float = 0.025
     """Angle to either side within which the neighbouring beams must show so, too: edges of objects
     jump from scan to scan."""
+    before_m: float = 0.15
+    """What is nearer than an echo by this hides what is beside the echo."""
+    beside_beams: int = 2
+    """Number of beams to either side that are looked at for that."""
+    far_m: float = 5.7
+    """Farther away what is beside an echo may be out of sight."""
 
 
 FREE_SPACE = FreeSpaceParams()
@@ -89,7 +95,7 @@ def was_free_in_any(views: Views, points: Floats, least: float) -> bool:
 @kernel
 def take_apart(
     beams: Floats, wall_distance_m: NDArray[np.float32], edge_m: float
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
     """Return the angles of beams, how far all about each are free, and echoes not on the map.
 
     Args:
@@ -98,11 +104,12 @@ def take_apart(
         edge_m: edge of these cells.
 
     Returns:
-        (n,) rising [rad], (n,) [m], and (k, 2) [m].
+        (n,) rising [rad], (n,) [m], (k, 2) [m], and (k, 2) whether something hides what is to the
+        right and to the left of each echo.
     """
     count, (rows, cols) = beams.shape[0], wall_distance_m.shape
     angles, clear_m, loose = np.empty(count), np.empty(count), np.empty((count, 2))
-    turns, num_loose = 0.0, 0
+    beams_of, turns, num_loose = np.empty(count, np.int64), 0.0, 0
     for beam in range(count):
         angle = math.atan2(beams[beam, DY], beams[beam, DX])
         if beam > 0:
@@ -117,6 +124,7 @@ def take_apart(
         inside = 0 <= row < rows and 0 <= col < cols
         if inside and wall_distance_m[row, col] > FREE_SPACE.wall_m:
             loose[num_loose, 0], loose[num_loose, 1] = x, y
+            beams_of[num_loose] = beam
             num_loose += 1
     spread = max(angles[-1] - angles[0], 1e-3)
     width = max(1, round(FREE_SPACE.beside_rad * (count - 1) / spread))
@@ -125,7 +133,37 @@ def take_apart(
         for near in range(max(beam - width, 0), min(beam + width + 1, count)):
             least = min(least, beams[near, CLEAR])
         clear_m[beam] = least
-    return angles, clear_m, loose[:num_loose].copy()
+    is_round = spread * count / (count - 1) > 2.0 * math.pi - FREE_SPACE.beside_rad
+    is_hidden = np.empty((num_loose, 2), np.bool_)
+    for index in range(num_loose):
+        for side in range(2):
+            toward = 2 * side - 1
+            is_hidden[index, side] = is_hidden_beside(beams, beams_of[index], toward, is_round)
+    return angles, clear_m, loose[:num_loose].copy(), is_hidden
+
+
+@kernel
+def is_hidden_beside(beams: Floats, beam: int, toward: int, is_round: bool) -> bool:
+    """Say whether something nearer is right beside an echo, or nothing is in sight there.
+
+    Args:
+        beams: (n, 6) columns: sensing.beams.
+        beam: of the echo.
+        toward: 1 for the beams after it, -1 for those before it.
+        is_round: whether the last beam is beside the first.
+    """
+    count = beams.shape[0]
+    if beams[beam, ECHO] > FREE_SPACE.far_m:
+        return True
+    for steps in range(1, FREE_SPACE.beside_beams + 1):
+        near = beam + toward * steps
+        if not 0 <= near < count:
+            if not is_round:
+                return True
+            near %= count
+        if 0.0 < beams[near, ECHO] < beams[beam, ECHO] - FREE_SPACE.before_m:
+            return True
+    return False
 
 
 @kernel

@@ -8,6 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
+from trolley_planner.people.sights import (
+    AWAY_X,
+    AWAY_Y,
+    HIDDEN,
+    LEFT,
+    LEFT_IS_HIDDEN,
+    NUM_COLUMNS,
+    RIGHT,
+    RIGHT_IS_HIDDEN,
+    SEEN_X,
+    SEEN_Y,
+    middle_of,
+)
 
 
 class SegmentParams(NamedTuple):
@@ -30,9 +43,6 @@ class SegmentParams(NamedTuple):
     """Largest gap between the two legs of a person."""
     pair_m: float = 0.65
     """Largest extent of two legs that are one person."""
-    depth: float = 0.4
-    """The lidar sees one side of a body or a leg: the middle lies this share of its width behind
-    the middle of what is seen (pi / 8 for a round one)."""
 
 
 SEGMENTS = SegmentParams()
@@ -44,45 +54,49 @@ class Segment(NamedTuple):
 
     points: Floats
     """(k, 2) [m]."""
-    place: Floats
-    """(2,) its middle, which the lidar does not see [m]."""
+    sight: Floats
+    """(7,) columns: people.sights."""
 
 
-def segments_of(points: Floats, origin: Floats, step_rad: float) -> list[Segment]:
+def segments_of(
+    points: Floats, is_hidden: NDArray[np.bool_], origin: Floats, step_rad: float
+) -> list[Segment]:
     """Return points (n, 2) in the order of the beams as segments of a person's size.
 
     Args:
         points: of the scan.
+        is_hidden: (n, 2) whether something hides what is to the right and to the left of each.
         origin: (2,) of the beams.
         step_rad: angle between two beams.
     """
     if len(points) < 2:
         return []
-    ordered, ends, places = group(points, origin, step_rad)
+    ordered, ends, sights = group(points, is_hidden, origin, step_rad)
     firsts = [0, *ends.tolist()]
     return [
-        Segment(ordered[first:end], place)
-        for (first, end), place in zip(pairwise(firsts), places, strict=True)
+        Segment(ordered[first:end], sight)
+        for (first, end), sight in zip(pairwise(firsts), sights, strict=True)
     ]
 
 
 @kernel
 def group(
-    points: Floats, origin: Floats, step_rad: float
+    points: Floats, is_hidden: NDArray[np.bool_], origin: Floats, step_rad: float
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Return the points of all segments one after the other, where each ends, and its middle.
+    """Return the points of all segments one after the other, where each ends, and its sight.
 
     Args:
         points: (n, 2) in the order of the beams.
+        is_hidden: (n, 2) whether something hides what is to the right and to the left of each.
         origin: (2,) of the beams.
         step_rad: angle between two beams.
 
     Returns:
-        (k, 2), (m,) and (m, 2).
+        (k, 2), (m,) and (m, 7).
     """
-    ring, ends = pieces_of(points, begins_of(points, origin, step_rad))
+    ring, ends, shift = pieces_of(points, begins_of(points, origin, step_rad))
     parts = with_both_legs(ring, ends, without_edges(ring, ends))
-    ordered, places = np.empty_like(ring), np.empty((parts.shape[0], 2))
+    ordered, sights = np.empty_like(ring), np.empty((parts.shape[0], NUM_COLUMNS))
     segment_ends, count, at = np.empty(parts.shape[0], np.int64), 0, 0
     for index in range(parts.shape[0]):
         one = piece(ring, ends, parts[index, 0])
@@ -91,20 +105,28 @@ def group(
             continue
         ordered[at : at + one.shape[0]] = one
         at += one.shape[0]
-        x, y = middle_behind(one, origin)
+        sight = sights[count]
+        see_into(sight, one, origin)
         if parts[index, 1] >= 0:
             ordered[at : at + other.shape[0]] = other
             at += other.shape[0]
-            other_x, other_y = middle_behind(other, origin)
-            x, y = (x + other_x) / 2.0, (y + other_y) / 2.0
-        segment_ends[count], places[count, 0], places[count, 1] = at, x, y
+            add_leg(sight, other, origin)
+        else:
+            first = (ends[parts[index, 0] - 1] if parts[index, 0] > 0 else 0) - shift
+            last = first + one.shape[0] - 1
+            sight[HIDDEN] += RIGHT_IS_HIDDEN if is_hidden[first, 0] else 0
+            sight[HIDDEN] += LEFT_IS_HIDDEN if is_hidden[last, 1] else 0
+        segment_ends[count] = at
         count += 1
-    return ordered[:at].copy(), segment_ends[:count].copy(), places[:count].copy()
+    return ordered[:at].copy(), segment_ends[:count].copy(), sights[:count].copy()
 
 
 @kernel
-def pieces_of(points: Floats, begins: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
-    """Return points (n, 2) so that no piece is cut, and where each piece ends (m,)."""
+def pieces_of(points: Floats, begins: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64], int]:
+    """Return points (n, 2) in an order that cuts no piece, where each ends (m,), and the shift.
+
+    The shift is the number of places by which the points have moved on.
+    """
     count, last = points.shape[0], points.shape[0] - 1
     while last > 0 and not begins[last]:
         last -= 1
@@ -117,7 +139,7 @@ def pieces_of(points: Floats, begins: NDArray[np.bool_]) -> tuple[Floats, NDArra
             ends[num] = shift + index
             num += 1
     ends[num] = count
-    return ring, ends[: num + 1]
+    return ring, ends[: num + 1], shift
 
 
 @kernel
@@ -168,8 +190,8 @@ def centre_of(points: Floats) -> tuple[float, float]:
 
 
 @kernel
-def middle_behind(part: Floats, origin: Floats) -> tuple[float, float]:
-    """Return the middle of what is seen from one side: it lies behind the points (k, 2)."""
+def see_into(out_sight: Floats, part: Floats, origin: Floats) -> None:
+    """Write the sight (7,) of points (k, 2) none of whose sides are hidden."""
     x, y = centre_of(part)
     away_x, away_y = x - origin[0], y - origin[1]
     length = max(math.hypot(away_x, away_y), 1e-6)
@@ -178,8 +200,22 @@ def middle_behind(part: Floats, origin: Floats) -> tuple[float, float]:
     for index in range(part.shape[0]):
         beside = (part[index, 1] - y) * away_x - (part[index, 0] - x) * away_y
         least, most = min(least, beside), max(most, beside)
-    behind = SEGMENTS.depth * (most - least)
-    return x + behind * away_x, y + behind * away_y
+    out_sight[SEEN_X], out_sight[SEEN_Y], out_sight[HIDDEN] = x, y, 0.0
+    out_sight[AWAY_X], out_sight[AWAY_Y] = away_x, away_y
+    out_sight[RIGHT], out_sight[LEFT] = least, most
+
+
+@kernel
+def add_leg(sight: Floats, leg: Floats, origin: Floats) -> None:
+    """Make the sight (7,) of a leg that of both.
+
+    Legs swing and hide each other: what is known is where the middle between them lies.
+    """
+    x, y = middle_of(sight, 0.0)
+    see_into(sight, leg, origin)
+    other_x, other_y = middle_of(sight, 0.0)
+    sight[SEEN_X], sight[SEEN_Y] = 0.5 * (x + other_x), 0.5 * (y + other_y)
+    sight[RIGHT] = sight[LEFT] = 0.0
 
 
 @kernel

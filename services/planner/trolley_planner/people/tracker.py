@@ -23,6 +23,7 @@ from trolley_planner.people.free_space import (
     was_free_in_any,
 )
 from trolley_planner.people.segments import Segment, segments_of, size_of
+from trolley_planner.people.sights import NUM_COLUMNS, SIGHTS, middle_of
 from trolley_planner.people.velocity_estimation import TRACKS, track_on
 from trolley_planner.sensing.beams import X, Y
 
@@ -42,7 +43,7 @@ class PeopleTrackerParams(NamedTuple):
     """Speed down to which a person who was seen to walk stays one."""
     fastest_mps: float = 2.5
     """Speed above which two echoes are two different objects."""
-    astray_m: float = 0.3
+    astray_m: float = 0.4
     """Distance from the predicted position within which a person is matched."""
     depth_m: float = 0.03
     """Extra radius of a person beyond the echoes."""
@@ -56,7 +57,7 @@ class PeopleTrackerParams(NamedTuple):
 
 TRACKING = PeopleTrackerParams()
 Floats = NDArray[np.float64]
-NO_TRACK = np.empty((0, 5))
+NO_TRACK = np.empty((0, 1 + NUM_COLUMNS))
 
 
 class TrackedPerson(NamedTuple):
@@ -106,11 +107,14 @@ class Trail(NamedTuple):
     """By which it is known for as long as it is tracked."""
     seen_ns: int
     """When it was seen last."""
-    segment: Segment
-    """The segment of the scan that showed it last."""
+    points: Floats
+    """(n, 2) where the scan that showed it last did so [m]."""
+    place: Floats
+    """(2,) its middle then [m]."""
     track: Floats
-    """(m, 5) where it was, oldest first: time since `seen_ns` [s], its middle, and the middle of
-    what was seen of it."""
+    """(m, 8) what was seen of it, oldest first: time since `seen_ns` [s], and a sight."""
+    width_m: float
+    """How wide it is, as far as it was seen."""
     motion: tuple[Floats, float] | None
     """Velocity along the track and its standard deviation [m/s], None if it is too short."""
     person: TrackedPerson | None
@@ -118,8 +122,9 @@ class Trail(NamedTuple):
 
     def expected(self, stamp_ns: int) -> Floats:
         """Return the predicted centre (2,)."""
-        here = self.track[-1, 1:3]
-        return here if self.motion is None else here + self.motion[0] * self.elapsed_s(stamp_ns)
+        if self.motion is None:
+            return self.place
+        return self.place + self.motion[0] * self.elapsed_s(stamp_ns)
 
     def reach_m(self, stamp_ns: int) -> float:
         """Return the search radius around the predicted centre [m]."""
@@ -160,7 +165,7 @@ class PeopleTracker:
         last = self._views[-1] if self._views else None
         if last is not None and abs(stamp_ns - last.stamp_ns) < TRACKING.pause_s * 1e9:
             return self._people(stamp_ns)
-        angles, clear_m, loose = take_apart(beams, wall_distance_m, edge_m)
+        angles, clear_m, loose, is_hidden = take_apart(beams, wall_distance_m, edge_m)
         view = View(stamp_ns, beams[:, [X, Y]].mean(axis=0), angles, clear_m)
         earlier = [
             one
@@ -170,7 +175,7 @@ class PeopleTracker:
         before_now = views_of(earlier) if earlier else None
         self._views.append(view)
         spread = max(float(angles[-1] - angles[0]), 1e-3)
-        segments = segments_of(loose, view.origin, spread / (len(angles) - 1))
+        segments = segments_of(loose, is_hidden, view.origin, spread / (len(angles) - 1))
         before = _origins(segments, self._trails, stamp_ns)
         hidden = self._now_hidden(segments, set(before), view)
         self._trails = [
@@ -184,10 +189,9 @@ class PeopleTracker:
         found: list[Track] = []
         for trail in self._trails:
             if trail.seen_ns == self._views[-1].stamp_ns:
-                person, (points, place) = trail.person, trail.segment
+                person, size_m = trail.person, size_of(trail.points)
                 velocity = np.zeros(2) if person is None else person.velocity
-                size_m = size_of(points)
-                found.append(Track(trail.number, place, size_m, velocity, person is not None))
+                found.append(Track(trail.number, trail.place, size_m, velocity, person is not None))
         return found
 
     def _people(self, stamp_ns: int) -> list[TrackedPerson]:
@@ -205,14 +209,34 @@ class PeopleTracker:
         """Return the trail of a segment, which goes on from one before."""
         if before is None:
             number, is_known = next(self._new_numbers), False
-            track, elapsed_s = NO_TRACK, 0.0
+            track, elapsed_s, width_m = NO_TRACK, 0.0, SIGHTS.width_m
         else:
             number, is_known = before.number, before.person is not None
             track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
-        track, vx, vy, std = track_on(track, elapsed_s, segment.place, segment.points)
-        motion = None if math.isinf(std) else (np.array([vx, vy]), std)
-        person = _person(segment, track, motion, view, earlier, is_known=is_known)
-        return Trail(number, view.stamp_ns, segment, track, motion, person)
+            width_m = before.width_m
+        track, width_m, here, velocity, std = track_on(track, elapsed_s, segment.sight, width_m)
+        place, motion, person = np.array(here), None, None
+        if not math.isinf(std):
+            motion = np.array(velocity), std
+            seen = TrackedPerson(segment.points, place, *motion)
+            person = seen if self._walks(seen, track, earlier, is_known=is_known) else None
+        return Trail(number, view.stamp_ns, segment.points, place, track, width_m, motion, person)
+
+    def _walks(
+        self, seen: TrackedPerson, track: Floats, earlier: Views | None, *, is_known: bool
+    ) -> bool:
+        """Say whether what is seen walks; not if it stands, or may have been hidden before.
+
+        Args:
+            seen: in the newest scan.
+            track: of it.
+            earlier: scans to compare with, None if there are none.
+            is_known: whether it was seen to walk before.
+        """
+        slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
+        if math.hypot(*seen.velocity.tolist()) < slowest:
+            return False
+        return is_known or _came(seen.points, earlier) or _left(track, self._views[-1])
 
     def _now_hidden(self, segments: list[Segment], taken: set[int], view: View) -> list[Trail]:
         """Return the trails of people who are hidden from the newest scan."""
@@ -238,26 +262,31 @@ def _origins(segments: list[Segment], trails: list[Trail], stamp_ns: int) -> lis
     origins = [-1] * len(segments)
     if not segments or not trails:
         return origins
-    places = np.array([segment.place for segment in segments])
+    sights = np.array([segment.sight for segment in segments])
     expected = np.array([trail.expected(stamp_ns) for trail in trails])
     reach_m = np.array([trail.reach_m(stamp_ns) for trail in trails])
-    return assigned(places, expected, reach_m).tolist()
+    widths_m = np.array([trail.width_m for trail in trails])
+    return assigned(sights, expected, reach_m, widths_m).tolist()
 
 
 @kernel
-def assigned(places: Floats, expected: Floats, reach_m: Floats) -> NDArray[np.int64]:
-    """Return which of the expected places each place is, -1 for none: the nearest pairs first.
+def assigned(
+    sights: Floats, expected: Floats, reach_m: Floats, widths_m: Floats
+) -> NDArray[np.int64]:
+    """Return which of the expected places each sight is of, -1 for none: the nearest pairs first.
 
     Args:
-        places: (n, 2) [m].
+        sights: (n, 7) columns: people.sights.
         expected: (m, 2) [m].
         reach_m: (m,) how far away from there it may be.
+        widths_m: (m,) how wide what is expected there is.
     """
-    num_expected, num_places = expected.shape[0], places.shape[0]
+    num_expected, num_places = expected.shape[0], sights.shape[0]
     lengths = np.full(num_expected * num_places, np.inf)
     for row in range(num_expected):
         for col in range(num_places):
-            dx, dy = places[col, 0] - expected[row, 0], places[col, 1] - expected[row, 1]
+            x, y = middle_of(sights[col], widths_m[row])
+            dx, dy = x - expected[row, 0], y - expected[row, 1]
             length = math.hypot(dx, dy)
             if length <= reach_m[row]:
                 lengths[row * num_places + col] = length
@@ -273,33 +302,6 @@ def assigned(places: Floats, expected: Floats, reach_m: Floats) -> NDArray[np.in
     return origins
 
 
-def _person(
-    segment: Segment,
-    track: Floats,
-    motion: tuple[Floats, float] | None,
-    view: View,
-    earlier: Views | None,
-    *,
-    is_known: bool,
-) -> TrackedPerson | None:
-    """Return a segment as a person; None if it stands, or may have been hidden before.
-
-    Args:
-        segment: of the newest scan.
-        track: where it was.
-        motion: along it.
-        view: the newest scan.
-        earlier: scans to compare with, None if there are none.
-        is_known: whether it was seen to move before.
-    """
-    slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
-    if motion is None or math.hypot(*motion[0].tolist()) < slowest:
-        return None
-    if is_known or _came(segment.points, earlier) or _left(track, view):
-        return TrackedPerson(*segment, *motion)
-    return None
-
-
 def _came(points: Floats, earlier: Views | None) -> bool:
     """Say whether points (n, 2) lie where earlier beams passed."""
     least = max(float(TRACKING.least_points), TRACKING.least_share * len(points))
@@ -308,6 +310,6 @@ def _came(points: Floats, earlier: Views | None) -> bool:
 
 def _left(track: Floats, view: View) -> bool:
     """Say whether beams now pass where a track was: a person who walks away is hidden."""
-    before = track[track[:, 0] <= -TRACKS.least_s, 3:]
+    before = track[track[:, 0] <= -TRACKS.least_s, 1 : 1 + 2]
     # One alone may have lain on an edge that beams graze.
     return int(np.count_nonzero(was_free(view, before))) >= TRACKING.least_points

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.jit import kernel
-from trolley_planner.people.segments import centre_of
+from trolley_planner.people.sights import HIDDEN, NUM_COLUMNS, middle_of, width_seen
 
 
 class VelocityEstimationParams(NamedTuple):
@@ -30,49 +30,71 @@ Floats = NDArray[np.float64]
 
 
 @kernel
-def longer_track(track: Floats, elapsed_s: float, place: Floats, points: Floats) -> Floats:
-    """Return the recent part of a track (n, 5), with the present position as its last row.
+def longer_track(track: Floats, elapsed_s: float, sight: Floats) -> Floats:
+    """Return the recent part of a track (n, 8), with the present sight as its last row.
 
     Args:
         track: see `Trail.track`.
         elapsed_s: since its last row.
-        place: (2,) the middle [m].
-        points: (k, 2) what is seen [m].
+        sight: (7,) what is seen now.
     """
     first, count = 0, track.shape[0]
     while first < count and track[first, 0] - elapsed_s < -TRACKS.kept_s:
         first += 1
-    longer = np.empty((count - first + 1, 5))
+    longer = np.empty((count - first + 1, 1 + NUM_COLUMNS))
     longer[:-1] = track[first:]
     longer[:-1, 0] -= elapsed_s
-    last = longer[-1]
-    last[0], last[1], last[2] = 0.0, place[0], place[1]
-    last[3], last[4] = centre_of(points)
+    longer[-1, 0], longer[-1, 1:] = 0.0, sight
     return longer
 
 
 @kernel
+def whole_width(track: Floats, before_m: float) -> float:
+    """Return how wide an object is: as its track (n, 8) shows where nothing hid it, else before."""
+    whole_m = most_m = 0.0
+    for index in range(track.shape[0]):
+        seen_m = width_seen(track[index, 1:])
+        most_m = max(most_m, seen_m)
+        if track[index, 1 + HIDDEN] == 0.0:
+            whole_m = max(whole_m, seen_m)
+    return max(whole_m if whole_m > 0.0 else before_m, most_m)
+
+
+@kernel
 def track_on(
-    track: Floats, elapsed_s: float, place: Floats, points: Floats
-) -> tuple[Floats, float, float, float]:
-    """Return a track with its present position, see `longer_track`, and the motion along it.
+    track: Floats, elapsed_s: float, sight: Floats, width_m: float
+) -> tuple[Floats, float, tuple[float, float], tuple[float, float], float]:
+    """Return a track with its present sight, see `longer_track`, and the motion along it.
 
     A straight line is fitted, over a longer time where the track was straight for that long; what
     the track strays from it says how sure its slope is.
 
+    Args:
+        track: see `Trail.track`.
+        elapsed_s: since its last row.
+        sight: (7,) what is seen now.
+        width_m: how wide it was so far.
+
     Returns:
-        (m, 5), velocity and its standard deviation [m/s], infinite if the track is too short.
+        (m, 8), width [m], middle [m], velocity and its standard deviation [m/s], infinite if the
+        track is too short.
     """
-    longer = longer_track(track, elapsed_s, place, points)
+    longer = longer_track(track, elapsed_s, sight)
+    width_m = whole_width(longer, width_m)
+    here = middle_of(sight, width_m)
     if longer[0, 0] > -TRACKS.least_s:
-        return longer, 0.0, 0.0, math.inf
-    vx, vy, std = fit_motion(longer)
-    return longer, vx, vy, std
+        return longer, width_m, here, (0.0, 0.0), math.inf
+    places = np.empty((longer.shape[0], 3))
+    for index in range(longer.shape[0]):
+        places[index, 0] = longer[index, 0]
+        places[index, 1], places[index, 2] = middle_of(longer[index, 1:], width_m)
+    vx, vy, std = fit_motion(places)
+    return longer, width_m, here, (vx, vy), std
 
 
 @kernel
 def fit_motion(track: Floats) -> tuple[float, float, float]:
-    """Return the velocity along a track (n, 5) and its deviation, infinite if it is too short."""
+    """Return the velocity along a track (n, 3) and its deviation, infinite if it is too short."""
     count, lately = track.shape[0], 0
     while lately < count and track[lately, 0] < -TRACKS.track_s:
         lately += 1
