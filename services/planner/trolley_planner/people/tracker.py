@@ -177,7 +177,7 @@ class PeopleTracker:
         spread = max(float(angles[-1] - angles[0]), 1e-3)
         segments = segments_of(loose, is_hidden, view.origin, spread / (len(angles) - 1))
         before = _origins(segments, self._trails, stamp_ns)
-        hidden = self._now_hidden(segments, set(before), view)
+        hidden = self._now_hidden(set(before), view)
         self._trails = [
             self._trail(segment, None if origin < 0 else self._trails[origin], view, before_now)
             for segment, origin in zip(segments, before, strict=True)
@@ -219,26 +219,11 @@ class PeopleTracker:
         if not math.isinf(std):
             motion = np.array(velocity), std
             seen = TrackedPerson(segment.points, place, *motion)
-            person = seen if self._walks(seen, track, earlier, is_known=is_known) else None
+            walks = _walks(seen, track, view, earlier, is_known=is_known)
+            person = seen if walks else None
         return Trail(number, view.stamp_ns, segment.points, place, track, width_m, motion, person)
 
-    def _walks(
-        self, seen: TrackedPerson, track: Floats, earlier: Views | None, *, is_known: bool
-    ) -> bool:
-        """Say whether what is seen walks; not if it stands, or may have been hidden before.
-
-        Args:
-            seen: in the newest scan.
-            track: of it.
-            earlier: scans to compare with, None if there are none.
-            is_known: whether it was seen to walk before.
-        """
-        slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
-        if math.hypot(*seen.velocity.tolist()) < slowest:
-            return False
-        return is_known or _came(seen.points, earlier) or _left(track, self._views[-1])
-
-    def _now_hidden(self, segments: list[Segment], taken: set[int], view: View) -> list[Trail]:
+    def _now_hidden(self, taken: set[int], view: View) -> list[Trail]:
         """Return the trails of people who are hidden from the newest scan."""
         hidden: list[Trail] = []
         for index, trail in enumerate(self._trails):
@@ -300,6 +285,24 @@ def assigned(
             origins[col] = row
             is_taken[row] = True
     return origins
+
+
+def _walks(
+    seen: TrackedPerson, track: Floats, view: View, earlier: Views | None, *, is_known: bool
+) -> bool:
+    """Say whether what is seen walks; not if it stands, or may have been hidden before.
+
+    Args:
+        seen: in the newest scan.
+        track: of it.
+        view: the newest scan.
+        earlier: scans to compare with, None if there are none.
+        is_known: whether it was seen to walk before.
+    """
+    slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
+    if math.hypot(*seen.velocity.tolist()) < slowest:
+        return False
+    return is_known or _came(seen.points, earlier) or _left(track, view)
 
 
 def _came(points: Floats, earlier: Views | None) -> bool:
