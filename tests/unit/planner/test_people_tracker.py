@@ -252,6 +252,19 @@ def test_who_walks_straight_away_is_seen_to_walk(speed: float, has_legs: bool) -
     assert abs(np.mean(speeds) - speed) < 0.35 * speed
 
 
+@pytest.mark.parametrize("speed", [0.25, 0.45, 0.9])
+def test_who_walks_straight_up_is_seen_to_walk(speed: float) -> None:
+    """Only beams of a second ago went on where they are now."""
+    watch = PeopleTracker()
+    for step in range(20):
+        x = 6.9 - 0.1 * speed * (step if speed < 0.5 else step - 8)
+        people = watch.update(step * 100_000_000, beams_to([(x, 5.0, 0.3)]), NO_WALLS, EDGE_M)
+        if step < 14:
+            continue
+        (person,) = people
+        np.testing.assert_allclose(person.velocity, [-speed, 0.0], atol=0.1)
+
+
 def test_something_a_metre_wide_is_tracked_from_every_side() -> None:
     for bearing in (0.0, 0.4, 0.785, 1.2):
         watch, found = PeopleTracker(), []

@@ -33,8 +33,13 @@ class PeopleTrackerParams(NamedTuple):
 
     pause_s: float = 0.06
     """Time between scans below which the later one is skipped: little moves meanwhile."""
-    most_ago_s: float = 0.45
-    """Greatest age of the scans that the newest is compared with."""
+    most_ago_s: float = 1.6
+    """Greatest age of the scans that the newest is compared with: who comes slowly and straight at
+    the lidar needs so long to stand clearly where beams passed."""
+    new_s: float = 0.15
+    """Time for which something is new: parts of somebody come and go."""
+    recent_s: float = 0.45
+    """Greatest age of the scans that what is new is compared with."""
     hidden_s: float = 1.0
     """Time for which a person out of sight is taken to walk on."""
     slowest_mps: float = 0.2
@@ -140,7 +145,7 @@ class PeopleTracker:
     """Compares each scan with those of the last tenths of a second."""
 
     def __init__(self) -> None:
-        self._views: deque[View] = deque(maxlen=8)
+        self._views: deque[View] = deque(maxlen=24)
         self._new_numbers = itertools.count()
         self._trails: list[Trail] = []
 
@@ -172,7 +177,7 @@ class PeopleTracker:
             for one in self._views
             if TRACKS.least_s <= one.age_s(stamp_ns) <= TRACKING.most_ago_s
         ]
-        before_now = views_of(earlier) if earlier else None
+        before_now = views_of(earlier, stamp_ns) if earlier else None
         self._views.append(view)
         spread = max(float(angles[-1] - angles[0]), 1e-3)
         segments = segments_of(loose, is_hidden, view.origin, spread / (len(angles) - 1))
@@ -302,13 +307,15 @@ def _walks(
     slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
     if math.hypot(*seen.velocity.tolist()) < slowest:
         return False
-    return is_known or _came(seen.points, earlier) or _left(track, view)
+    return is_known or _came(seen.points, track, earlier) or _left(track, view)
 
 
-def _came(points: Floats, earlier: Views | None) -> bool:
+def _came(points: Floats, track: Floats, earlier: Views | None) -> bool:
     """Say whether points (n, 2) lie where earlier beams passed."""
     least = max(float(TRACKING.least_points), TRACKING.least_share * len(points))
-    return earlier is not None and was_free_in_any(earlier, points, least)
+    is_new = -float(track[0, 0]) < TRACKING.new_s
+    ago_s = TRACKING.recent_s if is_new else TRACKING.most_ago_s
+    return earlier is not None and was_free_in_any(earlier, points, least, ago_s)
 
 
 def _left(track: Floats, view: View) -> bool:
