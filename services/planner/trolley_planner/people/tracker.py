@@ -142,7 +142,7 @@ class Trail(NamedTuple):
 
 
 class PeopleTracker:
-    """Compares each scan with those of the last tenths of a second."""
+    """Compares each scan with those of the last second or two."""
 
     def __init__(self) -> None:
         self._views: deque[View] = deque(maxlen=24)
