@@ -309,6 +309,15 @@ def test_who_comes_out_from_behind_somebody_goes_on_as_before() -> None:
     assert len(known) == 2
 
 
+@pytest.mark.parametrize("radius", [0.2, 0.3, 0.45])
+def test_what_the_edge_of_sight_passes_over_stands(radius: float) -> None:
+    watch = PeopleTracker()
+    for step in range(40):
+        shown_to = 1.0 - 0.025 * step
+        beams = beams_to([(6.6, 5.6, radius)], shown_to, wall_m=3.0)
+        assert watch.update(step * 100_000_000, beams, NO_WALLS, EDGE_M) == []
+
+
 def test_who_is_half_hidden_walks_as_before() -> None:
     """A pillar hides first one side of who walks behind it, then the other."""
     watch, num_seen = PeopleTracker(), 0

@@ -24,6 +24,9 @@ class SightParams(NamedTuple):
     the middle of what is seen (pi / 8 for a round one)."""
     width_m: float = 0.4
     """Width of who has never been seen whole: a person's [m]."""
+    sliver: float = 0.3
+    """Share of the width below which what is seen in part does not show how it moves: it comes and
+    goes with what hides it, and with the edge of a lidar's view."""
 
 
 SIGHTS = SightParams()
@@ -33,6 +36,12 @@ SIGHTS = SightParams()
 def width_seen(sight: Floats) -> float:
     """Return how wide the part is that is seen [m]."""
     return sight[LEFT] - sight[RIGHT]
+
+
+@kernel
+def is_sliver(sight: Floats, width_m: float) -> bool:
+    """Say whether hardly anything is seen of an object that is so wide."""
+    return sight[HIDDEN] > 0 and width_seen(sight) < SIGHTS.sliver * width_m
 
 
 @kernel

@@ -23,7 +23,7 @@ from trolley_planner.people.free_space import (
     was_free_in_any,
 )
 from trolley_planner.people.segments import Segment, segments_of, size_of
-from trolley_planner.people.sights import NUM_COLUMNS, SIGHTS, middle_of
+from trolley_planner.people.sights import NUM_COLUMNS, SIGHTS, is_sliver, middle_of
 from trolley_planner.people.velocity_estimation import TRACKS, track_on
 from trolley_planner.sensing.beams import X, Y
 
@@ -224,7 +224,7 @@ class PeopleTracker:
         if not math.isinf(std):
             motion = np.array(velocity), std
             seen = TrackedPerson(segment.points, place, *motion)
-            walks = _walks(seen, track, view, earlier, is_known=is_known)
+            walks = _walks(seen, track, width_m, view, earlier, is_known=is_known)
             person = seen if walks else None
         return Trail(number, view.stamp_ns, segment.points, place, track, width_m, motion, person)
 
@@ -293,19 +293,28 @@ def assigned(
 
 
 def _walks(
-    seen: TrackedPerson, track: Floats, view: View, earlier: Views | None, *, is_known: bool
+    seen: TrackedPerson,
+    track: Floats,
+    width_m: float,
+    view: View,
+    earlier: Views | None,
+    *,
+    is_known: bool,
 ) -> bool:
     """Say whether what is seen walks; not if it stands, or may have been hidden before.
 
     Args:
         seen: in the newest scan.
         track: of it.
+        width_m: how wide it is.
         view: the newest scan.
         earlier: scans to compare with, None if there are none.
         is_known: whether it was seen to walk before.
     """
     slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
     if math.hypot(*seen.velocity.tolist()) < slowest:
+        return False
+    if not is_known and is_sliver(track[-1, 1:], width_m):
         return False
     return is_known or _came(seen.points, track, earlier) or _left(track, view)
 
