@@ -59,8 +59,6 @@ def was_free(view: View, points: Floats) -> NDArray[np.bool_]:
 class Views(NamedTuple):
     """What is kept of some scans, one after the other."""
 
-    ages_s: Floats
-    """(n,) how long ago each was made [s]."""
     origins: Floats
     """(n, 2) middle place of the lidar in each [m]."""
     ends: NDArray[np.int64]
@@ -71,10 +69,9 @@ class Views(NamedTuple):
     """(k,) how far all beams about each saw that it was free."""
 
 
-def views_of(views: Sequence[View], now_ns: int) -> Views:
+def views_of(views: Sequence[View]) -> Views:
     """Return scans as arrays; at least one."""
     return Views(
-        np.array([view.age_s(now_ns) for view in views]),
         np.array([view.origin for view in views]),
         np.array([len(view.angles) for view in views]).cumsum(),
         np.concatenate([view.angles for view in views]),
@@ -83,21 +80,12 @@ def views_of(views: Sequence[View], now_ns: int) -> Views:
 
 
 @kernel
-def was_free_in_any(views: Views, points: Floats, least: float, most_ago_s: float) -> bool:
-    """Say whether beams of any one of some scans passed so many of some points.
-
-    Args:
-        views: the scans.
-        points: (n, 2) [m].
-        least: how many of them.
-        most_ago_s: older scans do not count.
-    """
+def was_free_in_any(views: Views, points: Floats, least: float) -> bool:
+    """Say whether beams of any one of some scans passed so many of some points (n, 2)."""
     first = 0
     for index in range(views.ends.shape[0]):
         beams = slice(first, views.ends[index])
         first = views.ends[index]
-        if views.ages_s[index] > most_ago_s:
-            continue
         angles, clear_m = views.angles[beams], views.clear_m[beams]
         if np.sum(were_passed(points, views.origins[index], angles, clear_m)) >= least:
             return True

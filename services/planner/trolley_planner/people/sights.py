@@ -67,9 +67,9 @@ def middle_of(sight: Floats, width_m: float) -> tuple[float, float]:
         first_m = max(sight[RIGHT] - left_m, -radius_m)
         last_m = min(sight[LEFT] - left_m, radius_m)
         area = _under_circle(last_m, radius_m) - _under_circle(first_m, radius_m)
-        behind_m = area / max(last_m - first_m, 1e-6)
-        if last_m - first_m < 1e-6:
-            behind_m = math.sqrt(max(radius_m**2 - last_m**2, 0.0))
+        behind_m = math.sqrt(max(radius_m**2 - last_m**2, 0.0))  # of a single echo
+        if last_m - first_m > 1e-6:
+            behind_m = area / (last_m - first_m)
     x = sight[SEEN_X] + behind_m * sight[AWAY_X] - left_m * sight[AWAY_Y]
     y = sight[SEEN_Y] + behind_m * sight[AWAY_Y] + left_m * sight[AWAY_X]
     return x, y

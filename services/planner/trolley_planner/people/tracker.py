@@ -16,14 +16,20 @@ from numpy.typing import NDArray
 from trolley.jit import kernel
 from trolley_planner.people.free_space import (
     View,
-    Views,
     take_apart,
     views_of,
     was_free,
     was_free_in_any,
 )
 from trolley_planner.people.segments import Segment, segments_of, size_of
-from trolley_planner.people.sights import NUM_COLUMNS, SIGHTS, is_sliver, middle_of
+from trolley_planner.people.sights import (
+    NUM_COLUMNS,
+    SEEN_X,
+    SEEN_Y,
+    SIGHTS,
+    is_sliver,
+    middle_of,
+)
 from trolley_planner.people.velocity_estimation import TRACKS, track_on
 from trolley_planner.sensing.beams import X, Y
 
@@ -177,14 +183,13 @@ class PeopleTracker:
             for one in self._views
             if TRACKS.least_s <= one.age_s(stamp_ns) <= TRACKING.most_ago_s
         ]
-        before_now = views_of(earlier, stamp_ns) if earlier else None
         self._views.append(view)
         spread = max(float(angles[-1] - angles[0]), 1e-3)
         segments = segments_of(loose, is_hidden, view.origin, spread / (len(angles) - 1))
         before = _origins(segments, self._trails, stamp_ns)
         hidden = self._now_hidden(set(before), view)
         self._trails = [
-            self._trail(segment, None if origin < 0 else self._trails[origin], view, before_now)
+            self._trail(segment, None if origin < 0 else self._trails[origin], view, earlier)
             for segment, origin in zip(segments, before, strict=True)
         ] + hidden
         return self._people(stamp_ns)
@@ -209,7 +214,7 @@ class PeopleTracker:
         ]
 
     def _trail(
-        self, segment: Segment, before: Trail | None, view: View, earlier: Views | None
+        self, segment: Segment, before: Trail | None, view: View, earlier: Sequence[View]
     ) -> Trail:
         """Return the trail of a segment, which goes on from one before."""
         if before is None:
@@ -297,7 +302,7 @@ def _walks(
     track: Floats,
     width_m: float,
     view: View,
-    earlier: Views | None,
+    earlier: Sequence[View],
     *,
     is_known: bool,
 ) -> bool:
@@ -308,27 +313,30 @@ def _walks(
         track: of it.
         width_m: how wide it is.
         view: the newest scan.
-        earlier: scans to compare with, None if there are none.
+        earlier: scans to compare with.
         is_known: whether it was seen to walk before.
     """
     slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
     if math.hypot(*seen.velocity.tolist()) < slowest:
         return False
-    if not is_known and is_sliver(track[-1, 1:], width_m):
+    if is_known:
+        return True
+    if is_sliver(track[-1, 1:], width_m):
         return False
-    return is_known or _came(seen.points, track, earlier) or _left(track, view)
+    return _came(seen.points, track, view, earlier) or _left(track, view)
 
 
-def _came(points: Floats, track: Floats, earlier: Views | None) -> bool:
+def _came(points: Floats, track: Floats, view: View, earlier: Sequence[View]) -> bool:
     """Say whether points (n, 2) lie where earlier beams passed."""
     least = max(float(TRACKING.least_points), TRACKING.least_share * len(points))
     is_new = -float(track[0, 0]) < TRACKING.new_s
     ago_s = TRACKING.recent_s if is_new else TRACKING.most_ago_s
-    return earlier is not None and was_free_in_any(earlier, points, least, ago_s)
+    recent = [one for one in earlier if one.age_s(view.stamp_ns) <= ago_s]
+    return bool(recent) and was_free_in_any(views_of(recent), points, least)
 
 
 def _left(track: Floats, view: View) -> bool:
     """Say whether beams now pass where a track was: a person who walks away is hidden."""
-    before = track[track[:, 0] <= -TRACKS.least_s, 1 : 1 + 2]
+    before = track[track[:, 0] <= -TRACKS.least_s, 1 + SEEN_X : 2 + SEEN_Y]
     # One alone may have lain on an edge that beams graze.
     return int(np.count_nonzero(was_free(view, before))) >= TRACKING.least_points
