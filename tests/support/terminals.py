@@ -19,6 +19,8 @@ from support.waiting import PATIENCE_S, wait_until
 FLAGS = 31
 LOOK_S = 0.05
 """How often its reader sees whether it was closed."""
+END = b"\0"
+"""Written behind a program's last words, to know when they have been read."""
 
 
 class Terminal:
@@ -67,7 +69,7 @@ class Terminal:
     @property
     def output(self) -> str:
         """All that was written to it."""
-        return self._output.decode(errors="replace")
+        return self._output.replace(END, b"").decode(errors="replace")
 
     @property
     def last_line(self) -> str:
@@ -97,8 +99,12 @@ class Terminal:
         self._popen.send_signal(number)
 
     def wait(self) -> int:
-        """Return the program's exit code."""
-        return self._popen.wait(PATIENCE_S)
+        """Return the program's exit code, once its last words have been read, too."""
+        exit_code = self._popen.wait(PATIENCE_S)
+        if not self._is_closed:
+            os.write(self._slave, END)
+            wait_until(lambda: END in self._output, "the program's last words")
+        return exit_code
 
     def hang_up(self) -> None:
         """Close it, as when its window is closed."""
