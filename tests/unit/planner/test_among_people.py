@@ -220,6 +220,32 @@ def test_passes_a_polite_person_without_delay(ride, width_m: float) -> None:
     assert len(meeting.poses) * STEP_S < 1.3 * 18.0
 
 
+def with_room_behind(grid: GridMap) -> GridMap:
+    """A room at the end of a corridor where the robot comes from."""
+    cells, edge = grid.cells.copy(), grid.resolution
+    cells[round(1.2 / edge) : round(4.8 / edge), 2 : round(2.0 / edge)] = FREE
+    return GridMap(grid.name, edge, grid.origin, cells)
+
+
+@pytest.mark.parametrize("aside_m", [3.5, pytest.param(3.0, marks=pytest.mark.slow)])
+def test_goes_back_no_farther_once_who_comes_has_stepped_aside(ride, aside_m: float) -> None:
+    meeting = Meeting(ride, "mppi", with_room_behind(corridor(0.9)), 10.0)
+    at = [11.0, 3.0]
+
+    def walk(_: float) -> tuple[float, float]:
+        ahead = at[0] - meeting.world.pose.x
+        if ahead < aside_m:
+            at[1] = min(at[1] + 0.5 * STEP_S, 3.27)
+        if abs(ahead) > 0.4 or at[1] - meeting.world.pose.y > 0.3:
+            at[0] = max(at[0] - 0.8 * STEP_S, 0.5)
+        return at[0], at[1]
+
+    meeting.walk(60.0, walk)
+    assert meeting.arrives(1.0)
+    # Alone it takes 18 s, and 33 s if it lets them pass in the room.
+    assert len(meeting.poses) * STEP_S < 1.5 * 18.0
+
+
 @pytest.mark.parametrize(
     ("niche_x", "world"),
     [
@@ -233,14 +259,12 @@ def test_makes_room_where_two_do_not_fit_side_by_side(
     ride, niche_x: float | None, world: type[Flatland]
 ) -> None:
     """It waits in a niche, or in the room behind it, until who comes has passed."""
-    grid = corridor(0.7)
-    cells = grid.cells.copy()
-    edge = grid.resolution
-    cells[round(1.2 / edge) : round(4.8 / edge), 2 : round(2.0 / edge)] = FREE  # a room
+    grid = with_room_behind(corridor(0.7))
+    cells, edge = grid.cells, grid.resolution
     if niche_x is not None:
         niche = slice(round(niche_x / edge), round((niche_x + 0.7) / edge))
         cells[round(3.3 / edge) : round(4.0 / edge), niche] = FREE
-    meeting = Meeting(ride, "mppi", GridMap(grid.name, edge, grid.origin, cells), 10.0, world)
+    meeting = Meeting(ride, "mppi", grid, 10.0, world)
     person = Person(meeting, 3.0, 0.0)
     meeting.walk(60.0, person)
     assert person.held_s == 0.0

@@ -63,6 +63,9 @@ class AsideParams(NamedTuple):
     """Time by which the robot must be at a place before people are."""
     look_s: float = 0.3
     """Time between two checks."""
+    sure_s: float = 0.8
+    """Time for which there must be room to pass somebody before the robot no longer yields to them:
+    who sees a robot steps aside, too."""
     passed_s: float = 0.8
     """Time without anybody coming after which the robot drives on."""
     late_s: float = 0.7
@@ -90,6 +93,7 @@ class SteppingAside:
         self._until_ns = 0
         self._came_ns = 0
         self._looked_ns = 0
+        self._narrow_ns = 0
         self._rests_ns = 0
         self._waited_ns = 0
 
@@ -121,7 +125,14 @@ class SteppingAside:
             return
         self._looked_ns = now_ns
         driven.route.update_position(motion.pose)
-        found = find_refuge(driven, motion.pose, speed, self._passages_of(driven.context), now_ns)
+        passages = self._passages_of(driven.context)
+        meeting = find_meeting(driven, motion.pose, speed, passages, now_ns)
+        if meeting is None or not meeting.has_room:
+            self._narrow_ns = now_ns
+        elif self.is_active and now_ns - self._narrow_ns >= ASIDE.sure_s * 1e9:
+            self._resume(now_ns)
+            self._rests_ns = now_ns + round(1e9 * ASIDE.sure_s)
+        found = None if meeting is None else meeting.find_refuge(driven.context, motion.pose, speed)
         if found is not None:
             self._came_ns = now_ns
             place, passed_s = found
@@ -152,9 +163,13 @@ class SteppingAside:
         has_passed = now_ns > max(self._until_ns, self._came_ns + ASIDE.passed_s * 1e9)
         is_enough = now_ns - self._since_ns > ASIDE.most_s * 1e9
         if has_passed or is_enough:
+            self._resume(now_ns)
             self._rests_ns = now_ns + round(1e9 * ASIDE.rest_s) if is_enough else 0
+
+    def _resume(self, now_ns: int) -> None:
+        if self._since_ns is not None:
             self._waited_ns = now_ns - self._since_ns
-            self._since_ns, self._execution = None, None
+        self._since_ns, self._execution, self._until_ns = None, None, 0
 
     def _still_does(self, driven: GoalExecution, motion: Motion, speed: float) -> bool:
         """Say whether the refuge that it drives to is still in nobody's way."""
@@ -285,10 +300,51 @@ class Surroundings:
         )
 
 
-def find_refuge(
+class Meeting(NamedTuple):
+    """Where the robot and somebody come upon each other on its route."""
+
+    around: Surroundings
+    place: tuple[float, float]
+    """x, y in `grid` [m]."""
+    has_room: bool
+    """Whether the controller can pass them there."""
+
+    def find_refuge(
+        self, context: PlanningContext, pose: Pose2D, speed: float
+    ) -> tuple[tuple[float, float], float] | None:
+        """Return where to yield, and when people have passed there [s]; None if there is room.
+
+        Args:
+            context: costmap and people.
+            pose: of the robot in `grid`.
+            speed: that it may have [m/s].
+        """
+        if self.has_room:
+            return None
+        around = self.around
+        # A robot that waits may look anywhere.
+        wide_s = around.closes_s(context.footprint.circumscribed_m + ASIDE.keep_m)
+        arrival = around.arrivals(wide_s, pose, speed, self.place)
+        rows, cols = np.nonzero(around.is_refuge(wide_s) & np.isfinite(arrival))
+        if len(rows) == 0:
+            return None
+        places = around.points_of(rows, cols)
+        to_go_m = np.hypot(*(places - self.place).T)
+        pace = max(ASIDE.pace * speed, 0.05)
+        best = int((arrival[rows, cols] + to_go_m / pace).argmin())
+        walkers = context.local_costmap.walkers_now()
+        away = places[best] - walkers[:, :2]
+        speeds = np.maximum(np.hypot(walkers[:, 2], walkers[:, 3]), 0.2)
+        is_coming = (away * walkers[:, 2:4]).sum(axis=1) > 0.0
+        passed_s = float(np.max(np.where(is_coming, np.hypot(*away.T) / speeds, 0.0), initial=0.0))
+        x, y = places[best].tolist()
+        return (x, y), min(passed_s, ASIDE.ahead_s)
+
+
+def find_meeting(
     driven: GoalExecution, pose: Pose2D, speed: float, passages: Passages, now_ns: int
-) -> tuple[tuple[float, float], float] | None:
-    """Return where to yield, and when people have passed there [s]; None if nobody must pass.
+) -> Meeting | None:
+    """Return where somebody comes upon the robot first, None if nobody does.
 
     Args:
         driven: how the goal is driven to.
@@ -306,35 +362,18 @@ def find_refuge(
     around = Surroundings(context, pose)
     slim_s = around.closes_s(context.footprint.inscribed_m + ASIDE.beside_m)
     rows, cols = around.cells_of(points)
-    pace = max(ASIDE.pace * speed, 0.05)
-    times_s = SPACING_M * np.arange(len(rows)) / pace
+    times_s = SPACING_M * np.arange(len(rows)) / max(ASIDE.pace * speed, 0.05)
     meets = np.flatnonzero(slim_s[rows, cols] <= times_s + ASIDE.early_s)
     if len(meets) == 0:
         return None
-    meeting = int(meets[0])
-    before = max(meeting - round(ASIDE.before_m / SPACING_M), 0)
-    behind = meeting + round(ASIDE.behind_m / SPACING_M)
+    first = int(meets[0])
+    before = max(first - round(ASIDE.before_m / SPACING_M), 0)
+    behind = first + round(ASIDE.behind_m / SPACING_M)
     near = round(ASIDE.narrow_m / SPACING_M)
-    is_narrow = passages.hold(points[max(meeting - near, 0) : meeting + near + 1]).any()
-    if not is_narrow or around.has_room_beside(points[before : behind + 1 : 4], slim_s):
-        return None  # the controller passes them there
-    # A robot that waits may look anywhere.
-    wide_s = around.closes_s(context.footprint.circumscribed_m + ASIDE.keep_m)
-    x, y = points[meeting].tolist()
-    arrival = around.arrivals(wide_s, pose, speed, (x, y))
-    refuge_rows, refuge_cols = np.nonzero(around.is_refuge(wide_s) & np.isfinite(arrival))
-    if len(refuge_rows) == 0:
-        return None
-    places = around.points_of(refuge_rows, refuge_cols)
-    to_go_m = np.hypot(*(places - points[meeting]).T)
-    best = int((arrival[refuge_rows, refuge_cols] + to_go_m / pace).argmin())
-    walkers = context.local_costmap.walkers_now()
-    away = places[best] - walkers[:, :2]
-    speeds = np.maximum(np.hypot(walkers[:, 2], walkers[:, 3]), 0.2)
-    is_coming = (away * walkers[:, 2:4]).sum(axis=1) > 0.0
-    passed_s = float(np.max(np.where(is_coming, np.hypot(*away.T) / speeds, 0.0), initial=0.0))
-    x, y = places[best].tolist()
-    return (x, y), min(passed_s, ASIDE.ahead_s)
+    is_narrow = passages.hold(points[max(first - near, 0) : first + near + 1]).any()
+    has_room = not is_narrow or around.has_room_beside(points[before : behind + 1 : 4], slim_s)
+    x, y = points[first].tolist()
+    return Meeting(around, (x, y), bool(has_room))
 
 
 @kernel
