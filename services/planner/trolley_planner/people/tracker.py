@@ -90,10 +90,20 @@ def person_discs(people: Sequence[TrackedPerson]) -> Floats:
     """Return people as discs: (n, 5) x, y [m], velocity [m/s], radius [m]."""
     discs = np.empty((len(people), 5))
     for index, person in enumerate(people):
-        spread = float(np.hypot(*(person.points - person.place).T).max())
-        radius = max(spread + TRACKING.depth_m, TRACKING.body_m)
+        spread_m = farthest_m(person.points, person.place)
+        radius = max(spread_m + TRACKING.depth_m, TRACKING.body_m)
         discs[index] = *person.place, *person.velocity, radius
     return discs
+
+
+@kernel
+def farthest_m(points: Floats, place: Floats) -> float:
+    """Return the distance from a place (2,) to the farthest of some points (n, 2) [m]."""
+    farthest = 0.0
+    for index in range(points.shape[0]):
+        away = math.hypot(points[index, 0] - place[0], points[index, 1] - place[1])
+        farthest = max(farthest, away)
+    return farthest
 
 
 class Track(NamedTuple):
@@ -120,27 +130,30 @@ class Trail(NamedTuple):
     """When it was seen last."""
     points: Floats
     """(n, 2) where the scan that showed it last did so [m]."""
-    place: Floats
-    """(2,) its middle then [m]."""
+    place: tuple[float, float]
+    """Its middle then [m]."""
     track: Floats
     """(m, 8) what was seen of it, oldest first: time since `seen_ns` [s], and a sight."""
     width_m: float
     """How wide it is, as far as it was seen."""
-    motion: tuple[Floats, float] | None
-    """Velocity along the track and its standard deviation [m/s], None if it is too short."""
+    velocity: tuple[float, float]
+    """Along the track [m/s]."""
+    velocity_std: float
+    """Its standard deviation [m/s], infinite if the track is too short."""
     person: TrackedPerson | None
     """Who it is; None if it stands, or may have been hidden before."""
 
-    def expected(self, stamp_ns: int) -> Floats:
-        """Return the predicted centre (2,)."""
-        if self.motion is None:
-            return self.place
-        return self.place + self.motion[0] * self.elapsed_s(stamp_ns)
+    def expected(self, stamp_ns: int) -> tuple[float, float]:
+        """Return the predicted centre."""
+        elapsed_s = self.elapsed_s(stamp_ns)
+        (x, y), (vx, vy) = self.place, self.velocity
+        return x + elapsed_s * vx, y + elapsed_s * vy
 
     def reach_m(self, stamp_ns: int) -> float:
         """Return the search radius around the predicted centre [m]."""
-        elapsed_s = self.elapsed_s(stamp_ns)
-        return TRACKING.fastest_mps * elapsed_s if self.motion is None else TRACKING.astray_m
+        if math.isinf(self.velocity_std):
+            return TRACKING.fastest_mps * self.elapsed_s(stamp_ns)
+        return TRACKING.astray_m
 
     def elapsed_s(self, stamp_ns: int) -> float:
         """Return how long ago it was seen last [s]."""
@@ -201,14 +214,17 @@ class PeopleTracker:
             if trail.seen_ns == self._views[-1].stamp_ns:
                 person, size_m = trail.person, size_of(trail.points)
                 velocity = np.zeros(2) if person is None else person.velocity
-                found.append(Track(trail.number, trail.place, size_m, velocity, person is not None))
+                place = np.array(trail.place)
+                found.append(Track(trail.number, place, size_m, velocity, person is not None))
         return found
 
     def _people(self, stamp_ns: int) -> list[TrackedPerson]:
         """Return all people at their present positions."""
         newest_ns = self._views[-1].stamp_ns
         return [
-            _extrapolated(one.person, stamp_ns - one.seen_ns, one.seen_ns == newest_ns)
+            one.person
+            if one.seen_ns == stamp_ns
+            else _extrapolated(one.person, stamp_ns - one.seen_ns, one.seen_ns == newest_ns)
             for one in self._trails
             if one.person is not None
         ]
@@ -224,14 +240,14 @@ class PeopleTracker:
             number, is_known = before.number, before.person is not None
             track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
             width_m = before.width_m
-        track, width_m, here, velocity, std = track_on(track, elapsed_s, segment.sight, width_m)
-        place, motion, person = np.array(here), None, None
-        if not math.isinf(std):
-            motion = np.array(velocity), std
-            seen = TrackedPerson(segment.points, place, *motion)
-            walks = _walks(seen, track, width_m, view, earlier, is_known=is_known)
-            person = seen if walks else None
-        return Trail(number, view.stamp_ns, segment.points, place, track, width_m, motion, person)
+        track, width_m, place, velocity, std = track_on(track, elapsed_s, segment.sight, width_m)
+        slowest, person = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps, None
+        if math.hypot(*velocity) >= slowest and (
+            is_known or _walks(segment.points, track, width_m, view, earlier)
+        ):
+            person = TrackedPerson(segment.points, np.array(place), np.array(velocity), std)
+        stamp_ns = view.stamp_ns
+        return Trail(number, stamp_ns, segment.points, place, track, width_m, velocity, std, person)
 
     def _now_hidden(self, taken: set[int], view: View) -> list[Trail]:
         """Return the trails of people who are hidden from the newest scan."""
@@ -241,7 +257,7 @@ class PeopleTracker:
                 continue
             middle = trail.expected(view.stamp_ns)
             is_gone = view.stamp_ns - trail.seen_ns > TRACKING.hidden_s * 1e9
-            if not is_gone and not was_free(view, middle[None])[0]:
+            if not is_gone and not was_free(view, np.array([middle]))[0]:
                 hidden.append(trail)
         return hidden
 
@@ -298,32 +314,20 @@ def assigned(
 
 
 def _walks(
-    seen: TrackedPerson,
-    track: Floats,
-    width_m: float,
-    view: View,
-    earlier: Sequence[View],
-    *,
-    is_known: bool,
+    points: Floats, track: Floats, width_m: float, view: View, earlier: Sequence[View]
 ) -> bool:
-    """Say whether what is seen walks; not if it stands, or may have been hidden before.
+    """Say whether what moves along a track walks; it may only have been hidden before.
 
     Args:
-        seen: in the newest scan.
+        points: (n, 2) of it in the newest scan.
         track: of it.
         width_m: how wide it is.
         view: the newest scan.
         earlier: scans to compare with.
-        is_known: whether it was seen to walk before.
     """
-    slowest = TRACKING.lingering_mps if is_known else TRACKING.slowest_mps
-    if math.hypot(*seen.velocity.tolist()) < slowest:
-        return False
-    if is_known:
-        return True
     if is_sliver(track[-1, 1:], width_m):
         return False
-    return _came(seen.points, track, view, earlier) or _left(track, view)
+    return _came(points, track, view, earlier) or _left(track, view)
 
 
 def _came(points: Floats, track: Floats, view: View, earlier: Sequence[View]) -> bool:
