@@ -9,7 +9,7 @@ import numpy as np
 
 from support.processes import Process, write_config
 from support.waiting import PATIENCE_S, wait_until
-from trolley import topics
+from trolley import codes, topics
 from trolley.client import Robot
 from trolley.config import load_config
 from trolley.connection import Connection, RobotUnreachable
@@ -25,6 +25,8 @@ from trolley_base.world.world_file import load_world
 NAME = "tester"
 NUM_AFTER = 10
 """Commands on the line by which it is judged that a zero was for good."""
+LATE_S = 0.1
+"""So late, the emulated wheels may seem not to turn as they are told."""
 TABLES = {
     "arduino_bridge": """
 [base.chassis.wheels]
@@ -185,9 +187,25 @@ class Metal:
         return next(reversed(self.emulated.commands()), None)
 
     def start_driving(self, twist: Twist2D, at_least: float = 0.08) -> None:
-        """Set off and return when it moves."""
+        """Set off and return when it moves.
+
+        Where this computer was too busy to turn the wheels, base says that they did not obey, and
+        a person lets it drive again.
+        """
         self.hand.drive(twist)
-        wait_until(lambda: self.speed > at_least, lambda: f"it moves: {self.state}")
+        self.emulated.pop_late_s()
+        late_s = 0.0
+
+        def moves() -> bool:
+            nonlocal late_s
+            late_s = max(late_s, self.emulated.pop_late_s())
+            state = self.state
+            if state is not None and state.reason == codes.DOES_NOT_OBEY and late_s > LATE_S:
+                late_s = 0.0
+                self.robot.resume()
+            return self.speed > at_least
+
+        wait_until(moves, lambda: f"it moves: {self.state}; the world was {late_s:.2f} s late")
 
     def wait_for_standing(self) -> None:
         """Wait until it does not move."""

@@ -124,8 +124,9 @@ def test_at_another_speed_both_sides_hear_rubbish(make: Make):
 
 
 def test_the_arduino_reboots_when_its_port_is_opened(make: Make):
-    with make("arduino_bridge") as robot:
-        for _ in range(2):
+    lines: list[str] = []
+    with make("arduino_bridge", tell=lines.append) as robot:
+        for times in (1, 2):
             began_s = time.monotonic()
             with serial.Serial(str(robot.ports["arduino_bridge"]), 57600, timeout=0.1) as port:
                 answer = b""
@@ -134,7 +135,22 @@ def test_the_arduino_reboots_when_its_port_is_opened(make: Make):
                     answer = port.read(20)
                 assert answer.startswith(b"57600\r\n")
                 assert time.monotonic() - began_s > 0.7
-            time.sleep(0.05)
+            wait_until(
+                lambda times=times: sum("closed the port" in one for one in lines) == times,
+                "it has noticed",
+            )
+
+
+def test_it_says_once_how_late_its_world_was(make: Make):
+    def be_busy(line: str) -> None:
+        if "begins" in line:
+            time.sleep(0.5)
+
+    with make("ld19", tell=be_busy) as robot:
+        wait_until(lambda: robot.pop_late_s() < 0.1, "it keeps up")
+        robot.fault("ld19:silence")
+        wait_until(lambda: robot.pop_late_s() > 0.3, "it was late")
+        wait_until(lambda: robot.pop_late_s() < 0.1, "it keeps up again")
 
 
 def test_faults_begin_and_end(make: Make):
