@@ -52,7 +52,7 @@ class ProximityParams(NamedTuple):
     """Time that the robot is taken to stand at the end of a rollout [s]."""
     pass_s: float = 0.7
     """Time for which a person who passes the standing robot counts as near it [s]."""
-    right_m: float = 0.05
+    right_m: float = 0.02
     """Distance that a walking person is taken to keep to their right by then, so that of two equal
     sides the robot chooses the one that people expect [m]."""
     fades_s: float = 1.5
