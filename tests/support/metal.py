@@ -1,6 +1,7 @@
 """Base as a real process on the ports of an emulated robot, and somebody who drives it by hand."""
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -193,17 +194,16 @@ class Metal:
         a person lets it drive again.
         """
         self.hand.drive(twist)
-        self.emulated.pop_late_s()
         late_s = 0.0
 
         def moves() -> bool:
             nonlocal late_s
-            late_s = max(late_s, self.emulated.pop_late_s())
-            state = self.state
+            truth, state = self.emulated.truth(), self.state
+            late_s = max(late_s, (time.monotonic_ns() - truth.stamp_ns) * 1e-9)
             if state is not None and state.reason == codes.DOES_NOT_OBEY and late_s > LATE_S:
                 late_s = 0.0
                 self.robot.resume()
-            return self.speed > at_least
+            return truth.twist.speed > at_least
 
         wait_until(moves, lambda: f"it moves: {self.state}; the world was {late_s:.2f} s late")
 

@@ -132,7 +132,6 @@ class EmulatedRobot:
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emulator", daemon=True)
         self._began_ns = self._complained_ns = 0
-        self._latest_ns = 0
         self._state = self._simulation.truth()
 
     def __enter__(self) -> Self:
@@ -240,12 +239,6 @@ class EmulatedRobot:
         with self._lock:
             return self._ports[name].dropped
 
-    def pop_late_s(self) -> float:
-        """Return how late the world was at most since the last call: this computer was busy [s]."""
-        with self._lock:
-            late_ns, self._latest_ns = self._latest_ns, 0
-            return late_ns * 1e-9
-
     @property
     def _elapsed_s(self) -> float:
         return (time.monotonic_ns() - self._began_ns) * 1e-9 if self._began_ns else 0.0
@@ -298,7 +291,6 @@ class EmulatedRobot:
                 state.clearance,
             )
         late_ns = now_ns - self._began_ns - simulation.now_ns
-        self._latest_ns = max(self._latest_ns, late_ns)
         if late_ns > HOPELESS_NS and now_ns - self._complained_ns > COMPLAIN_NS:
             self._complained_ns = now_ns
             self._remark(f"the world is {late_ns * 1e-9:.1f} s late: this computer is too busy")

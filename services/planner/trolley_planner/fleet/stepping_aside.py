@@ -64,8 +64,8 @@ class AsideParams(NamedTuple):
     look_s: float = 0.3
     """Time between two checks."""
     sure_s: float = 0.8
-    """Time for which there must be room to pass somebody before the robot no longer yields to them:
-    who sees a robot steps aside, too."""
+    """Time for which there must be room to pass somebody before the robot no longer yields to them,
+    and for which it does not yield then: who sees a robot steps aside, too."""
     passed_s: float = 0.8
     """Time without anybody coming after which the robot drives on."""
     late_s: float = 0.7
@@ -127,12 +127,13 @@ class SteppingAside:
         driven.route.update_position(motion.pose)
         passages = self._passages_of(driven.context)
         meeting = find_meeting(driven, motion.pose, speed, passages, now_ns)
+        found = None
         if meeting is None or not meeting.has_room:
             self._narrow_ns = now_ns
         elif self.is_active and now_ns - self._narrow_ns >= ASIDE.sure_s * 1e9:
-            self._resume(now_ns)
-            self._rests_ns = now_ns + round(1e9 * ASIDE.sure_s)
-        found = None if meeting is None else meeting.find_refuge(driven.context, motion.pose, speed)
+            self._resume(now_ns, ASIDE.sure_s)
+        if meeting is not None and not meeting.has_room:
+            found = meeting.find_refuge(driven.context, motion.pose, speed)
         if found is not None:
             self._came_ns = now_ns
             place, passed_s = found
@@ -163,10 +164,11 @@ class SteppingAside:
         has_passed = now_ns > max(self._until_ns, self._came_ns + ASIDE.passed_s * 1e9)
         is_enough = now_ns - self._since_ns > ASIDE.most_s * 1e9
         if has_passed or is_enough:
-            self._resume(now_ns)
-            self._rests_ns = now_ns + round(1e9 * ASIDE.rest_s) if is_enough else 0
+            self._resume(now_ns, ASIDE.rest_s if is_enough else 0.0)
 
-    def _resume(self, now_ns: int) -> None:
+    def _resume(self, now_ns: int, rest_s: float) -> None:
+        """Drive on, and yield to nobody for a while [s]."""
+        self._rests_ns = now_ns + round(1e9 * rest_s)
         if self._since_ns is not None:
             self._waited_ns = now_ns - self._since_ns
         self._since_ns, self._execution, self._until_ns = None, None, 0
@@ -281,7 +283,7 @@ class Surroundings:
         facing = (0.0, speed), (math.pi, min(speed, HURRIED_REVERSE))
         for turned, fastest in facing if self._looks_all_round else facing[:1]:
             one = np.full(closes_s.shape, np.inf)
-            pace = pose.yaw + turned, edge_m / max(ASIDE.pace * fastest, 0.05)
+            pace = pose.yaw + turned, edge_m / predicted_mps(fastest)
             arrive(one, self._is_free, closes_s, here, pace, back_to)
             np.minimum(found, one, out=found)
         return found
@@ -300,6 +302,11 @@ class Surroundings:
         )
 
 
+def predicted_mps(speed: float) -> float:
+    """Return how fast the robot is predicted to drive that may have this speed [m/s]."""
+    return max(ASIDE.pace * speed, 0.05)
+
+
 class Meeting(NamedTuple):
     """Where the robot and somebody come upon each other on its route."""
 
@@ -312,15 +319,13 @@ class Meeting(NamedTuple):
     def find_refuge(
         self, context: PlanningContext, pose: Pose2D, speed: float
     ) -> tuple[tuple[float, float], float] | None:
-        """Return where to yield, and when people have passed there [s]; None if there is room.
+        """Return where to yield, and when people have passed there [s]; None if it gets nowhere.
 
         Args:
             context: costmap and people.
             pose: of the robot in `grid`.
             speed: that it may have [m/s].
         """
-        if self.has_room:
-            return None
         around = self.around
         # A robot that waits may look anywhere.
         wide_s = around.closes_s(context.footprint.circumscribed_m + ASIDE.keep_m)
@@ -330,8 +335,7 @@ class Meeting(NamedTuple):
             return None
         places = around.points_of(rows, cols)
         to_go_m = np.hypot(*(places - self.place).T)
-        pace = max(ASIDE.pace * speed, 0.05)
-        best = int((arrival[rows, cols] + to_go_m / pace).argmin())
+        best = int((arrival[rows, cols] + to_go_m / predicted_mps(speed)).argmin())
         walkers = context.local_costmap.walkers_now()
         away = places[best] - walkers[:, :2]
         speeds = np.maximum(np.hypot(walkers[:, 2], walkers[:, 3]), 0.2)
@@ -362,7 +366,7 @@ def find_meeting(
     around = Surroundings(context, pose)
     slim_s = around.closes_s(context.footprint.inscribed_m + ASIDE.beside_m)
     rows, cols = around.cells_of(points)
-    times_s = SPACING_M * np.arange(len(rows)) / max(ASIDE.pace * speed, 0.05)
+    times_s = SPACING_M * np.arange(len(rows)) / predicted_mps(speed)
     meets = np.flatnonzero(slim_s[rows, cols] <= times_s + ASIDE.early_s)
     if len(meets) == 0:
         return None

@@ -141,18 +141,6 @@ def test_the_arduino_reboots_when_its_port_is_opened(make: Make):
             )
 
 
-def test_it_says_once_how_late_its_world_was(make: Make):
-    def be_busy(line: str) -> None:
-        if "begins" in line:
-            time.sleep(0.5)
-
-    with make("ld19", tell=be_busy) as robot:
-        wait_until(lambda: robot.pop_late_s() < 0.1, "it keeps up")
-        robot.fault("ld19:silence")
-        wait_until(lambda: robot.pop_late_s() > 0.3, "it was late")
-        wait_until(lambda: robot.pop_late_s() < 0.1, "it keeps up again")
-
-
 def test_faults_begin_and_end(make: Make):
     lines: list[str] = []
     with make("ld19", tell=lines.append) as robot:
