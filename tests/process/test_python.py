@@ -100,6 +100,8 @@ def test_maps_and_scans_are_arrays_and_a_notebook_sees_a_picture(
         assert "one" in repr(robot)
         publish(scripted, topics.MAP, MAP)
         publish(scripted, topics.SCAN, SCAN)
+        wait_until(lambda: robot.latest(topics.MAP), "the router knows who has the map")
+        wait_until(lambda: robot.latest(topics.SCAN), "the router knows who has the scan")
         assert robot.map().cells.tolist() == [[0, 100, 0], [-1, 0, 0]]
         scan = robot.scan()
         assert scan.ranges.tolist() == [1.0, 2.0, math.inf, 0.0]
