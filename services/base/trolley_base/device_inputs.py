@@ -105,8 +105,11 @@ class DeviceInputs:
         self._read_chassis(now_ns)
         self._read_lidar(now_ns)
         odom_T_base = self._reckoning.track.odom_T_base
-        further = odom_T_base.inverse().transform_points(self._extra_sensors.points_odom(now_ns))
-        self.echoes = np.concatenate([self.sight.echoes(odom_T_base), further])
+        self.echoes = self.sight.echoes(odom_T_base)
+        further = self._extra_sensors.points_odom(now_ns)
+        if len(further):
+            further = odom_T_base.inverse().transform_points(further)
+            self.echoes = np.concatenate([self.echoes, further])
         self.silent_sensors = self._extra_sensors.silent(now_ns)
         self.unseen = self.sight.unseen(odom_T_base)
 

@@ -19,12 +19,18 @@ from trolley_base.drivers.interface import (
     Chassis,
     ChassisReading,
     LidarReading,
+    LidarScan,
     MotionSample,
 )
 from trolley_base.drivers.serial_device import SerialDevice
 from trolley_base.drivers.serial_link import SerialLink
+from trolley_base.units import NS_PER_S
 
 STANDING_PERIOD_NS = 50_000_000
+HEARD_WITHIN_NS = 100_000_000
+"""What a lidar sends is heard within this time, whether a revolution can be complete or not."""
+EARLIEST_TURN = 0.95
+"""Share of its last revolution's time that a lidar's next takes at least."""
 LEAVE_WITHIN_S, LEAVE_STEP_S = 2.0, 0.01
 """How long whoever leaves waits until the wheels stand, at most, and how often it looks."""
 STANDING_MPS, STANDING_RADPS = 0.01, 0.02
@@ -147,23 +153,38 @@ class ChassisWithImu:
 
 
 class SerialLidar:
-    """A scanner; made by `RealHardware`."""
+    """A scanner; made by `RealHardware`.
+
+    To decode takes about as long for much as for little, so nothing is decoded while no revolution
+    can be complete.
+    """
 
     def __init__(self, conversation: SerialLink[LidarDialogue], start_ns: int) -> None:
         self._conversation = conversation
-        self._now_ns = start_ns
+        self._now_ns = self._heard_ns = self._complete_ns = start_ns
 
     def read(self) -> LidarReading:
         """Hand over the revolutions completed since the last call."""
         reading = self._conversation.dialogue.take(self._now_ns)
+        if reading.scans:
+            self._complete_ns = earliest_end_ns(reading.scans[-1])
         counts = self._conversation.counts(reading.counts)
         return replace(reading, link=self._conversation.link(self._now_ns), counts=counts)
 
     def advance(self, now_ns: int) -> None:
         """Hear what has arrived up to now, and answer."""
         self._now_ns = now_ns
-        self._conversation.listen(now_ns)
+        if now_ns >= min(self._complete_ns, self._heard_ns + HEARD_WITHIN_NS):
+            self._heard_ns = now_ns
+            self._conversation.listen(now_ns)
         self._conversation.speak(now_ns)
+
+
+def earliest_end_ns(scan: LidarScan) -> int:
+    """Return when the revolution after a scan is complete, at the earliest [ns]."""
+    turn_ns = len(scan.ranges) * abs(scan.time_increment) * NS_PER_S
+    began_ns = scan.stamp_ns - (turn_ns if scan.time_increment < 0.0 else 0.0)
+    return int(began_ns + (1.0 + EARLIEST_TURN) * turn_ns)
 
 
 class RealHardware:

@@ -138,12 +138,15 @@ class DeadReckoning:
         if self._uses_imu:
             for imu in reading.imu:
                 self._fusion.add_gyro(imu.stamp_ns, imu.angular_velocity[2])
-        notes: list[Note] = []
-        counts = Counter(reading.counts)
-        measured: list[tuple[MotionSample, float | None]] = []
         if not self._has_wheels:
             self.measured = Measured()
             return reading
+        if not reading.motions:
+            self.measured = Measured(num_jumps=reading.num_jumps)
+            return reading
+        notes: list[Note] = []
+        counts = Counter(reading.counts)
+        measured: list[tuple[MotionSample, float | None]] = []
         num_jumps = reading.num_jumps
         for motion in reading.motions:
             if not self._guard.accepts(motion):
