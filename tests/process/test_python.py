@@ -300,6 +300,7 @@ def test_ask_and_pub_speak_the_wire_from_the_shell(add_robot: Callable, endpoint
     with Robot("one", connect=endpoint) as robot:
         heard: list[Any] = []
         robot.on(topics.COMMAND, heard.append, "me")
+        assert robot.latest(topics.ROBOT) is not None  # so the router knows by now that it listens
         command = '{"twist": {"vx": 0.1, "vy": 0, "wz": 0}, "valid_for": 0.3}'
         code, said = run("topic", "pub", "cmd_vel/me", command, "-n", "2", "--hz", "20")
         assert (code, said) == (0, "published 2 messages on cmd_vel/me\n")
