@@ -143,9 +143,9 @@ def test_drives_while_a_key_is_held_and_is_silent_after(
 ) -> None:
     room = own_room
     terminal = teleop(room, tells_releases=True)
-    drive_until(terminal, lambda: room.twist().vx > 0.2, "it drives")
+    said = "Forward 0.25 m/s"
+    drive_until(terminal, lambda: room.twist().vx > 0.2 and said in terminal.output, said)
     assert room.twist().vx < 0.27
-    terminal.wait_for("Forward 0.25 m/s")
     drive_until(
         terminal, lambda: room.twist().vx > 0.2 and room.twist().wz > 0.5, "a curve", UP + A
     )
