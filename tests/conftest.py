@@ -34,6 +34,27 @@ settings.load_profile("new" if NEW else "same")
 
 StartService = Callable[..., Process]
 
+MORE_RUNS = 2
+"""How often a test that is marked `again` is run once more."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let a test that says why be run again where it fails."""
+    for item in items:
+        if (mark := item.get_closest_marker("again")) is not None:
+            (why,) = mark.args
+            item.add_marker(pytest.mark.flaky(reruns=MORE_RUNS))
+            item.user_properties.append(("why_again", why))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
+    """Keep how such a test failed, for `parts.py` to tell of it where a later run passes."""
+    report = yield
+    if report.failed and item.get_closest_marker("again") is not None:
+        item.user_properties.append(("failed", report.longreprtext))
+    return report
+
 
 def pytest_collection() -> None:
     """Let the collector rest while thousands of tests are found: nothing of them is garbage."""

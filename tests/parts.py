@@ -58,43 +58,68 @@ NO_TESTS = 5
 """What pytest returns where all were deselected."""
 
 
-def lint(output: IO[str] | None) -> list[str]:
-    """Run ruff, its formatter and pyrefly; return what they complained of."""
+class Found(NamedTuple):
+    """What a part found, line by line."""
+
+    failed: Sequence[str]
+    """What failed in the end."""
+    again: Sequence[str] = ()
+    """Which tests passed only when they were run again, why they may be, and how they failed."""
+
+
+def lint(output: IO[str] | None) -> Found:
+    """Run ruff, its formatter and pyrefly."""
     tools = {
         "ruff check .": ["ruff", "check", "."],
         "ruff format --check .": ["ruff", "format", "--check", "."],
         "pyrefly check": ["pyrefly", "check"],
     }
     folder = Path(sys.executable).parent
-    return [
-        f"{name} has found something"
-        for name, (program, *arguments) in tools.items()
-        if run([str(folder / program), *arguments], output) != 0
-    ]
+    return Found(
+        [
+            f"{name} has found something"
+            for name, (program, *arguments) in tools.items()
+            if run([str(folder / program), *arguments], output) != 0
+        ]
+    )
 
 
-def tests(name: str, marks: str, output: IO[str] | None) -> list[str]:
-    """Run the tests of a part; return those that failed."""
+def tests(name: str, marks: str, output: IO[str] | None) -> Found:
+    """Run the tests of a part."""
     part, report = PARTS[name], REPORTS / f"{name}.xml"
     report.unlink(missing_ok=True)
     choice = ("-m", part.marks or marks, f"--junitxml={report}")
     code = run([*part.before, *PYTEST, *choice, *part.arguments], output)
-    found = list(failures(report)) if report.exists() else []
-    if code not in (0, 1, NO_TESTS) or (code == 1 and not found):
-        found.append(f"pytest ended with exit code {code}; see above")
-    return found
+    every = ElementTree.parse(report).iter("testcase") if report.exists() else ()
+    cases = {name_of(case): case for case in every}.values()  # the last run of each counts
+    failed = [line for case in cases if (line := failure_of(case))]
+    if code not in (0, 1, NO_TESTS) or (code == 1 and not failed):
+        failed.append(f"pytest ended with exit code {code}; see above")
+    return Found(failed, [line for case in cases for line in runs_before(case)])
 
 
-def failures(report: Path) -> Iterator[str]:
-    """Yield the tests that failed or could not begin, as pytest takes them on its command line."""
-    for case in ElementTree.parse(report).iter("testcase"):
-        problem = next(
-            (case.find(kind) for kind in ("failure", "error") if case.find(kind) is not None), None
-        )
-        if problem is not None:
-            path = f"{case.get('classname', '').replace('.', '/')}.py"
-            line = (problem.get("message") or "").partition("\n")[0]
-            yield f"{path}::{case.get('name')}  {line[:100]}"
+def failure_of(case: ElementTree.Element) -> str:
+    """Return a test that failed or could not begin, as pytest takes it on its command line."""
+    problem = next((one for one in case if one.tag in ("failure", "error")), None)
+    if problem is None:
+        return ""
+    return f"{name_of(case)}  {(problem.get('message') or '').partition(chr(10))[0][:100]}"
+
+
+def runs_before(case: ElementTree.Element) -> Iterator[str]:
+    """Yield how a test failed before it passed."""
+    said = [(one.get("name"), one.get("value") or "") for one in case.iter("property")]
+    if failure_of(case):
+        return
+    for name, value in said:
+        if name == "failed":
+            problem = next((line for line in value.splitlines() if line.startswith("E ")), "")
+            yield f"{name_of(case)}  {dict(said)['why_again']}: {problem[1:].strip()[:100]}"
+
+
+def name_of(case: ElementTree.Element) -> str:
+    """Return the name of a test, as pytest takes it on its command line."""
+    return f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}"
 
 
 def run(command: Sequence[str], output: IO[str] | None) -> int:
@@ -108,7 +133,7 @@ class Check:
     """What the parts found and how long they took, in whatever order they end."""
 
     def __init__(self, marks: str) -> None:
-        self.failed: dict[str, list[str]] = {}
+        self._found: dict[str, Found] = {}
         self._marks = marks
         self._took_s: dict[str, float] = {}
 
@@ -116,7 +141,12 @@ class Check:
         """Run one part."""
         began_s = time.monotonic()
         found = lint(output) if part == "lint" else tests(part, self._marks, output)
-        self.failed[part], self._took_s[part] = found, time.monotonic() - began_s
+        self._found[part], self._took_s[part] = found, time.monotonic() - began_s
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether anything failed in the end."""
+        return any(found.failed for found in self._found.values())
 
     def run_beside(self, parts: Sequence[str]) -> None:
         """Run parts one after another; print what each said when it is done."""
@@ -127,11 +157,12 @@ class Check:
                 print(f"\n== {part}\n{output.read()}", flush=True)
 
     def summary(self) -> str:
-        """Name what failed, part by part."""
+        """Name what failed, and what had to be run again, part by part."""
         return "\n".join(
-            f"{part:8} {self._took_s[part]:4.0f} s  {len(found) or 'nothing'} failed"
-            + "".join(f"\n    {line}" for line in found)
-            for part, found in self.failed.items()
+            f"{part:8} {self._took_s[part]:4.0f} s  {len(found.failed) or 'nothing'} failed"
+            + "".join(f"\n    {line}" for line in found.failed)
+            + "".join(f"\n    run again: {line}" for line in found.again)
+            for part, found in self._found.items()
         )
 
 
@@ -150,7 +181,7 @@ def main() -> int:
             one.result()
     took_s = time.monotonic() - began_s
     print(f"\n== all parts\n{check.summary()}\nall      {took_s:4.0f} s, {CORES} cores")
-    return any(check.failed.values())
+    return check.has_failed
 
 
 if __name__ == "__main__":

@@ -34,6 +34,8 @@ BAUDS = {
     "hokuyo_urg": 115200,
 }
 
+pytestmark = pytest.mark.again("a port is listened to for a moment only")
+
 
 @contextmanager
 def emulated(folder: Path, *devices: str) -> Iterator[EmulatedRobot]:

@@ -10,6 +10,8 @@ from support.waiting import wait_until
 from trolley import codes
 from trolley.geometry import Twist2D
 
+pytestmark = pytest.mark.again("a board whose emulator is held up does not obey")
+
 AHEAD, TURN = Twist2D(0.15, 0.0, 0.0), Twist2D(0.0, 0.0, 1.0)
 NOT_STOPPED = "NOT STOPPED: the motor board does not obey"
 

@@ -46,7 +46,10 @@ from trolley.security.keyring import Keyring
 from trolley_ros2 import cdr
 from trolley_ros2.published import MOST_FRAMES
 
-pytestmark = pytest.mark.programs
+pytestmark = [
+    pytest.mark.programs,
+    pytest.mark.again("a node that is silent for half a second has died"),
+]
 
 GEOMETRY = "geometry_msgs/msg"
 

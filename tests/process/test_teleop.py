@@ -18,6 +18,8 @@ from trolley import topics
 from trolley.client import Robot
 from trolley.geometry import Twist2D
 
+pytestmark = pytest.mark.again("a terminal that is late has its keys let go of")
+
 ENTER_KITTY, LEAVE_KITTY = "\x1b[>31u", "\x1b[<u"
 UP, UP_RELEASE = "\x1b[A", "\x1b[1;1:3A"
 A, A_REPEAT, A_RELEASE = "\x1b[97;1:1;97u", "\x1b[97;1:2;97u", "\x1b[97;1:3u"
