@@ -42,6 +42,7 @@ from trolley_planner.paths.search import clear_queue, make_queue
 from trolley_planner.people.encounters import times_of_encounters
 from trolley_planner.people.free_space import were_passed
 from trolley_planner.people.tracker import PeopleTracker, TrackedPerson, person_discs
+from trolley_planner.people.walls import walk_along_walls
 
 CELLS = 60
 EDGE_M = 0.05
@@ -74,8 +75,10 @@ def warm_up() -> None:
     context = navigator.costmap_manager.require_context()
     context.costmap.obstacle_layer.forget_around(1.0, 1.0, 0.5)
     walker = TrackedPerson(np.array([[1.0, 1.0], [1.1, 1.0]]), np.ones(2), np.array([0.5, 0.0]))
-    times_of_encounters(person_discs([walker]))
-    context.costmap.obstacle_layer.remove_people(person_discs([walker]))
+    discs = person_discs([walker])
+    walk_along_walls(discs, np.ones(1), context.costmap.static.wall_distance_m, EDGE_M)
+    times_of_encounters(discs)
+    context.costmap.obstacle_layer.remove_people(discs)
     SocialLayer(context.costmap.shape, EDGE_M, 0.1).update(
         [walker], context.costmap.obstacle_layer.grid
     )

@@ -161,7 +161,8 @@ class SerialLidar:
 
     def __init__(self, conversation: SerialLink[LidarDialogue], start_ns: int) -> None:
         self._conversation = conversation
-        self._now_ns = self._heard_ns = self._complete_ns = start_ns
+        self._now_ns = self._heard_ns = start_ns
+        self._complete_ns = float(start_ns)
 
     def read(self) -> LidarReading:
         """Hand over the revolutions completed since the last call."""
@@ -174,17 +175,17 @@ class SerialLidar:
     def advance(self, now_ns: int) -> None:
         """Hear what has arrived up to now, and answer."""
         self._now_ns = now_ns
-        if now_ns >= min(self._complete_ns, self._heard_ns + HEARD_WITHIN_NS):
+        if now_ns >= min(self._heard_ns + HEARD_WITHIN_NS, self._complete_ns):
             self._heard_ns = now_ns
             self._conversation.listen(now_ns)
         self._conversation.speak(now_ns)
 
 
-def earliest_end_ns(scan: LidarScan) -> int:
+def earliest_end_ns(scan: LidarScan) -> float:
     """Return when the revolution after a scan is complete, at the earliest [ns]."""
     turn_ns = len(scan.ranges) * abs(scan.time_increment) * NS_PER_S
     began_ns = scan.stamp_ns - (turn_ns if scan.time_increment < 0.0 else 0.0)
-    return int(began_ns + (1.0 + EARLIEST_TURN) * turn_ns)
+    return began_ns + (1.0 + EARLIEST_TURN) * turn_ns
 
 
 class RealHardware:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from trolley_planner.people.encounters import times_of_encounters
 from trolley_planner.people.tracker import PeopleTracker, Track, TrackedPerson, person_discs
+from trolley_planner.people.walls import walk_along_walls
 
 Floats = NDArray[np.float64]
 SAME_M = 0.15
@@ -40,8 +41,10 @@ class MovingObstacles:
         self.people = self._tracker.update(now_ns, beams, wall_distance_m, resolution_m)
         self._walkers = NOBODY
         if self.people:
-            growth = np.clip([one.velocity_std for one in self.people], *GROWTH_MPS)
             discs = person_discs(self.people)
+            deviations = np.array([one.velocity_std for one in self.people])
+            walk_along_walls(discs, deviations, wall_distance_m, resolution_m)
+            growth = np.clip(deviations, *GROWTH_MPS)
             self._walkers = np.column_stack([discs, growth, times_of_encounters(discs)])
         self._scanned_ns = now_ns
 
