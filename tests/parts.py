@@ -103,14 +103,15 @@ def failure_of(case: ElementTree.Element) -> str:
     problem = next((one for one in case if one.tag in ("failure", "error")), None)
     if problem is None:
         return ""
-    return f"{name_of(case)}  {(problem.get('message') or '').partition(chr(10))[0][:100]}"
+    line = (problem.get("message") or "").partition("\n")[0]
+    return f"{name_of(case)}  {line[:100]}"
 
 
 def runs_before(case: ElementTree.Element) -> Iterator[str]:
     """Yield how a test failed before it passed."""
-    said = [(one.get("name"), one.get("value") or "") for one in case.iter("property")]
     if failure_of(case):
         return
+    said = [(one.get("name"), one.get("value") or "") for one in case.iter("property")]
     for name, value in said:
         if name == "failed":
             problem = next((line for line in value.splitlines() if line.startswith("E ")), "")
