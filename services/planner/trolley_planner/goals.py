@@ -83,7 +83,7 @@ def nearest_free_pose(
         wanted_m: clearance that is enough; with less, but none below zero, the best is taken.
     """
     best, best_clearance = None, 0.0
-    for radius_share in (0.0, 0.3, 0.6, 0.9):
+    for radius_share in (0.0, 0.25, 0.5, 0.75):
         for candidate in _around(goal, radius_share, tolerances):
             found = clearance(candidate)
             if found >= wanted_m:
@@ -104,7 +104,7 @@ def _around(goal: Pose2D, share: float, tolerances: Tolerances) -> list[Pose2D]:
     if tolerances.any_heading:
         turns = [index * math.pi / 4.0 for index in range(8)]
     elif tolerances.yaw > 0.01:
-        turns += [0.8 * tolerances.yaw, -0.8 * tolerances.yaw]
+        turns += [0.5 * tolerances.yaw, -0.5 * tolerances.yaw]
     return [Pose2D(x, y, wrap_angle(goal.yaw + turn)) for x, y in spots for turn in turns]
 
 

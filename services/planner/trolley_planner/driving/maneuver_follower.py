@@ -23,6 +23,8 @@ class FollowerParams:
     """Progress below which the robot counts as held up, turns counted by `turn_as_m`."""
     settle_rad: float = 0.03
     """Distance to the end of a turn at which it is over."""
+    settle_last_rad: float = 0.015
+    """The same of a turn at the maneuver's end."""
     track_m: float = 0.16
     """An error beside the maneuver decays over this distance."""
     ahead_m: float = 0.05
@@ -172,7 +174,7 @@ class ManeuverFollower:
         near = float(self._poses[self._index, 2]) if self._yaw is None else self._yaw
         self._yaw = near + wrap_angle(pose.yaw - near)
         left = goal - self._yaw
-        if abs(left) < FOLLOWER.settle_rad:
+        if abs(left) < (FOLLOWER.settle_rad if has_more else FOLLOWER.settle_last_rad):
             return None
         if not has_more:
             return Twist2D(0.0, 0.0, turn_rate(left, limits))

@@ -74,6 +74,10 @@ class ManeuverParams:
     brisk: float = 2.0
     """Factor on the speed beside obstacles where the maneuver keeps the wanted clearance: it is
     known how near they come. Less with less clearance, down to 1 with `TIGHT_CLEARANCE_M`."""
+    briskest: float = 3.0
+    """The same where it keeps `spare_m` more."""
+    spare_m: float = 0.02
+    """Clearance beyond the wanted one that lets it drive at its briskest."""
     wary: float = 0.5
     """Factor on the speed beside obstacles where the measurements leave no clearance."""
     begin_people_m: float = 0.8
@@ -181,8 +185,10 @@ class Maneuvering:
         least_m = context.least_clearance(follower.poses_from(pose, MANEUVER.begin_m), 0.1)
         floor_m = min(now.limits.clearance_m, max(least_m - TIGHT_CLEARANCE_M, 0.0))
         limits = now.limits._replace(clearance_m=floor_m)
-        kept = (0.0, TIGHT_CLEARANCE_M, max(now.limits.clearance_m, 2.0 * TIGHT_CLEARANCE_M))
-        factor = float(np.interp(least_m, kept, (MANEUVER.wary, 1.0, MANEUVER.brisk)))
+        wanted_m = max(now.limits.clearance_m, 2.0 * TIGHT_CLEARANCE_M)
+        kept_m = (0.0, TIGHT_CLEARANCE_M, wanted_m, wanted_m + MANEUVER.spare_m)
+        factors = (MANEUVER.wary, 1.0, MANEUVER.brisk, MANEUVER.briskest)
+        factor = float(np.interp(least_m, kept_m, factors))
         limits = limits._replace(slow_speed=min(factor * limits.slow_speed, limits.max_speed))
         here_m = context.seen_clearance(pose, limits.caution_m)
         speed = min(caution_speed(limits, here_m), context.zone_speed(pose))
