@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D, Twist2D, wrap_angle
 from trolley_planner.control.controller import Motion
 from trolley_planner.control.robot_motion import Limits
+from trolley_planner.costmap.footprint import Body, Field
 from trolley_planner.driving.goal_approach import braking_speed, turn_rate
+from trolley_planner.paths.hybrid_astar.centering import recentered
 from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, TURNING, Maneuver
 
 
@@ -59,12 +61,7 @@ class ManeuverFollower:
 
     def __init__(self, maneuver: Maneuver, onward_m: float = 0.0) -> None:
         self._poses, self._motions = maneuver.poses, maneuver.motions
-        steps: NDArray[np.float64] = np.diff(self._poses, axis=0)
-        lengths = np.hypot(steps[:, 0], steps[:, 1])
-        turns = np.where(self._motions[1:] == TURNING, np.abs(steps[:, 2]), 0.0)
-        self._along: NDArray[np.float64] = np.append(0.0, np.cumsum(lengths))
-        left = lengths + FOLLOWER.turn_as_m * turns
-        self._left: NDArray[np.float64] = np.append(np.cumsum(left[::-1])[::-1], 0.0)
+        self._along, self._left = _measured(maneuver)
         self._onward_m = onward_m
         self._index = 0
         self._run_end = self._end_of_run(0)
@@ -88,6 +85,15 @@ class ManeuverFollower:
     def is_forwards(self) -> bool:
         """Whether it drives forwards now."""
         return int(self._motions[self._run_end]) == FORWARDS
+
+    def recenter(self, field: Field, body: Body) -> None:
+        """Bend the present drive, if it leads forwards, to the middle of what is seen by now."""
+        if not self.is_forwards:
+            return
+        drive = slice(self._index, self._run_end + 1)
+        self._poses = self._poses.copy()
+        self._poses[drive] = recentered(self._poses[drive], field, body)
+        self._along, self._left = _measured(Maneuver(self._poses, self._motions))
 
     def poses_ahead(self, length_m: float) -> NDArray[np.float64]:
         """Return the poses (n, 3) of this length of the maneuver from the robot on."""
@@ -230,3 +236,12 @@ class ManeuverFollower:
         last = min(middle + 2, self._run_end)
         length = float(self._along[last] - self._along[first])
         return float(self._poses[last, 2] - self._poses[first, 2]) / length if length > 0.0 else 0.0
+
+
+def _measured(maneuver: Maneuver) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what lies before each pose (n,) and what is left behind it [m]; turns count there."""
+    steps: NDArray[np.float64] = np.diff(maneuver.poses, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    turns = np.where(maneuver.motions[1:] == TURNING, np.abs(steps[:, 2]), 0.0)
+    left = lengths + FOLLOWER.turn_as_m * turns
+    return np.append(0.0, np.cumsum(lengths)), np.append(np.cumsum(left[::-1])[::-1], 0.0)

@@ -155,6 +155,8 @@ class Maneuvering:
         needed = self._needed_until(pose, route, aim)
         self.is_tight_ahead = needed is not None
         if self._follower is not None:
+            local_costmap = self._context.local_costmap
+            self._follower.recenter(local_costmap.field, local_costmap.body)
             self._check_maneuver(pose, route, aim)
         if needed is None and self._is_through(pose):
             self.stop()

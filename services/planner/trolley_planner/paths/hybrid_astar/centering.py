@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel, lean_kernel
 from trolley_planner.costmap.fine_grid import FineGrid
-from trolley_planner.costmap.footprint import Body
+from trolley_planner.costmap.footprint import Body, Field
 from trolley_planner.paths.hybrid_astar.curves import LEAST_RADIUS_M
-from trolley_planner.paths.hybrid_astar.motion_primitives import TURNING, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, TURNING, Maneuver
 
 
 class CenteringParams(NamedTuple):
@@ -33,7 +33,7 @@ class CenteringParams(NamedTuple):
     """Distance from the outline below which obstacles push it."""
     knot_m: float = 0.12
     """Distance along the path between two of the splines that bend it."""
-    stiffness_m: float = 0.15
+    stiffness_m: float = 1.0
     """Cost of a metre with a curvature of 1 / m, in points of the outline that touch something."""
     nearest: float = 12.0
     """How many more points of the outline the nearest one counts as."""
@@ -80,6 +80,28 @@ def centered(maneuver: Maneuver, grid: FineGrid, unseen: NDArray[np.uint8], body
         if sense != TURNING:
             bend(poses[first : last + 1], sense, (grid.distance_m, unseen, grid.fine_m), body)
     return Maneuver(poses + corner, maneuver.motions)
+
+
+def recentered(drive: NDArray[np.float64], field: Field, body: Body) -> NDArray[np.float64]:
+    """Return the rest of a drive forwards, bent once more on what is seen by now.
+
+    Each scan errs in another way, and from nearby a passage is seen better. What lies out of the
+    local costmap stays.
+
+    Args:
+        drive: (n, 3) poses in `grid`, the first near the robot.
+        field: what stands around the robot.
+        body: the robot's outline.
+    """
+    rows, cols = field.distance_m.shape
+    corner = np.array([field.x, field.y, 0.0])
+    poses = drive - corner
+    most = np.array([cols, rows]) * field.fine_m - body.circumscribed_m
+    is_out = ((poses[:, :2] < body.circumscribed_m) | (poses[:, :2] > most)).any(axis=1)
+    end = max(int(np.argmax(is_out)), 1) if is_out.any() else len(poses)
+    in_sight = np.zeros((rows, cols), np.uint8)  # Forwards it may drive over any floor.
+    bend(poses[:end], FORWARDS, (field.distance_m, in_sight, field.fine_m), body)
+    return poses + corner
 
 
 @kernel
