@@ -29,7 +29,7 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """How fast the turn rate may change."""
     slow_speed_mps: Speed = 0.15
     """Speed right beside an obstacle; in a tight place up to twice as much, the more of
-    `clearance_m` it keeps."""
+    `clearance_m` it keeps, and three times with 2 cm more."""
     unsure_speed_mps: Speed = 0.15
     """Highest speed while the pose is `unsure`."""
     caution_distance_m: Distance = 0.35
