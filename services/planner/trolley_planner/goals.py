@@ -76,6 +76,8 @@ def nearest_free_pose(
 ) -> Pose2D | None:
     """Return the pose nearest to the goal where the robot fits, None if there is none within reach.
 
+    It takes up a part of the tolerances only, since the robot will not stand there exactly.
+
     Args:
         goal: the pose asked for.
         tolerances: how far it may be missed.
