@@ -201,11 +201,10 @@ class GoalApproach:
     def near(self) -> Tolerances:
         """Tolerances around `aim` within which the robot is at the goal."""
         xy, yaw = self._tolerances.xy, self._tolerances.yaw
-        near_xy = max(xy - self.aim.distance_to(self._goal), 0.3 * xy)
-        if self._tolerances.any_heading:
-            return Tolerances(near_xy, yaw)
-        turned = abs(wrap_angle(self.aim.yaw - self._goal.yaw))
-        return Tolerances(near_xy, max(yaw - turned, 0.3 * yaw))
+        moved = self.aim.distance_to(self._goal)
+        is_any = self._tolerances.any_heading
+        turned = 0.0 if is_any else abs(wrap_angle(self.aim.yaw - self._goal.yaw))
+        return Tolerances(max(xy - moved, 0.3 * xy), max(yaw - turned, 0.3 * yaw))
 
     def is_there(self, pose: Pose2D) -> bool:
         """Say whether a pose is within the tolerances of the goal."""

@@ -60,7 +60,7 @@ class ManeuverFollower:
     """
 
     def __init__(self, maneuver: Maneuver, onward_m: float = 0.0) -> None:
-        self._poses, self._motions = maneuver.poses, maneuver.motions
+        self._poses, self._motions = maneuver.poses.copy(), maneuver.motions
         self._along, self._left = _measured(maneuver)
         self._onward_m = onward_m
         self._index = 0
@@ -91,7 +91,6 @@ class ManeuverFollower:
         if not self.is_forwards:
             return
         drive = slice(self._index, self._run_end + 1)
-        self._poses = self._poses.copy()
         self._poses[drive] = recentered(self._poses[drive], field, body)
         self._along, self._left = _measured(Maneuver(self._poses, self._motions))
 
