@@ -31,9 +31,10 @@ class CenteringParams(NamedTuple):
 
     reach_m: float = 0.06
     """Distance from the outline below which obstacles push it."""
-    knot_m: float = 0.12
-    """Distance along the path between two of the splines that bend it."""
-    stiffness_m: float = 1.0
+    knots_m: tuple[float, ...] = (0.24, 0.12)
+    """Distances along the path between two of the splines that bend it: wide ones straighten it
+    through a place that narrow ones would only lead it into and out of."""
+    stiffness_m: float = 0.5
     """Cost of a metre with a curvature of 1 / m, in points of the outline that touch something."""
     nearest: float = 12.0
     """How many more points of the outline the nearest one counts as."""
@@ -125,8 +126,7 @@ def bend(
     for index in range(1, count):
         dx, dy = poses[index, 0] - poses[index - 1, 0], poses[index, 1] - poses[index - 1, 1]
         along[index] = along[index - 1] + math.hypot(dx, dy)
-    num_knots = math.floor(along[-1] / CENTERING.knot_m)
-    if num_knots < SPLINE_KNOTS:
+    if along[-1] < SPLINE_KNOTS * min(CENTERING.knots_m):
         return
     aside, slope = np.zeros(count), np.zeros(count)
     drive = Drive(poses, along, aside, slope, sense)
@@ -135,10 +135,12 @@ def bend(
         return
     is_bent = False
     for step_m in CENTERING.steps_m:
-        for _ in range(CENTERING.rounds):
-            if not bend_by(drive, layers, body, along[-1] / num_knots, step_m):
-                break
-            is_bent = True
+        for knot_m in CENTERING.knots_m:
+            num_pieces = max(math.floor(along[-1] / knot_m), 1)
+            for _ in range(CENTERING.rounds):
+                if not bend_by(drive, layers, body, along[-1] / num_pieces, step_m):
+                    break
+                is_bent = True
     if is_bent and energy(drive, layers, body, 1, count - 1)[1] >= min(least_m, 0.0):
         bent = np.empty_like(poses)
         for index in range(count):
