@@ -146,7 +146,8 @@ def _pursue(context: PlanningContext) -> None:
     limits = limits_of(PlannerConfig(), 0.5, 1.5, 1.0)
     pursuit, target = PurePursuit(PlannerConfig()), Target(2.0, 2.0, 0.1, goes_on=False)
     for place in (Pose2D(0.8, 0.8, 0.0), Pose2D(0.2, 0.2, 0.0)):
-        pursuit.command(Motion(place, Twist2D.zero()), context.local_costmap, limits, target, 0.05)
+        motion, path = Motion(place, Twist2D.zero()), np.array([(0.8, 0.8), (2.0, 2.0)])
+        pursuit.command(motion, context.local_costmap, limits, target, path, 0.05)
 
 
 def _watch() -> None:

@@ -21,6 +21,8 @@ FOOTPRINT = Footprint.from_polygon(CORNERS)
 CONFIG = PlannerConfig()
 LIMITS = limits_of(CONFIG, 0.5, 1.5, 1.0)
 Floats = NDArray[np.float64]
+NO_PATH = np.empty((0, 2))
+"""It goes by the cost-to-go."""
 
 
 class Driver:
@@ -38,7 +40,7 @@ class Driver:
         local_costmap.compute_cost_to_go(points, remaining)
         x, y = points[-1]
         target = Target(x, y, 0.1, goes_on)
-        found = self._controller.command(motion, local_costmap, LIMITS, target, 0.05)
+        found = self._controller.command(motion, local_costmap, LIMITS, target, NO_PATH, 0.05)
         assert found is not None
         self.twist = found
         self.pose = integrate_twist(self.pose, found, 0.05)

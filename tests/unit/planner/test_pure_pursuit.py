@@ -33,7 +33,10 @@ def drive(context: PlanningContext, pose: Pose2D, ticks: int) -> tuple[list[Pose
         context.local_costmap.update(pose.x, pose.y)
         context.local_costmap.compute_cost_to_go(points, remaining)
         motion = Motion(pose, twist)
-        found = context.controller.command(motion, context.local_costmap, LIMITS, target, 0.05)
+        near = points[max(round((pose.x - 1.0) / 0.05), 0) :]
+        found = context.controller.command(
+            motion, context.local_costmap, LIMITS, target, near, 0.05
+        )
         assert found is not None
         twist = safe_command(motion, found, context.local_costmap, LIMITS)
         pose = integrate_twist(pose, twist, 0.05)

@@ -78,6 +78,7 @@ class Controller(Protocol):
         local_costmap: LocalCostmap,
         limits: Limits,
         target: Target,
+        path: NDArray[np.float64],
         elapsed_s: float,
     ) -> Twist2D | None:
         """Return the velocity to drive now, None if every motion would collide.
@@ -87,6 +88,7 @@ class Controller(Protocol):
             local_costmap: around it, leading along the path.
             limits: of the robot.
             target: where the path leads next.
+            path: (n, 2) the points of it ahead, in `grid` [m].
             elapsed_s: since the last command.
         """
         ...

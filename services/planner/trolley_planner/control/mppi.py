@@ -19,6 +19,7 @@ from trolley.jit import kernel
 from trolley_planner.control.controller import Motion, first_step, limits_here, state_of
 from trolley_planner.control.critics import Target, downhill_point
 from trolley_planner.control.local_costmap import LocalCostmap
+from trolley_planner.control.path_tracking import track_into
 from trolley_planner.control.robot_motion import (
     DT_S,
     Limits,
@@ -116,6 +117,7 @@ class Mppi:
         local_costmap: LocalCostmap,
         limits: Limits,
         target: Target,
+        path: NDArray[np.float64],
         elapsed_s: float,
     ) -> Twist2D | None:
         """Return the velocity to drive now; see `Controller`."""
@@ -123,8 +125,12 @@ class Mppi:
         scene = Scene(local_costmap.field, local_costmap.body, limits, target)
         start = state_of(motion)
         self._controls = _shifted(self._controls, elapsed_s / DT_S)
-        noise, deviations = self._next_noise(), _deviations(limits)
-        cost = optimize(self._controls, self._samples, noise, deviations, start, scene)
+        tracked = np.empty_like(self._controls)
+        if track_into(tracked, start, scene, path):
+            self._controls, cost = tracked, 0.0
+        else:
+            noise, deviations = self._next_noise(), _deviations(limits)
+            cost = optimize(self._controls, self._samples, noise, deviations, start, scene)
         self.trajectory = np.empty((self._steps + 1, 3), dtype=np.float32)
         trace_into(self.trajectory, self._controls, start, DT_S)
         if cost >= ROLLOUT.collision_cost:

@@ -19,6 +19,7 @@ from trolley_planner.control.controller import Motion, first_step, limits_here, 
 from trolley_planner.control.critics import Target, downhill_point
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import best_plain_into
+from trolley_planner.control.path_tracking import track_into
 from trolley_planner.control.robot_motion import (
     DT_S,
     Limits,
@@ -73,24 +74,34 @@ class PurePursuit:
         local_costmap: LocalCostmap,
         limits: Limits,
         target: Target,
+        path: NDArray[np.float64],
         elapsed_s: float,
     ) -> Twist2D | None:
         """Return the velocity to drive now; see `Controller`."""
         limits = limits_here(limits, local_costmap, motion.pose)
         scene = Scene(local_costmap.field, local_costmap.body, limits, target)
         start = state_of(motion)
-        for share in LOOKAHEAD_SHARES:
-            pursue_into(self._controls, start, scene, share)
-            cost = rollout(self._controls, start, scene)
-            if cost < ROLLOUT.collision_cost:
-                break
-        else:
-            cost = best_plain_into(self._controls, start, scene)
+        cost = 0.0
+        if not track_into(self._controls, start, scene, path):
+            cost = pursue_freely_into(self._controls, start, scene)
         self.trajectory = np.empty((len(self._controls) + 1, 3), dtype=np.float32)
         trace_into(self.trajectory, self._controls, start, DT_S)
         if cost >= ROLLOUT.collision_cost:
             return None
         return first_step(motion, self._controls, elapsed_s)
+
+
+@kernel
+def pursue_freely_into(
+    out_controls: NDArray[np.float64], start: NDArray[np.float64], scene: Scene
+) -> float:
+    """Write the commands (steps, 2) of a drive that does not collide, if any; return its cost."""
+    for share in LOOKAHEAD_SHARES:
+        pursue_into(out_controls, start, scene, share)
+        cost = rollout(out_controls, start, scene)
+        if cost < ROLLOUT.collision_cost:
+            return cost
+    return best_plain_into(out_controls, start, scene)
 
 
 @kernel

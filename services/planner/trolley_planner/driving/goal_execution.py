@@ -192,7 +192,10 @@ class GoalExecution:
             local_costmap.leave_people_out()
             if local_costmap.known_floor.looks_behind(now.motion.pose):
                 limits = limits._replace(max_reverse=min(HURRIED_REVERSE, limits.max_speed))
-        found = context.controller.command(now.motion, local_costmap, limits, target, now.elapsed_s)
+        path = self.route.path.points[stretch.first : stretch.last + 1]
+        found = context.controller.command(
+            now.motion, local_costmap, limits, target, path, now.elapsed_s
+        )
         local_costmap.update_moving(now.obeyed_ns)
         if found is None:
             return Twist2D.zero()
