@@ -42,6 +42,23 @@ class PassageParams:
 PASSAGE = PassageParams()
 
 
+@dataclass(frozen=True, slots=True)
+class StandInParams:
+    """Where a robot may stand in place of an occupied goal; by hand."""
+
+    spare_share: float = 0.25
+    """Share of the tolerance that is left for missing the place itself."""
+    most_spare_m: float = 0.05
+    """No more is left than this."""
+    most_m: float = 1.0
+    """Greatest distance from the goal, whatever the tolerance."""
+    ring_m: float = 0.2
+    """Greatest distance between two rings around the goal that are tried."""
+
+
+STAND_IN = StandInParams()
+
+
 @dataclass(slots=True)
 class Tolerances:
     """How near is near enough."""
@@ -85,8 +102,8 @@ def nearest_free_pose(
         wanted_m: clearance that is enough; with less, but none below zero, the best is taken.
     """
     best, best_clearance = None, 0.0
-    for radius_share in (0.0, 0.25, 0.5, 0.75):
-        for candidate in _around(goal, radius_share, tolerances):
+    for radius in _radii(tolerances):
+        for candidate in _around(goal, radius, tolerances):
             found = clearance(candidate)
             if found >= wanted_m:
                 return candidate
@@ -95,11 +112,18 @@ def nearest_free_pose(
     return best
 
 
-def _around(goal: Pose2D, share: float, tolerances: Tolerances) -> list[Pose2D]:
+def _radii(tolerances: Tolerances) -> list[float]:
+    """Return the radii of rings within the tolerance, smallest first [m]."""
+    spare = min(STAND_IN.spare_share * tolerances.xy, STAND_IN.most_spare_m)
+    most = min(tolerances.xy - spare, STAND_IN.most_m)
+    count = max(3, math.ceil(most / STAND_IN.ring_m))
+    return [most * index / count for index in range(count + 1)]
+
+
+def _around(goal: Pose2D, radius: float, tolerances: Tolerances) -> list[Pose2D]:
     """Return poses on a ring around the goal, each with some headings within the tolerance."""
-    radius = share * min(tolerances.xy, 1.0)
     spots = [(goal.x, goal.y)]
-    if share > 0.0:
+    if radius > 0.0:
         angles = [index * math.pi / 6.0 for index in range(12)]
         spots = [(goal.x + radius * math.cos(a), goal.y + radius * math.sin(a)) for a in angles]
     turns = [0.0]

@@ -39,7 +39,7 @@ def test_what_stands_in_for_a_goal_leaves_room_to_miss_it(seed: int) -> None:
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.3, -0.5])
-@pytest.mark.parametrize("moved", [0.0, 0.5])
+@pytest.mark.parametrize("moved", [0.0, 0.5, 0.75])
 def test_arriving_near_the_stand_in_is_arriving_at_the_goal(turned: float, moved: float) -> None:
     context = PlanningContext(empty_room(), FOOTPRINT, CONFIG, 0.5)
     goal = Pose2D(2.0, 3.0, 1.0)

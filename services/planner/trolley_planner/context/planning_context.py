@@ -1,7 +1,7 @@
 """What one robot plans with on one map: costmaps, global planner, controller, kept up to date."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -38,8 +38,53 @@ SPEEDS = ("max_speed_mps", "max_turn_radps", "slow_speed_mps", "unsure_speed_mps
 """Settings that are read for each command; a change of any other needs a new context."""
 SEEN_M = 0.8
 """Distances to obstacles are computed up to this where maneuvers are searched [m]."""
+ENCLOSED_M2 = 0.3
+"""A part of the floor that no way leads to and that is smaller is the inside of something, and no
+room behind a door [m^2]."""
 TURN_STEP_RAD = 0.1
 """Angle between the poses at which a turn is checked [rad]."""
+
+
+class FloorAround:
+    """The floor around the robot by what is seen, in parts between which no way leads.
+
+    Args:
+        costmap: with its weights up to date.
+        pose_grid: of the robot.
+        reach_m: from there along both axes.
+    """
+
+    def __init__(self, costmap: Costmap, pose_grid: Pose2D, reach_m: float) -> None:
+        self._edge_m = costmap.resolution_m
+        part = cells_around(costmap.shape, self._edge_m, pose_grid, reach_m)
+        self._first = part[0].start, part[1].start
+        self._labels = components_of(costmap.weights[part] != LETHAL)
+        row, col = self._cell_of(pose_grid)
+        # Where the robot stands it may be nearer to something than it would come by itself.
+        rows, cols = np.nonzero(self._labels)
+        off = np.hypot(rows - row, cols - col)
+        self._own = self._labels[rows[np.argmin(off)], cols[np.argmin(off)]] if len(off) else -1
+
+    def leads_to(self, place: Pose2D) -> bool:
+        """Say whether the robot can drive to a place in `grid`."""
+        return self._label_of(place) == self._own
+
+    def encloses(self, place: Pose2D) -> bool:
+        """Say whether it cannot since something stands there, or closely around it."""
+        label = self._label_of(place)
+        if label in (self._own, -1):
+            return False
+        num_cells = int(np.count_nonzero(self._labels == label))
+        return label == 0 or num_cells * self._edge_m**2 < ENCLOSED_M2
+
+    def _cell_of(self, place: Pose2D) -> tuple[int, int]:
+        row, col = (math.floor(at / self._edge_m) for at in (place.y, place.x))
+        return row - self._first[0], col - self._first[1]
+
+    def _label_of(self, place: Pose2D) -> int:
+        """Return the part of the floor of a place: 0 for none, -1 too far away."""
+        (row, col), (rows, cols) = self._cell_of(place), self._labels.shape
+        return int(self._labels[row, col]) if 0 <= row < rows and 0 <= col < cols else -1
 
 
 class PlanningContext:
@@ -117,34 +162,9 @@ class PlanningContext:
         tight_into(found, local_costmap.field, local_costmap.body, points, (room_m, aside_m))
         return found
 
-    def reachable(self, pose_grid: Pose2D) -> Callable[[Pose2D], bool]:
-        """Return a test of whether a pose within `half_m` can be reached from the robot.
-
-        Args:
-            pose_grid: of the robot.
-        """
-        costmap = self.costmap
-        part = cells_around(costmap.shape, costmap.resolution_m, pose_grid, 2.0 * self.half_m)
-        first_row, first_col = part[0].start, part[1].start
-        labels = components_of(costmap.weights[part] != LETHAL)
-        num_rows, num_cols = labels.shape
-
-        def cell_of(place: Pose2D) -> tuple[int, int]:
-            row, col = (math.floor(at / costmap.resolution_m) for at in (place.y, place.x))
-            return row - first_row, col - first_col
-
-        row, col = cell_of(pose_grid)
-        # Where the robot stands it may be nearer to something than it would come by itself.
-        rows, cols = np.nonzero(labels)
-        off = np.hypot(rows - row, cols - col)
-        own = labels[rows[np.argmin(off)], cols[np.argmin(off)]] if len(off) else -1
-
-        def leads_to(place: Pose2D) -> bool:
-            row, col = cell_of(place)
-            is_inside = 0 <= row < num_rows and 0 <= col < num_cols
-            return is_inside and bool(labels[row, col] == own)
-
-        return leads_to
+    def floor_around(self, pose_grid: Pose2D) -> "FloorAround":
+        """Return where the robot can drive from a pose within `half_m` of it."""
+        return FloorAround(self.costmap, pose_grid, 2.0 * self.half_m)
 
     def zone_speed(self, pose_grid: Pose2D) -> float:
         """Return the limit of the speed zones at a place [m/s]."""

@@ -190,6 +190,8 @@ class GoalApproach:
         """Where to drive now."""
         self.is_occupied = False
         """Whether something stands on the goal and on all places within its tolerance."""
+        self.is_enclosed = False
+        """Whether that was seen from all sides: no way leads near the goal."""
         self.has_arrived = False
 
     @property
@@ -204,7 +206,7 @@ class GoalApproach:
         moved = self.aim.distance_to(self._goal)
         is_any = self._tolerances.any_heading
         turned = 0.0 if is_any else abs(wrap_angle(self.aim.yaw - self._goal.yaw))
-        return Tolerances(max(xy - moved, 0.3 * xy), max(yaw - turned, 0.3 * yaw))
+        return Tolerances(xy - moved, yaw - turned)
 
     def is_there(self, pose: Pose2D) -> bool:
         """Say whether a pose is within the tolerances of the goal."""
@@ -231,27 +233,32 @@ class GoalApproach:
             pose: of the robot; the local costmap must be centred on it.
             is_blocked: no path leads to the aim by what is seen, as into what stands around it.
         """
-        is_far = pose.distance_to(self._goal) > self._context.half_m - APPROACH.window_edge_m
-        if is_far:
+        context, enough = self._context, APPROACH.beside_m
+        far_m = context.half_m - APPROACH.window_edge_m
+        is_far = pose.distance_to(self._goal) > far_m
+        # Where no path leads on it may have to stop farther off.
+        if is_far and not (is_blocked and pose.distance_to(self._goal) < context.half_m):
             return False
-        enough = APPROACH.beside_m
-        self.is_occupied = False
-        context = self._context
+        self.is_occupied &= is_far
+        self.is_enclosed = False
         is_free = context.seen_clearance(self.aim, enough) >= APPROACH.goal_clearance_m
         if is_free and not is_blocked:
             return False
-        leads_to = context.reachable(pose) if is_blocked else None
-        if is_free and leads_to is not None and leads_to(self.aim):
+        floor = context.floor_around(pose) if is_blocked else None
+        if is_free and floor is not None and floor.leads_to(self.aim):
             return False
 
         def clearance(candidate: Pose2D) -> float:
-            if leads_to is not None and not leads_to(candidate):
+            if floor is not None and not floor.leads_to(candidate):
+                return -1.0
+            if pose.distance_to(candidate) > far_m and is_far:
                 return -1.0
             return context.seen_clearance(candidate, enough)
 
         found = nearest_free_pose(self._goal, self._tolerances, clearance, enough)
         if found is None:
-            self.is_occupied = True
+            self.is_occupied |= not is_far
+            self.is_enclosed = floor is not None and floor.encloses(self._goal)
             return False
         if found == self.aim:
             return False

@@ -319,7 +319,9 @@ class GoalExecution:
         # Things are seen from one side only: if no path leads to the goal, it is occupied as well.
         is_occupied = self._approach.is_occupied or self.route.is_blocked
         left_m = self.remaining_m(now.motion.pose)
-        if not self._progress.wait_at_goal(left_m, now.elapsed_s, is_occupied=is_occupied):
+        is_near = self._progress.is_near_goal(left_m)
+        waits = (is_occupied and is_near) or self._approach.is_enclosed
+        if not self._progress.wait_at_goal(now.elapsed_s, waits=waits):
             self.outcome = "failed"
         if self.is_waiting_at_goal:
             self.trouble = codes.BLOCKED

@@ -123,16 +123,17 @@ class ProgressMonitor:
             return codes.BLOCKED
         return trouble
 
-    def wait_at_goal(self, left_m: float, elapsed_s: float, *, is_occupied: bool) -> bool:
-        """Record a wait before an occupied goal; False when it has lasted long enough.
+    def is_near_goal(self, left_m: float) -> bool:
+        """Say whether the robot is where it waits before an occupied goal.
 
         Args:
             left_m: how far it is to the goal.
-            elapsed_s: since the last time.
-            is_occupied: whether something stands on the goal.
         """
         reach_m = self._context.footprint.circumscribed_m + PATIENCE.wait_at_goal_m
-        waits = is_occupied and PATIENCE.on_goal_m < left_m < reach_m
+        return PATIENCE.on_goal_m < left_m < reach_m
+
+    def wait_at_goal(self, elapsed_s: float, *, waits: bool) -> bool:
+        """Record whether it waits there; False when it has waited for long enough."""
         most_s = PATIENCE.goal_patience * self._patience_s
         is_patient = self._at_goal.lasts(elapsed_s, most_s, waits=waits)
         self.is_waiting_at_goal = waits or not is_patient
