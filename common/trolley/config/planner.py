@@ -63,8 +63,8 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Longest time for which an obstacle out of sight is remembered."""
 
     controller: Literal["mppi", "pursuit"] = "mppi"
-    """How it steers: by comparing many simulated trajectories (MPPI), or by pure pursuit
-    (cheap)."""
+    """How it steers where something is near or somebody walks: by comparing many simulated
+    trajectories (MPPI), or by pure pursuit (cheap). Elsewhere it follows the path itself."""
     control_rate_hz: Annotated[float, Meta(ge=5.0, le=30.0)] = 20.0
     """Commands per second."""
     horizon_s: Annotated[float, Meta(ge=0.5, le=6.0)] = 2.4
