@@ -152,6 +152,42 @@ def test_beside_furniture_that_was_moved_the_nearest_free_place_will_do(ride) ->
 
 
 @pytest.mark.drives
+@pytest.mark.parametrize("front_m", [5.20, 5.15])
+def test_before_a_thing_that_reaches_a_little_into_the_goal_the_robot_stops_short(
+    ride, front_m: float
+) -> None:
+    start, goal = Pose2D(3.0, 3.0, 0.0), Pose2D(5.0, 3.0, 0.0)
+    moved = with_block(empty_room(), front_m, 2.7, 0.3, 0.6)
+    drive = ride(Flatland(empty_room(), start, truth=moved, footprint=HOBBY))
+    drive.send(goal)
+    assert drive.until_over(60.0).state == "arrived"
+    assert drive.world.pose.distance_to(goal) <= 0.05
+    assert drive.now_ns < 10e9
+    assert drive.world.touches == 0
+
+
+@pytest.mark.drives
+@pytest.mark.parametrize("seed", range(12))
+def test_a_thing_on_or_beside_the_goal_is_stopped_at_or_named(ride, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    goal = Pose2D(5.0, 3.0, float(rng.uniform(-math.pi, math.pi)))
+    side = float(rng.uniform(-math.pi, math.pi))
+    reach_m = float(rng.uniform(0.1, 0.25))  # from the goal to the thing's middle on this side
+    x, y = goal.x + reach_m * math.cos(side), goal.y + reach_m * math.sin(side)
+    width, height = rng.uniform(0.2, 0.6, 2).tolist()
+    corner_x = x - (0.0 if math.cos(side) > 0.5 else width if math.cos(side) < -0.5 else width / 2)
+    corner_y = y - (
+        0.0 if math.sin(side) > 0.5 else height if math.sin(side) < -0.5 else height / 2
+    )
+    moved = with_block(empty_room(), corner_x, corner_y, width, height)
+    drive = ride(Flatland(empty_room(), Pose2D(2.0, 3.0, 0.0), truth=moved, footprint=HOBBY))
+    drive.send(goal, xy_tolerance=float(rng.choice([0.05, 0.1, 0.3])))
+    status = drive.until_over(60.0)
+    assert status.state == "arrived" or "on the goal" in status.message
+    assert drive.now_ns < 50e9
+
+
+@pytest.mark.drives
 def test_inside_what_is_hollow_and_was_moved_the_nearest_free_place_outside_will_do(ride) -> None:
     start, goal = Pose2D(3.0, 3.0, 0.0), Pose2D(5.5, 3.0, 0.0)
     moved = empty_room()

@@ -41,6 +41,8 @@ SEEN_M = 0.8
 ENCLOSED_M2 = 0.3
 """A part of the floor that no way leads to and that is smaller is the inside of something, and no
 room behind a door [m^2]."""
+SHRUNKEN = (0.85, 0.7, 0.5)
+"""Sizes of the outlines within the robot's that are tried for what it would stand on, as shares."""
 TURN_STEP_RAD = 0.1
 """Angle between the poses at which a turn is checked [rad]."""
 
@@ -107,6 +109,10 @@ class PlanningContext:
         self.planner = GlobalPlanner(self.costmap)
         half = half_window_m(footprint, config, max_speed)
         self.local_costmap = LocalCostmap(self.costmap, footprint, config, half)
+        self._shrunken = [
+            (footprint.body.scaled(share), (1.0 - share) * footprint.inscribed_m)
+            for share in SHRUNKEN
+        ]
         self.half_m = half
         self.pose_search = self.planner.pose_search
         self._fine_grid = FineGrid(self.costmap, FINE.finest_m, SEEN_M + footprint.circumscribed_m)
@@ -133,6 +139,18 @@ class PlanningContext:
             pose_grid.yaw,
             enough_m,
         )
+
+    def clearance_within(self, pose_grid: Pose2D, enough_m: float) -> float:
+        """Return the same of a pose where the robot is not yet: what it would stand on counts, too.
+
+        Of things only the side is known that the lidar sees, which may be thinner than the
+        robot's edge is deep in them.
+        """
+        least_m = self.seen_clearance(pose_grid, enough_m)
+        field, place = self.local_costmap.field, (pose_grid.x, pose_grid.y, pose_grid.yaw)
+        for body, depth_m in self._shrunken:
+            least_m = min(least_m, clearance_at(field, body, *place, enough_m + depth_m) - depth_m)
+        return least_m
 
     def least_clearance(self, poses: NDArray[np.float64], enough_m: float) -> float:
         """Return the smallest of these at some poses (n, 3)."""

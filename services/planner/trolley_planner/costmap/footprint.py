@@ -60,6 +60,10 @@ class Body(NamedTuple):
     inscribed_m: float
     circumscribed_m: float
 
+    def scaled(self, share: float) -> "Body":
+        """Return one of the same shape and another size."""
+        return Body(*(share * part for part in self))
+
 
 FEW_DO_M = 0.08
 """Clearance above which few points are exact enough, 2 cm too long at most [m]."""

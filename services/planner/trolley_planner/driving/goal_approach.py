@@ -241,7 +241,9 @@ class GoalApproach:
             return False
         self.is_occupied &= is_far
         self.is_enclosed = False
-        is_free = context.seen_clearance(self.aim, enough) >= APPROACH.goal_clearance_m
+        # The best of several bad places may be a little worse with the next scan.
+        least_m = APPROACH.goal_clearance_m if self.aim == self._goal else 0.0
+        is_free = context.clearance_within(self.aim, enough) >= least_m
         if is_free and not is_blocked:
             return False
         floor = context.floor_around(pose) if is_blocked else None
@@ -253,12 +255,12 @@ class GoalApproach:
                 return -1.0
             if pose.distance_to(candidate) > far_m and is_far:
                 return -1.0
-            return context.seen_clearance(candidate, enough)
+            return context.clearance_within(candidate, enough)
 
         found = nearest_free_pose(self._goal, self._tolerances, clearance, enough)
         if found is None:
             self.is_occupied |= not is_far
-            self.is_enclosed = floor is not None and floor.encloses(self._goal)
+            self.is_enclosed = not is_far and floor is not None and floor.encloses(self._goal)
             return False
         if found == self.aim:
             return False
