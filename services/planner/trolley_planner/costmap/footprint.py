@@ -62,7 +62,12 @@ class Body(NamedTuple):
 
     def scaled(self, share: float) -> "Body":
         """Return one of the same shape and another size."""
-        return Body(*(share * part for part in self))
+        return Body(
+            share * self.edge_points,
+            share * self.few_points,
+            share * self.inscribed_m,
+            share * self.circumscribed_m,
+        )
 
 
 FEW_DO_M = 0.08
