@@ -30,6 +30,7 @@ from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.hybrid_astar.centering import centered
 from trolley_planner.paths.hybrid_astar.motion_primitives import Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, Task
+from trolley_planner.paths.hybrid_astar.pull_out import pull_out
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -204,8 +205,16 @@ class PlanningContext:
         grid.update(first, size)
         unseen = self.local_costmap.known_floor.in_fine_cells(grid, first, task.start)
         closed = np.zeros_like(unseen)
-        found = self.pose_search.find(grid, unseen, closed, task, POSE_SEARCH.driving_states)
-        return None if found is None else centered(found, grid, unseen, self.footprint.body)
+        body, most = self.footprint.body, POSE_SEARCH.driving_states
+        lead = pull_out(task.start, grid, unseen, body)
+        if lead is not None:
+            x, y, yaw = lead.poses[-1].tolist()
+            task_out = task._replace(start=Pose2D(x, y, yaw))
+            found = self.pose_search.find(grid, unseen, closed, task_out, most)
+            if found is not None:
+                return centered(found, grid, unseen, body).after(lead)
+        found = self.pose_search.find(grid, unseen, closed, task, most)
+        return None if found is None else centered(found, grid, unseen, body)
 
 
 def half_window_m(footprint: Footprint, config: PlannerConfig, max_speed: float) -> float:

@@ -61,6 +61,7 @@ class ManeuverFollower:
 
     def __init__(self, maneuver: Maneuver, onward_m: float = 0.0) -> None:
         self._poses, self._motions = maneuver.poses.copy(), maneuver.motions
+        self._kept = maneuver.kept
         self._along, self._left = _measured(maneuver)
         self._onward_m = onward_m
         self._index = 0
@@ -88,7 +89,7 @@ class ManeuverFollower:
 
     def recenter(self, field: Field, body: Body) -> None:
         """Bend the present drive, if it leads forwards, to the middle of what is seen by now."""
-        if not self.is_forwards:
+        if not self.is_forwards or self._index < self._kept:
             return
         drive = slice(self._index, self._run_end + 1)
         self._poses[drive] = recentered(self._poses[drive], field, body)

@@ -381,8 +381,5 @@ def _led(maneuver: Maneuver, lead: list[Pose2D]) -> Maneuver:
     """Return a maneuver with the poses before it that lead to its start, forwards."""
     if len(lead) == 1:
         return maneuver
-    before = np.array([(pose.x, pose.y, pose.yaw) for pose in lead[:-1]])
-    poses = np.concatenate([before, maneuver.poses])
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    motions = np.concatenate([np.full(len(lead), FORWARDS, np.int8), maneuver.motions[1:]])
-    return Maneuver(poses, motions)
+    poses = np.array([(pose.x, pose.y, pose.yaw) for pose in lead])
+    return maneuver.after(Maneuver(poses, np.full(len(lead), FORWARDS, np.int8)))

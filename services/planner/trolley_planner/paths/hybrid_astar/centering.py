@@ -45,6 +45,8 @@ class CenteringParams(NamedTuple):
 
 
 CENTERING = CenteringParams()
+Layers = tuple[NDArray[np.float32], NDArray[np.uint8], float]
+"""(rows, cols) distance to the nearest obstacle [m], and how floor is known; edge of a cell [m]."""
 SPLINE_KNOTS = 4
 """A cubic B-spline covers so many pieces between knots."""
 
@@ -109,7 +111,7 @@ def recentered(drive: NDArray[np.float64], field: Field, body: Body) -> NDArray[
 def bend(
     poses: NDArray[np.float64],
     sense: int,
-    layers: tuple[NDArray[np.float32], NDArray[np.uint8], float],
+    layers: Layers,
     body: Body,
 ) -> None:
     """Bend one drive (n, 3), changed in place, where that gives it more clearance.
@@ -151,7 +153,7 @@ def bend(
 @lean_kernel
 def bend_by(
     drive: Drive,
-    layers: tuple[NDArray[np.float32], NDArray[np.uint8], float],
+    layers: Layers,
     body: Body,
     knot_m: float,
     step_m: float,
@@ -212,7 +214,7 @@ def pose_of(drive: Drive, index: int) -> tuple[float, float, float]:
 @lean_kernel
 def energy(
     drive: Drive,
-    layers: tuple[NDArray[np.float32], NDArray[np.uint8], float],
+    layers: Layers,
     body: Body,
     first: int,
     end: int,
@@ -246,7 +248,7 @@ def energy(
 
 @lean_kernel
 def pushes(
-    layers: tuple[NDArray[np.float32], NDArray[np.uint8], float],
+    layers: Layers,
     body: Body,
     pose: tuple[float, float, float],
 ) -> tuple[float, float, int]:

@@ -42,10 +42,20 @@ class Maneuver:
         poses: (n, 3) x, y [m], yaw [rad, not wrapped] in `grid`, a little apart.
         motions: (n,) FORWARDS, BACKWARDS or TURNING: how the robot comes to each pose from the
             one before; the first has that of the second.
+        kept: number of the first poses that must not be bent.
     """
 
     poses: NDArray[np.float64]
     motions: NDArray[np.int8]
+    kept: int = 0
+
+    def after(self, lead: "Maneuver") -> "Maneuver":
+        """Return it with another before it that ends where it begins."""
+        poses = np.concatenate([lead.poses, self.poses[1:]])
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        motions = np.concatenate([lead.motions, self.motions[1:]])
+        kept = len(lead.poses) - 1 + self.kept if self.kept else lead.kept
+        return Maneuver(poses, motions, kept)
 
 
 @lean_kernel
