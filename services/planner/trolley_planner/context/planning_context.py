@@ -15,16 +15,15 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import UNKNOWN, GridMap
 from trolley.messages import OccupancyGrid, Odometry, Robot, Scan, Suspects, Zones
 from trolley.messages.types import floats_from_bytes
+from trolley_planner.context.floor_around import FloorAround
 from trolley_planner.control.controller import Controller
 from trolley_planner.control.local_costmap import LocalCostmap
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.control.pure_pursuit import PurePursuit
 from trolley_planner.control.robot_motion import zone_speed
-from trolley_planner.costmap.connected_components import cells_around, components_of
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
-from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.paths.footprint_check import least_clearance, tight_into
 from trolley_planner.paths.global_planner import GlobalPlanner
 from trolley_planner.paths.hybrid_astar.centering import centered
@@ -39,55 +38,10 @@ SPEEDS = ("max_speed_mps", "max_turn_radps", "slow_speed_mps", "unsure_speed_mps
 """Settings that are read for each command; a change of any other needs a new context."""
 SEEN_M = 0.8
 """Distances to obstacles are computed up to this where maneuvers are searched [m]."""
-ENCLOSED_M2 = 0.3
-"""A part of the floor that no way leads to and that is smaller is the inside of something, and no
-room behind a door [m^2]."""
 SHRUNKEN = (0.85, 0.7, 0.5)
 """Sizes of the outlines within the robot's that are tried for what it would stand on, as shares."""
 TURN_STEP_RAD = 0.1
 """Angle between the poses at which a turn is checked [rad]."""
-
-
-class FloorAround:
-    """The floor around the robot by what is seen, in parts between which no way leads.
-
-    Args:
-        costmap: with its weights up to date.
-        pose_grid: of the robot.
-        reach_m: from there along both axes.
-    """
-
-    def __init__(self, costmap: Costmap, pose_grid: Pose2D, reach_m: float) -> None:
-        self._edge_m = costmap.resolution_m
-        part = cells_around(costmap.shape, self._edge_m, pose_grid, reach_m)
-        self._first = part[0].start, part[1].start
-        self._labels = components_of(costmap.weights[part] != LETHAL)
-        row, col = self._cell_of(pose_grid)
-        # Where the robot stands it may be nearer to something than it would come by itself.
-        rows, cols = np.nonzero(self._labels)
-        off = np.hypot(rows - row, cols - col)
-        self._own = self._labels[rows[np.argmin(off)], cols[np.argmin(off)]] if len(off) else -1
-
-    def leads_to(self, place: Pose2D) -> bool:
-        """Say whether the robot can drive to a place in `grid`."""
-        return self._label_of(place) == self._own
-
-    def encloses(self, place: Pose2D) -> bool:
-        """Say whether it cannot since something stands there, or closely around it."""
-        label = self._label_of(place)
-        if label in (self._own, -1):
-            return False
-        num_cells = int(np.count_nonzero(self._labels == label))
-        return label == 0 or num_cells * self._edge_m**2 < ENCLOSED_M2
-
-    def _cell_of(self, place: Pose2D) -> tuple[int, int]:
-        row, col = (math.floor(at / self._edge_m) for at in (place.y, place.x))
-        return row - self._first[0], col - self._first[1]
-
-    def _label_of(self, place: Pose2D) -> int:
-        """Return the part of the floor of a place: 0 for none, -1 too far away."""
-        (row, col), (rows, cols) = self._cell_of(place), self._labels.shape
-        return int(self._labels[row, col]) if 0 <= row < rows and 0 <= col < cols else -1
 
 
 class PlanningContext:
@@ -181,7 +135,7 @@ class PlanningContext:
         tight_into(found, local_costmap.field, local_costmap.body, points, (room_m, aside_m))
         return found
 
-    def floor_around(self, pose_grid: Pose2D) -> "FloorAround":
+    def floor_around(self, pose_grid: Pose2D) -> FloorAround:
         """Return where the robot can drive from a pose within `half_m` of it."""
         return FloorAround(self.costmap, pose_grid, 2.0 * self.half_m)
 
