@@ -88,7 +88,7 @@ def test_it_does_so_right_beside_one_thing_only() -> None:
 
 
 @pytest.mark.drives
-@pytest.mark.parametrize("has_field", [False, True])
+@pytest.mark.parametrize("has_field", [True, pytest.param(False, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_parked_along_a_wall_drives_away(name: str, has_field: bool) -> None:
     body = ROBOTS[name]
