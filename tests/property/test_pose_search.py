@@ -7,12 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.all_poses import FOOTPRINTS, AllPoses, random_corridors, random_home
+from support.fine_grids import fine_grid
 
-from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, GridMap
-from trolley_planner.costmap.costmap import Costmap
-from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.paths.hybrid_astar.motion_primitives import (
     BACKWARDS,
@@ -30,12 +28,11 @@ XY_M, YAW_RAD = 0.03, 0.05
 def search(
     grid: GridMap, corners: list[tuple[float, float]], start: Pose2D, goal: Pose2D
 ) -> Maneuver | None:
-    costmap = Costmap(grid, Footprint.from_polygon(corners), PlannerConfig(), False)
-    fine = FineGrid(costmap, FINE.finest_m, 1.0)
-    fine.update((0, 0), costmap.shape)
+    footprint = Footprint.from_polygon(corners)
+    fine = fine_grid(grid, footprint)
     nothing = np.zeros(fine.mask.shape, dtype=np.uint8)
     task = Task(start, goal, any_heading=False, xy_m=XY_M, yaw_rad=YAW_RAD, wanted_m=MARGIN_M)
-    return PoseSearch(costmap.footprint).find(fine, nothing, nothing, task)
+    return PoseSearch(footprint).find(fine, nothing, nothing, task)
 
 
 def deepest(grid: GridMap, corners: list[tuple[float, float]], poses: np.ndarray) -> float:

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.all_poses import box
+from support.fine_grids import fine_grid
 from support.flatland import empty_room, two_rooms
 
-from trolley.config import PlannerConfig
 from trolley.gridmap import GridMap
-from trolley_planner.costmap.costmap import Costmap
-from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
 from trolley_planner.paths.hybrid_astar.centering import centered, recentered
@@ -28,13 +26,6 @@ DOOR = 4.0, 2.975
 """Middle of a door of 0.35 m between the two rooms [m]."""
 
 
-def fine_grid(grid: GridMap) -> FineGrid:
-    costmap = Costmap(grid, HOBBY, PlannerConfig(), False)
-    fine = FineGrid(costmap, FINE.finest_m, 1.0)
-    fine.update((0, 0), costmap.shape)
-    return fine
-
-
 def straight(aside_m: float, yaw: float = 0.0, motion: int = FORWARDS) -> Maneuver:
     """Through the door from left to right, this far beside its middle."""
     along = np.arange(-0.8, 0.8, 0.025)
@@ -49,7 +40,7 @@ def straight(aside_m: float, yaw: float = 0.0, motion: int = FORWARDS) -> Maneuv
 def bent(
     maneuver: Maneuver, grid: GridMap, unseen: NDArray[np.uint8] | None = None
 ) -> NDArray[np.float64]:
-    fine = fine_grid(grid)
+    fine = fine_grid(grid, HOBBY)
     known = np.full(fine.mask.shape, IN_SIGHT, np.uint8) if unseen is None else unseen
     found = centered(maneuver, fine, known, HOBBY.body)
     assert np.array_equal(found.motions, maneuver.motions)
@@ -61,7 +52,7 @@ def in_door(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def field_of(grid: GridMap) -> Field:
-    fine = fine_grid(grid)
+    fine = fine_grid(grid, HOBBY)
     return Field(
         fine.distance_m, NO_LIMITS, NO_LIMITS, fine.x, fine.y, fine.fine_m, 1.0, grid.resolution
     )
@@ -117,7 +108,7 @@ def test_in_open_floor_nothing_is_bent() -> None:
 
 def test_nothing_is_bent_onto_floor_that_was_never_seen() -> None:
     before, grid = straight(0.015, motion=BACKWARDS), two_rooms(0.35)
-    fine = fine_grid(grid)
+    fine = fine_grid(grid, HOBBY)
     unseen = np.full(fine.mask.shape, IN_SIGHT, np.uint8)
     unseen[: math.floor((DOOR[1] + 0.015 - 0.152) / fine.fine_m)] = NEVER_SEEN
     assert np.array_equal(bent(before, grid, unseen), before.poses)

@@ -5,13 +5,11 @@ import math
 import numpy as np
 import pytest
 from support.all_poses import box
+from support.fine_grids import fine_grid
 from support.flatland import Flatland, empty_room, two_rooms, with_block
 
-from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley_planner.costmap.costmap import Costmap
-from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, FORWARDS, Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch, Task
@@ -27,13 +25,12 @@ def search(
     ends: tuple[Pose2D, Pose2D],
     known: int = IN_SIGHT,
 ) -> Maneuver | None:
-    costmap = Costmap(grid, Footprint.from_polygon(corners), PlannerConfig(), False)
-    fine = FineGrid(costmap, FINE.finest_m, 1.0)
-    fine.update((0, 0), costmap.shape)
+    footprint = Footprint.from_polygon(corners)
+    fine = fine_grid(grid, footprint)
     shape = fine.mask.shape
     task = Task(*ends, any_heading=False, xy_m=0.03, yaw_rad=0.05, wanted_m=0.05)
     nowhere, behind = np.zeros(shape, np.uint8), np.full(shape, known, dtype=np.uint8)
-    return PoseSearch(costmap.footprint).find(fine, behind, nowhere, task)
+    return PoseSearch(footprint).find(fine, behind, nowhere, task)
 
 
 def lane(width_m: float) -> GridMap:

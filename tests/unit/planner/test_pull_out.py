@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from bench.planner.situations import HOBBY, REAR, SQUARE, Body, Scene, room
 from bench.planner.visit import Setting, drive
+from support.fine_grids import fine_grid
 from support.flatland import empty_room, two_rooms, with_block
 
-from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley_planner.costmap.costmap import Costmap
-from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, FORWARDS, Maneuver
 from trolley_planner.paths.hybrid_astar.pull_out import free_side, pull_out
@@ -25,16 +23,9 @@ GAP_M = 0.004
 ROBOTS = {"hobby": HOBBY, "axle at the rear": REAR, "square": SQUARE}
 
 
-def looked_up(grid: GridMap, body: Body) -> tuple[FineGrid, Footprint]:
-    footprint = Footprint.from_polygon(list(body.corners))
-    costmap = Costmap(grid, footprint, PlannerConfig(), False)
-    fine = FineGrid(costmap, FINE.finest_m, 1.0)
-    fine.update((0, 0), costmap.shape)
-    return fine, footprint
-
-
 def pulled(grid: GridMap, body: Body, start: Pose2D, known: int = IN_SIGHT) -> Maneuver | None:
-    fine, footprint = looked_up(grid, body)
+    footprint = Footprint.from_polygon(list(body.corners))
+    fine = fine_grid(grid, footprint)
     unseen = np.full(fine.mask.shape, known, np.uint8)
     return pull_out(start, fine, unseen, footprint.body)
 
@@ -73,11 +64,12 @@ def test_it_backs_out_where_something_stands_ahead() -> None:
 
 
 def test_it_does_so_right_beside_one_thing_only() -> None:
-    fine, footprint = looked_up(empty_room(), HOBBY)
-    unseen = np.zeros(fine.mask.shape, np.uint8)
+    footprint = Footprint.from_polygon(list(HOBBY.corners))
+    fine = fine_grid(empty_room(), footprint)
+    layers = fine.distance_m, np.zeros(fine.mask.shape, np.uint8), fine.fine_m
 
     def side(start: Pose2D) -> int:
-        return free_side(start, fine, unseen, footprint.body)
+        return free_side(start, layers, footprint.body)
 
     assert side(beside_wall(HOBBY, GAP_M)) == 1
     assert side(beside_wall(HOBBY, GAP_M, math.pi)) == -1

@@ -47,8 +47,9 @@ class FloorAround:
         label = self._label_of(place)
         if label in (self._own, UNKNOWN_PART):
             return False
-        num_cells = int(np.count_nonzero(self._labels == label))
-        return label == 0 or num_cells * self._edge_m**2 < ENCLOSED_M2
+        if label == 0:
+            return True
+        return int(np.count_nonzero(self._labels == label)) * self._edge_m**2 < ENCLOSED_M2
 
     def _cell_of(self, place: Pose2D) -> tuple[int, int]:
         row, col = (math.floor(at / self._edge_m) for at in (place.y, place.x))

@@ -93,16 +93,15 @@ def carrot_of(
     Returns:
         Index, x, y [m]; the index is -1 where the path ends before.
     """
-    share = 0.0
     while True:
         dx, dy = path[index + 1, 0] - path[index, 0], path[index + 1, 1] - path[index, 1]
         length = math.hypot(dx, dy)
         along = (x - path[index, 0]) * dx + (y - path[index, 1]) * dy
         if along < length * length or index + 2 >= path.shape[0]:
-            share = max(along / length, 0.0) if length > 0.0 else 0.0
             break
         index += 1
-    left, piece = ahead_m + share, index
+    left = ahead_m + (max(along / length, 0.0) if length > 0.0 else 0.0)
+    piece = index
     while piece + 1 < path.shape[0]:
         dx, dy = path[piece + 1, 0] - path[piece, 0], path[piece + 1, 1] - path[piece, 1]
         length = math.hypot(dx, dy)

@@ -234,10 +234,10 @@ class GoalApproach:
             is_blocked: no path leads to the aim by what is seen, as into what stands around it.
         """
         context, enough = self._context, APPROACH.beside_m
-        far_m = context.half_m - APPROACH.window_edge_m
-        is_far = pose.distance_to(self._goal) > far_m
+        far_m, goal_m = context.half_m - APPROACH.window_edge_m, pose.distance_to(self._goal)
+        is_far = goal_m > far_m
         # Where no path leads on it may have to stop farther off.
-        if is_far and not (is_blocked and pose.distance_to(self._goal) < context.half_m):
+        if is_far and not (is_blocked and goal_m < context.half_m):
             return False
         self.is_occupied &= is_far
         self.is_enclosed = False
@@ -253,7 +253,7 @@ class GoalApproach:
         def clearance(candidate: Pose2D) -> float:
             if floor is not None and not floor.leads_to(candidate):
                 return -1.0
-            if pose.distance_to(candidate) > far_m and is_far:
+            if is_far and pose.distance_to(candidate) > far_m:
                 return -1.0
             return context.clearance_within(candidate, enough)
 

@@ -14,7 +14,7 @@ from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Body, Field, clearance_at
 from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch, Task
-from trolley_planner.paths.hybrid_astar.pull_out import PULL_OUT, free_side
+from trolley_planner.paths.hybrid_astar.pull_out import pulled_aside
 from trolley_planner.paths.path import SPACING_M
 
 
@@ -175,13 +175,11 @@ class FootprintCheck:
         if found is None and not any_heading and not is_end:
             task = task._replace(any_heading=True)
             found = self._pose_search.find(grid, unknown, closed, task)
-        side = 0
         if found is None and start == 0 and yaws[0] is not None:
-            side = free_side(ends[0], grid, unknown, self._body)
-        if side != 0:
             # A robot that stands right beside a wall pulls out as it drives.
-            aside = ends[0] @ Pose2D(0.0, side * PULL_OUT.aside_m, 0.0)
-            found = self._pose_search.find(grid, unknown, closed, task._replace(start=aside))
+            aside = pulled_aside(ends[0], grid, unknown, self._body)
+            if aside is not None:
+                found = self._pose_search.find(grid, unknown, closed, task._replace(start=aside))
         return None if found is None else found.poses[1:, :2]
 
 

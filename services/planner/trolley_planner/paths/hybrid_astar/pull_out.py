@@ -60,11 +60,10 @@ def pull_out(
         unseen: (rows, cols) of `grid`, NEVER_SEEN where it must not back into.
         body: its outline.
     """
-    side = free_side(start, grid, unseen, body)
+    own, layers = _looked_up(start, grid, unseen)
+    side = free_side(own, layers, body)
     if side == 0:
         return None
-    own = Pose2D(start.x - grid.x, start.y - grid.y, start.yaw)
-    layers = grid.distance_m, unseen, grid.fine_m
     ways = [(_pulled(own, side, sense, layers, body), sense) for sense in (FORWARDS, BACKWARDS)]
     clear = [(poses, sense) for poses, sense in ways if poses is not None]
     if not clear:
@@ -74,16 +73,35 @@ def pull_out(
     return Maneuver(there, np.full(len(there), sense, np.int8), len(there))
 
 
-def free_side(start: Pose2D, grid: FineGrid, unseen: NDArray[np.uint8], body: Body) -> int:
+def pulled_aside(
+    start: Pose2D, grid: FineGrid, unseen: NDArray[np.uint8], body: Body
+) -> Pose2D | None:
+    """Return a pose at its side from which a robot that may pull out can be taken to begin.
+
+    None where it need not, or cannot; the arguments are those of `pull_out`.
+    """
+    own, layers = _looked_up(start, grid, unseen)
+    side = free_side(own, layers, body)
+    return None if side == 0 else start @ Pose2D(0.0, side * PULL_OUT.aside_m, 0.0)
+
+
+def _looked_up(start: Pose2D, grid: FineGrid, unseen: NDArray[np.uint8]) -> tuple[Pose2D, Layers]:
+    """Return a pose from the corner of the cells on, and the layers that it is looked up in."""
+    own = Pose2D(start.x - grid.x, start.y - grid.y, start.yaw)
+    return own, (grid.distance_m, unseen, grid.fine_m)
+
+
+def free_side(own: Pose2D, layers: Layers, body: Body) -> int:
     """Return on which side there is room for a robot that all but touches something on the other.
 
-    The arguments are those of `pull_out`.
+    Args:
+        own: of the robot, from the corner of the cells on.
+        layers: see `centering.bend`.
+        body: its outline.
 
     Returns:
         1 for the left, -1 for the right, 0 where it does not, or stands between two things.
     """
-    layers = grid.distance_m, unseen, grid.fine_m
-    own = Pose2D(start.x - grid.x, start.y - grid.y, start.yaw)
     here_m = pushes(layers, body, (own.x, own.y, own.yaw))[1]
     if here_m >= PULL_OUT.near_m:
         return 0
