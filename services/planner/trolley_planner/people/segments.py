@@ -21,6 +21,7 @@ from trolley_planner.people.sights import (
     SEEN_Y,
     middle_of,
 )
+from trolley_planner.people.touching_bodies import told_apart
 
 
 class SegmentParams(NamedTuple):
@@ -47,6 +48,8 @@ class SegmentParams(NamedTuple):
 
 SEGMENTS = SegmentParams()
 Floats = NDArray[np.float64]
+NO_BODIES = np.empty((0, 3))
+"""Nobody is known."""
 
 
 class Segment(NamedTuple):
@@ -59,7 +62,11 @@ class Segment(NamedTuple):
 
 
 def segments_of(
-    points: Floats, is_hidden: NDArray[np.bool_], origin: Floats, step_rad: float
+    points: Floats,
+    is_hidden: NDArray[np.bool_],
+    origin: Floats,
+    step_rad: float,
+    bodies: Floats = NO_BODIES,
 ) -> list[Segment]:
     """Return points (n, 2) in the order of the beams as segments of a person's size.
 
@@ -68,10 +75,11 @@ def segments_of(
         is_hidden: (n, 2) whether something hides what is to the right and to the left of each.
         origin: (2,) of the beams.
         step_rad: angle between two beams.
+        bodies: (m, 3) x, y, radius [m] of those that are known, where they must be by now.
     """
     if len(points) < 2:
         return []
-    ordered, ends, sights = group(points, is_hidden, origin, step_rad)
+    ordered, ends, sights = group(points, is_hidden, origin, step_rad, bodies)
     firsts = [0, *ends.tolist()]
     return [
         Segment(ordered[first:end], sight)
@@ -81,7 +89,11 @@ def segments_of(
 
 @kernel
 def group(
-    points: Floats, is_hidden: NDArray[np.bool_], origin: Floats, step_rad: float
+    points: Floats,
+    is_hidden: NDArray[np.bool_],
+    origin: Floats,
+    step_rad: float,
+    bodies: Floats,
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Return the points of all segments one after the other, where each ends, and its sight.
 
@@ -90,12 +102,14 @@ def group(
         is_hidden: (n, 2) whether something hides what is to the right and to the left of each.
         origin: (2,) of the beams.
         step_rad: angle between two beams.
+        bodies: (m, 3) see `segments_of`.
 
     Returns:
         (k, 2), (m,) and (m, 7).
     """
     ring, ends, shift = pieces_of(points, begins_of(points, origin, step_rad))
-    parts = with_both_legs(ring, ends, without_edges(ring, ends))
+    ends, is_cut = told_apart(ring, ends, bodies)
+    parts = with_both_legs(ring, ends, without_edges(ring, ends), is_cut)
     ordered, sights = np.empty_like(ring), np.empty((parts.shape[0], NUM_COLUMNS))
     segment_ends, count, at = np.empty(parts.shape[0], np.int64), 0, 0
     for index in range(parts.shape[0]):
@@ -112,10 +126,12 @@ def group(
             at += other.shape[0]
             add_leg(sight, other, origin)
         else:
-            first = (ends[parts[index, 0] - 1] if parts[index, 0] > 0 else 0) - shift
+            which = parts[index, 0]
+            first = (ends[which - 1] if which > 0 else 0) - shift
             last = first + one.shape[0] - 1
-            sight[HIDDEN] += RIGHT_IS_HIDDEN if is_hidden[first, 0] else 0
-            sight[HIDDEN] += LEFT_IS_HIDDEN if is_hidden[last, 1] else 0
+            is_cut_off = which > 0 and is_cut[which - 1]
+            sight[HIDDEN] += RIGHT_IS_HIDDEN if is_hidden[first, 0] or is_cut_off else 0
+            sight[HIDDEN] += LEFT_IS_HIDDEN if is_hidden[last, 1] or is_cut[which] else 0
         segment_ends[count] = at
         count += 1
     return ordered[:at].copy(), segment_ends[:count].copy(), sights[:count].copy()
@@ -220,14 +236,18 @@ def add_leg(sight: Floats, leg: Floats, origin: Floats) -> None:
 
 @kernel
 def with_both_legs(
-    ring: Floats, ends: NDArray[np.int64], pieces: NDArray[np.int64]
+    ring: Floats, ends: NDArray[np.int64], pieces: NDArray[np.int64], is_cut: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
-    """Return the parts (m, 2) of each segment: a piece, and -1 or the other leg of its person."""
+    """Return the parts (m, 2) of each segment: a piece, and -1 or the other leg of its person.
+
+    What was cut, as `is_cut` says for the end of each piece, is no leg.
+    """
     parts, count = np.full((pieces.shape[0], 2), -1, np.int64), 0
     is_leg = np.zeros(pieces.shape[0], np.bool_)  # one that stands alone so far
     for index in pieces:
         here = piece(ring, ends, index)
-        if size_of(here) <= SEGMENTS.leg_m:
+        is_whole = not (is_cut[index] or (index > 0 and is_cut[index - 1]))
+        if is_whole and size_of(here) <= SEGMENTS.leg_m:
             # Between two legs something farther away may be seen.
             before = count - 1
             while before >= 0 and not (

@@ -21,14 +21,16 @@ from trolley_planner.people.free_space import (
     was_free,
     was_free_in_any,
 )
-from trolley_planner.people.segments import Segment, segments_of, size_of
+from trolley_planner.people.segments import SEGMENTS, Segment, segments_of, size_of
 from trolley_planner.people.sights import (
+    HIDDEN,
     NUM_COLUMNS,
     SEEN_X,
     SEEN_Y,
     SIGHTS,
     is_sliver,
     middle_of,
+    width_seen,
 )
 from trolley_planner.people.velocity_estimation import TRACKS, track_on
 from trolley_planner.sensing.beams import X, Y
@@ -142,6 +144,8 @@ class Trail(NamedTuple):
     """Its standard deviation [m/s], infinite if the track is too short."""
     person: TrackedPerson | None
     """Who it is; None if it stands, or may have been hidden before."""
+    is_body: bool
+    """Whether it was ever seen whole, and wider than a leg."""
 
     def expected(self, stamp_ns: int) -> tuple[float, float]:
         """Return the predicted centre."""
@@ -198,7 +202,8 @@ class PeopleTracker:
         ]
         self._views.append(view)
         spread = max(float(angles[-1] - angles[0]), 1e-3)
-        segments = segments_of(loose, is_hidden, view.origin, spread / (len(angles) - 1))
+        step_rad, bodies = spread / (len(angles) - 1), self._bodies(stamp_ns)
+        segments = segments_of(loose, is_hidden, view.origin, step_rad, bodies)
         before = _origins(segments, self._trails, stamp_ns)
         hidden = self._now_hidden(set(before), view)
         self._trails = [
@@ -218,6 +223,16 @@ class PeopleTracker:
                 found.append(Track(trail.number, place, size_m, velocity, person is not None))
         return found
 
+    def _bodies(self, stamp_ns: int) -> Floats:
+        """Return (n, 3) where the bodies must be by now that were seen whole, and their radii."""
+        return np.array(
+            [
+                (*trail.expected(stamp_ns), 0.5 * trail.width_m)
+                for trail in self._trails
+                if trail.is_body and trail.velocity_std < math.inf
+            ]
+        ).reshape(-1, 3)
+
     def _people(self, stamp_ns: int) -> list[TrackedPerson]:
         """Return all people at their present positions."""
         newest_ns = self._views[-1].stamp_ns
@@ -234,10 +249,10 @@ class PeopleTracker:
     ) -> Trail:
         """Return the trail of a segment, which goes on from one before."""
         if before is None:
-            number, is_known = next(self._new_numbers), False
+            number, is_known, is_body = next(self._new_numbers), False, False
             track, elapsed_s, width_m = NO_TRACK, 0.0, SIGHTS.width_m
         else:
-            number, is_known = before.number, before.person is not None
+            number, is_known, is_body = before.number, before.person is not None, before.is_body
             track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
             width_m = before.width_m
         track, width_m, place, velocity, std = track_on(track, elapsed_s, segment.sight, width_m)
@@ -246,8 +261,12 @@ class PeopleTracker:
             is_known or _walks(segment.points, track, width_m, view, earlier)
         ):
             person = TrackedPerson(segment.points, np.array(place), np.array(velocity), std)
-        stamp_ns = view.stamp_ns
-        return Trail(number, stamp_ns, segment.points, place, track, width_m, velocity, std, person)
+        stamp_ns, points, sight = view.stamp_ns, segment.points, segment.sight
+        shows_body = sight[HIDDEN] == 0.0 and width_seen(sight) > SEGMENTS.leg_m
+        is_body = is_body or bool(shows_body)
+        return Trail(
+            number, stamp_ns, points, place, track, width_m, velocity, std, person, is_body
+        )
 
     def _now_hidden(self, taken: set[int], view: View) -> list[Trail]:
         """Return the trails of people who are hidden from the newest scan."""

@@ -98,8 +98,10 @@ def fit_motion(track: Floats) -> tuple[float, float, float]:
     count, lately = track.shape[0], 0
     while lately < count and track[lately, 0] < -TRACKS.track_s:
         lately += 1
+    if count < 2:
+        return 0.0, 0.0, math.inf
     if count - lately < 2:
-        return 0.0, 0.0, math.inf  # only the newest scan is new enough
+        lately = 0  # It was out of sight: what was seen before tells, too.
     vx, vy, noise_m, squares = fit_line(track[lately:])
     if lately > 0:
         longer = fit_line(track)
