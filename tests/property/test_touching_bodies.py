@@ -40,7 +40,8 @@ def test_two_bodies_that_touch_are_cut_where_they_touch(
     expected = bodies.copy()
     expected[:, :2] += np.random.default_rng(seed).uniform(-0.03, 0.03, (2, 2))
     ends, is_cut = told_apart(points, np.array([len(points)]), expected)
-    assert abs(ends[0] - (changes[0] + 1)) <= 3
+    # Where they touch they lie so near each other that a wrong echo or two make no difference.
+    assert math.dist(points[ends[0]], points[changes[0] + 1]) < 0.15
     assert is_cut.tolist() == [True, False]
 
 
