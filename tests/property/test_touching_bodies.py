@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from support.round_bodies import ranges_to
 
 from trolley_planner.people.touching_bodies import TOUCHING, told_apart
 
@@ -17,10 +18,7 @@ def seen(bodies: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.i
     """Echoes (n, 2) of round bodies (m, 3) in the order of the beams, and whose each is."""
     angles = np.arange(-1.0, 1.0, STEP_RAD)
     ways = np.column_stack([np.cos(angles), np.sin(angles)])
-    along = ways @ bodies[:, :2].T
-    aside = np.sum(bodies[:, :2] ** 2, axis=1) - along**2
-    half = np.sqrt(np.maximum(bodies[:, 2] ** 2 - aside, 0.0))
-    ranges = np.where(aside < bodies[:, 2] ** 2, along - half, np.inf)
+    ranges = ranges_to(bodies, angles)
     is_met = np.isfinite(ranges).any(axis=1)
     return ways[is_met] * ranges[is_met].min(axis=1)[:, None], ranges[is_met].argmin(axis=1)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from support.round_bodies import ranges_to
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, save_map
 
@@ -38,10 +39,4 @@ def distances_to_walls(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y = np.cos(angles), np.sin(angles)
     with np.errstate(divide="ignore"):
         ranges = np.minimum(HALF_ROOM_M[0] / np.abs(x), HALF_ROOM_M[1] / np.abs(y))
-    for post_x, post_y, radius in POSTS:
-        ahead = post_x * x + post_y * y
-        aside = post_x * y - post_y * x
-        chord = np.sqrt(np.maximum(radius**2 - aside**2, 0.0))
-        meets = (ahead > 0.0) & (np.abs(aside) < radius)
-        ranges = np.where(meets, np.minimum(ranges, ahead - chord), ranges)
-    return ranges
+    return np.minimum(ranges, ranges_to(np.array(POSTS), angles).min(axis=1))

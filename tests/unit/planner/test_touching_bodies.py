@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from support.round_bodies import ranges_to
 
 from trolley_planner.people.tracker import PeopleTracker, TrackedPerson
 
@@ -21,11 +22,7 @@ def beams_on(discs: Discs) -> NDArray[np.float64]:
     """A scan of round bodies (n, 3) x, y, radius [m] from the lidar on, in a round room."""
     angles = np.arange(BEAMS) * (2.0 * math.pi / BEAMS) - math.pi
     ways = np.column_stack([np.cos(angles), np.sin(angles)])
-    along = ways @ discs[:, :2].T
-    aside = np.sum(discs[:, :2] ** 2, axis=1) - along**2
-    half = np.sqrt(np.maximum(discs[:, 2] ** 2 - aside, 0.0))
-    is_met = (aside < discs[:, 2] ** 2) & (along > 0.0)
-    ranges = np.where(is_met, along - half, WALL_M).min(axis=1)
+    ranges = ranges_to(discs, angles).min(axis=1, initial=WALL_M)
     places = np.broadcast_to(LIDAR, ways.shape)
     return np.column_stack([places, ways, ranges, ranges])
 

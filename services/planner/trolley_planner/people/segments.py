@@ -21,7 +21,7 @@ from trolley_planner.people.sights import (
     SEEN_Y,
     middle_of,
 )
-from trolley_planner.people.touching_bodies import told_apart
+from trolley_planner.people.touching_bodies import sides_cut, told_apart
 
 
 class SegmentParams(NamedTuple):
@@ -129,9 +129,9 @@ def group(
             which = parts[index, 0]
             first = (ends[which - 1] if which > 0 else 0) - shift
             last = first + one.shape[0] - 1
-            is_cut_off = which > 0 and is_cut[which - 1]
-            sight[HIDDEN] += RIGHT_IS_HIDDEN if is_hidden[first, 0] or is_cut_off else 0
-            sight[HIDDEN] += LEFT_IS_HIDDEN if is_hidden[last, 1] or is_cut[which] else 0
+            right, left = sides_cut(is_cut, which)
+            sight[HIDDEN] += RIGHT_IS_HIDDEN if is_hidden[first, 0] or right else 0
+            sight[HIDDEN] += LEFT_IS_HIDDEN if is_hidden[last, 1] or left else 0
         segment_ends[count] = at
         count += 1
     return ordered[:at].copy(), segment_ends[:count].copy(), sights[:count].copy()
@@ -240,14 +240,14 @@ def with_both_legs(
 ) -> NDArray[np.int64]:
     """Return the parts (m, 2) of each segment: a piece, and -1 or the other leg of its person.
 
-    What was cut, as `is_cut` says for the end of each piece, is no leg.
+    What was cut off from something is no leg.
     """
     parts, count = np.full((pieces.shape[0], 2), -1, np.int64), 0
     is_leg = np.zeros(pieces.shape[0], np.bool_)  # one that stands alone so far
     for index in pieces:
         here = piece(ring, ends, index)
-        is_whole = not (is_cut[index] or (index > 0 and is_cut[index - 1]))
-        if is_whole and size_of(here) <= SEGMENTS.leg_m:
+        right, left = sides_cut(is_cut, index)
+        if not (right or left) and size_of(here) <= SEGMENTS.leg_m:
             # Between two legs something farther away may be seen.
             before = count - 1
             while before >= 0 and not (

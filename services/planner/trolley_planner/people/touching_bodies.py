@@ -57,6 +57,12 @@ def told_apart(
 
 
 @kernel
+def sides_cut(is_cut: NDArray[np.bool_], piece: int) -> tuple[bool, bool]:
+    """Say whether a piece was cut off on its right and on its left; see `told_apart`."""
+    return piece > 0 and is_cut[piece - 1], is_cut[piece]
+
+
+@kernel
 def bodies_along(points: Floats, bodies: Floats) -> NDArray[np.int64]:
     """Return on which of the bodies (k, 3) each of points (n, 2) lies, with few changes.
 

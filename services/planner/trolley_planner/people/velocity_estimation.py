@@ -94,12 +94,10 @@ def track_on(
 
 @kernel
 def fit_motion(track: Floats) -> tuple[float, float, float]:
-    """Return the velocity along a track (n, 3) and its deviation, infinite if it is too short."""
+    """Return the velocity along a track (n, 3) of two rows and more, and its deviation."""
     count, lately = track.shape[0], 0
     while lately < count and track[lately, 0] < -TRACKS.track_s:
         lately += 1
-    if count < 2:
-        return 0.0, 0.0, math.inf
     if count - lately < 2:
         lately = 0  # It was out of sight: what was seen before tells, too.
     vx, vy, noise_m, squares = fit_line(track[lately:])
