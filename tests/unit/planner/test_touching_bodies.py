@@ -20,9 +20,9 @@ LIDAR = np.array([8.0, 8.0])
 
 def beams_on(discs: Discs) -> NDArray[np.float64]:
     """A scan of round bodies (n, 3) x, y, radius [m] from the lidar on, in a round room."""
-    angles = np.arange(BEAMS) * (2.0 * math.pi / BEAMS) - math.pi
+    angles = np.linspace(-math.pi, math.pi, BEAMS, endpoint=False)
     ways = np.column_stack([np.cos(angles), np.sin(angles)])
-    ranges = ranges_to(discs, angles).min(axis=1, initial=WALL_M)
+    ranges = np.minimum(ranges_to(discs, angles).min(axis=1), WALL_M)
     places = np.broadcast_to(LIDAR, ways.shape)
     return np.column_stack([places, ways, ranges, ranges])
 
