@@ -119,6 +119,7 @@ class Navigator:
         if execution is None or not self.current.is_driving:
             return Twist2D.zero() if self.current.is_stopping(now_ns) else None
         if self._guard.must_wait(now_ns):
+            execution.wait()
             return Twist2D.zero()
         speed = self._driver.speed(execution, now_ns)
         now = self._motion_state.control_input(speed, now_ns, elapsed_s)

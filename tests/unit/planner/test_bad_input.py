@@ -90,6 +90,22 @@ def test_with_an_outline_that_is_none_nothing_turns_to_look_round(ride) -> None:
     assert drive.commands[-1] is None
 
 
+@pytest.mark.parametrize("turns", [True, False])
+def test_a_look_round_ends_whether_the_robot_turns_or_not(ride, turns: bool) -> None:
+    world = Flatland(empty_room(), START)
+    drive = ride(world, PlannerConfig(turn_to_find=True))
+    drive.pose_state = "lost"
+    plain = world.estimate
+    world.estimate = lambda *given: msgspec.structs.replace(plain(*given), wants_turn=True)
+    if not turns:
+        world.drive = lambda *_: None
+    drive.step(20 * 30)
+    rates = [0.0 if one is None else one.wz for one in drive.commands]
+    seconds = sum(rate > 0.0 for rate in rates) / 20
+    assert seconds > 8.0 if turns else 0.0 < seconds < 2.0
+    assert rates[-1] == 0.0
+
+
 def test_a_lidar_that_sees_nothing_far_and_wide_lets_it_drive(ride) -> None:
     world = Flatland(empty_room(), START)
     drive = ride(world, PlannerConfig(frame="odom"))

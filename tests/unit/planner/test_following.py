@@ -22,11 +22,14 @@ pytestmark = pytest.mark.drives
 
 
 class Walk:
-    """A robot at x = 1 that looks along y = 3, and people."""
+    """A robot at x = 1 or `start_x` that looks along y = 3, and people of some width."""
 
-    def __init__(self, ride, room: GridMap | None = None) -> None:
+    def __init__(
+        self, ride, room: GridMap | None = None, start_x: float = 1.0, width_m: float = 0.3
+    ) -> None:
         self._room = self._shown = room or empty_room(12.0, 6.0)
-        self.world = Flatland(self._room, Pose2D(1.0, 3.0, 0.0))
+        self._width_m = width_m
+        self.world = Flatland(self._room, Pose2D(start_x, 3.0, 0.0))
         self.drive = ride(self.world)
         self.gaps: list[float] = []
         self.elapsed_s = 0.0
@@ -38,7 +41,8 @@ class Walk:
             spots = [place(self.elapsed_s) for place in places]
             for spot in spots:
                 if spot is not None:
-                    truth = with_block(truth, spot[0] - 0.15, spot[1] - 0.15, 0.3, 0.3)
+                    x, y = spot[0] - 0.5 * self._width_m, spot[1] - 0.5 * self._width_m
+                    truth = with_block(truth, x, y, self._width_m, self._width_m)
             if not np.array_equal(truth.cells, self._shown.cells):
                 self.world.set_truth(truth)
                 self._shown = truth
@@ -117,6 +121,41 @@ def test_follows_who_stood_when_they_were_shown(ride) -> None:
     assert walk.status.state == "driving"
     assert walk.gaps[-1] < 2.0
     assert min(walk.gaps) >= 0.8
+
+
+def test_follows_the_same_person_when_the_map_is_published_again(ride) -> None:
+    walk = Walk(ride)
+    person = ahead_at(0.35)
+    bins: list[Place] = [lambda _: (2.6, 1.0), lambda _: (4.0, 1.2), lambda _: (5.0, 5.0)]
+    walk.go_on(1.0, person, *bins)
+    walk.follow()
+    for _ in range(4):
+        walk.go_on(2.0, person, *bins)
+        walk.drive.navigator.inputs.map = walk.world.map()
+    walk.go_on(6.0, person, *bins)
+    x, y = walk.status.person or (0.0, 0.0)
+    shown = walk.world.grid.origin.inverse().transform_points(np.array([[x, y]]))[0]
+    assert math.dist(shown, person(walk.elapsed_s) or (0.0, 0.0)) < 0.4
+
+
+def test_goes_on_through_the_next_door_when_the_person_is_seen_again(ride) -> None:
+    room = empty_room(16.0, 6.0)
+    for x in (3.95, 7.5):  # doors of 0.42 m, which take a maneuver
+        room = with_block(with_block(room, x, 0.0, 0.1, 2.79), x, 3.21, 0.1, 2.79)
+    walk = Walk(ride, room, start_x=1.5, width_m=0.24)
+    hidden_s = 5.35, 7.95
+
+    def person(t: float) -> tuple[float, float] | None:
+        if hidden_s[0] < t < hidden_s[1]:
+            return None
+        walked_s = min(t, hidden_s[0]) + max(t - hidden_s[1], 0.0)
+        return min(2.7 + 0.3 * walked_s + (0.3 if t > hidden_s[1] else 0.0), 12.0), 3.0
+
+    walk.go_on(1.0, person)
+    walk.follow(distance=1.0)
+    walk.go_on(50.0, person)
+    assert walk.world.pose.x > 9.0
+    assert walk.status.state == "driving"
 
 
 def test_goes_through_a_door_after_who_is_out_of_sight_behind_it(ride) -> None:

@@ -238,6 +238,37 @@ def test_a_restart_of_the_base_pauses_the_goal(ride) -> None:
     assert drive.until_over().state == "arrived"
 
 
+@pytest.mark.parametrize("is_paused", [False, True])
+def test_a_restart_of_the_base_ends_a_goal_whose_frame_it_takes_away(ride, is_paused: bool) -> None:
+    world = Flatland(empty_room(), START)
+    drive = ride(world, PlannerConfig(frame="odom"))
+    goal = world.odom_T_base @ Pose2D(3.0, 0.0, 0.0)
+    drive.navigator.requests.send(SendGoal(pose=goal, frame="odom"), "made", drive.now_ns)
+    drive.step(20)
+    if is_paused:
+        drive.navigator.requests.pause(WhichGoal(), drive.now_ns)
+    drive.navigator.begin_epoch(drive.now_ns)
+    world.odom_T_base = Pose2D.identity()
+    drive.step(20)
+    status = drive.navigator.current.status(drive.now_ns)
+    assert (status.state, status.reason) == ("failed", codes.RESTARTED)
+    assert "send the goal again" in status.message
+    assert world.twist.is_zero
+
+
+def test_a_wait_for_the_pose_is_no_lack_of_progress(ride) -> None:
+    drive = ride(Flatland(empty_room(12.0, 6.0), START))
+    drive.send(Pose2D(10.0, 3.0, 0.0))
+    drive.step(120)
+    drive.pose_state = "lost"
+    drive.step(20 * 25)
+    drive.pose_state = "localized"
+    before = len(drive.statuses)
+    status = drive.until_over()
+    assert (status.state, status.recoveries) == ("arrived", 0)
+    assert {one.state for one in drive.statuses[before + 1 :]} <= {"driving", "arrived"}
+
+
 @pytest.mark.parametrize("state", ["lost", "searching"])
 def test_it_stands_while_the_pose_is_lost_and_drives_on_after(ride, state: str) -> None:
     drive = ride(Flatland(empty_room(), START))

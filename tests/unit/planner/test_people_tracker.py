@@ -304,7 +304,7 @@ def test_who_comes_out_from_behind_somebody_goes_on_as_before() -> None:
         for person in people:
             assert abs(abs(person.velocity[1]) - 1.0) < 0.25
         for track in (one for one in watch.tracks() if one.is_moving):
-            sense = known.setdefault(track.number, float(track.velocity[1]))
+            sense = known.setdefault(track.identity, float(track.velocity[1]))
             assert sense * track.velocity[1] > 0.0
     assert len(known) == 2
 

@@ -122,6 +122,31 @@ def test_tries_without_room_are_left_out() -> None:
     assert recovery.count == 4
 
 
+def test_a_hold_up_long_ago_does_not_count_behind_a_person_who_walks_on() -> None:
+    recovery = Recovery(PlannerConfig(give_up_s=20.0))
+    recovery.update_remaining(1.0)
+    for hold_up in range(20):
+        began_s = 100 * hold_up
+        assert recovery.begin_next(began_s * SECOND_NS, always) is RecoveryAction.WAIT
+        recovery.end()
+        for _ in range(10):  # the person walks on by 1.5 m, and the robot behind them
+            recovery.move_goal()
+            recovery.update_path_length(1.15)
+            recovery.update_remaining(1.0)
+
+
+def test_a_goal_that_moves_is_no_progress() -> None:
+    recovery = Recovery(PlannerConfig(give_up_s=20.0))
+    recovery.update_remaining(3.0)
+    begun: list[RecoveryAction | None] = []
+    for second in range(5):  # the person comes nearer, and goes away again
+        begun.append(recovery.begin_next(second * SECOND_NS, always))
+        recovery.move_goal()
+        recovery.update_path_length(3.0 if second % 2 else 2.0)
+        recovery.update_remaining(3.0 if second % 2 else 2.0)
+    assert begun == [*RECOVERY_SEQUENCE[:5]]
+
+
 def test_waits_that_ended_by_themselves_are_not_held_against_the_goal() -> None:
     recovery = Recovery(PlannerConfig(give_up_s=20.0))
     for second in range(0, 80, 4):

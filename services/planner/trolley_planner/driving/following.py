@@ -106,7 +106,7 @@ class Following:
 
     def __init__(self, person: Track, here: Pose2D, distance_m: float, now_ns: int) -> None:
         self._distance_m = distance_m
-        self._number = person.number
+        self._identity = person.identity
         self._trail = [np.array([here.x, here.y]), person.place]
         self._place, self._velocity = person.place, person.velocity
         self._seen_ns = now_ns
@@ -124,11 +124,11 @@ class Following:
             tracks: of the newest scan.
             now_ns: robot time.
         """
-        found = next((one for one in tracks if one.number == self._number), None)
+        found = next((one for one in tracks if one.identity is self._identity), None)
         found = self._found_again(tracks, now_ns) if found is None else found
         if found is None:
             return
-        self._number, self._seen_ns = found.number, now_ns
+        self._identity, self._seen_ns = found.identity, now_ns
         self._place, self._velocity = found.place, found.velocity
         if math.dist(self._trail[-1], found.place) >= FOLLOWING.footstep_m:
             self._trail.append(found.place)

@@ -270,6 +270,7 @@ class GoalExecution:
         self._approach = GoalApproach(self.context, self._config, self.goal_grid, goal.tolerances)
         self.route.retarget(self.goal_grid)
         self._progress.reset_progress()
+        self.recovery.sequence.move_goal()
         self.route.replan_soon()
         self.outcome = None
 
@@ -281,8 +282,13 @@ class GoalExecution:
         """Note that the robot stands on purpose, as behind a person."""
         self.outcome = None
         self._progress.reset_progress()
+        self._maneuvering.stop()
         self._approach.let_go()
         self.context.controller.reset()
+
+    def wait(self) -> None:
+        """Note that the robot waits for what it needs to drive: that is no lack of progress."""
+        self._progress.reset_progress()
 
     def resume_after_wait(self, waited_ns: int) -> None:
         """Continue after giving way: that time does not count, and another path may be better."""

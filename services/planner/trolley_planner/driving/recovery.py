@@ -65,9 +65,10 @@ class Recovery:
         self._since_ns: int | None = None
         self._excused_ns = 0
         self._began_ns = 0
-        self._best_m = math.inf
+        self._best_m = self._left_m = math.inf
         self._num_detours = 0
         self._num_spent = 0
+        self._goal_moves = self._goal_moved = False
         self.count = 0
         """Actions since the goal was sent, waits included."""
         self.current: RecoveryAction | None = None
@@ -75,18 +76,34 @@ class Recovery:
 
     def update_remaining(self, remaining_m: float) -> None:
         """Record the remaining length of the path: progress ends recovery."""
+        self._left_m = remaining_m
         if remaining_m < self._best_m - RECOVERY.free_after_m:
             self._step, self._since_ns, self._excused_ns = -1, None, 0
             self._best_m = remaining_m
+            if self._goal_moves:
+                self._num_spent = self._num_detours = 0
         elif math.isinf(self._best_m):
             self._best_m = remaining_m
 
     def update_path_length(self, remaining_m: float) -> None:
         """Record the length of a new path; on a detour progress restarts there, a few times."""
+        if self._goal_moved:
+            self._goal_moved = False
+            if math.isfinite(self._left_m):
+                self._best_m += remaining_m - self._left_m
+            return
         is_detour = remaining_m > self._best_m + RECOVERY.detour_m
         if is_detour and self._num_detours < RECOVERY.most_detours:
             self._num_detours += 1
             self._best_m = remaining_m
+
+    def move_goal(self) -> None:
+        """Note that the goal moves, as behind a person who walks on.
+
+        What its next path is longer or shorter by is no step back and no progress. There is no end
+        to such a goal, so that the bounds hold for each hold-up by itself.
+        """
+        self._goal_moves = self._goal_moved = True
 
     def begin_next(
         self, now_ns: int, is_possible: Callable[[RecoveryAction], bool]

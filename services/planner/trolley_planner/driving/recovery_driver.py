@@ -85,9 +85,14 @@ class LookAgain:
 
 
 class StallDetector:
-    """Detects that a motion is held up, or takes too long."""
+    """Detects that a motion is held up, or takes too long.
 
-    def __init__(self) -> None:
+    Args:
+        longest_s: how long it may take.
+    """
+
+    def __init__(self, longest_s: float) -> None:
+        self._longest_s = longest_s
         self._stalled_s = 0.0
         self._elapsed_s = 0.0
 
@@ -102,7 +107,7 @@ class StallDetector:
     @property
     def is_over(self) -> bool:
         """Whether the motion must end."""
-        return self._stalled_s > BEHAVIORS.stalled_s or self._elapsed_s > BEHAVIORS.longest_s
+        return self._stalled_s > BEHAVIORS.stalled_s or self._elapsed_s > self._longest_s
 
 
 class BackUp:
@@ -116,7 +121,7 @@ class BackUp:
     def __init__(self, start: Pose2D, length_m: float) -> None:
         self._start = start
         self._length_m = length_m
-        self._stall = StallDetector()
+        self._stall = StallDetector(BEHAVIORS.longest_s)
 
     def command(self, odom_T_base: Pose2D, trail: Breadcrumbs, limits: Limits) -> Twist2D | None:
         """Return the velocity to drive now, None when it is over."""
@@ -143,13 +148,16 @@ class Spin:
     Args:
         start: odom_T_base at the beginning.
         angle: to turn by [rad], positive to the left.
+        longest_s: how long it may take.
     """
 
-    def __init__(self, start: Pose2D, angle: float) -> None:
+    def __init__(
+        self, start: Pose2D, angle: float, longest_s: float = BEHAVIORS.longest_s
+    ) -> None:
         self._last_yaw = start.yaw
         self._angle = angle
         self._turned = 0.0
-        self._stall = StallDetector()
+        self._stall = StallDetector(longest_s)
 
     def command(self, odom_T_base: Pose2D, limits: Limits) -> Twist2D | None:
         """Return the velocity to drive now, None when it is over."""

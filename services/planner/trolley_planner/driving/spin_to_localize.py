@@ -23,6 +23,8 @@ class SpinParams:
     """Angle of the whole spin."""
     acceleration_radps2: float = 1.0
     """Angular acceleration of the spin, which begins gently."""
+    longest_s: float = 60.0
+    """Longest duration of the spin; a robot that does not turn at all stops much sooner."""
 
 
 SPIN = SpinParams()
@@ -42,6 +44,7 @@ class SpinToLocalize:
         self._turn: Spin | None = None
         self._is_spent = False
         self._rate = 0.0
+        self._asked_ns = 0
 
     def set_config(self, config: PlannerConfig) -> None:
         """Apply the settings: whether a spin is allowed."""
@@ -59,6 +62,7 @@ class SpinToLocalize:
 
     def command(self, inputs: Inputs, limits: Limits | None, now_ns: int) -> Twist2D | None:
         """Return the velocity of the spin, None while none is needed."""
+        elapsed_s, self._asked_ns = (now_ns - self._asked_ns) * 1e-9, now_ns
         pose = inputs.pose
         if not self._is_allowed or pose is None or limits is None:
             return None
@@ -79,7 +83,9 @@ class SpinToLocalize:
             self._rate = 0.0
             return None if self._turn is None else Twist2D.zero()
         if self._turn is None:
-            self._turn = Spin(odometry.pose, SPIN.full_turn_rad)
+            self._turn = Spin(odometry.pose, SPIN.full_turn_rad, SPIN.longest_s)
+        elif self._rate > 0.0:
+            self._turn.update(odometry.twist, elapsed_s)
         wanted = self._turn.command(odometry.pose, limits)
         if wanted is None:
             self.stop()

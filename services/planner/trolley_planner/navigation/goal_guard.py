@@ -110,8 +110,16 @@ class GoalGuard:
                 self.pause(codes.TAKEN_OVER, now_ns, why)
 
     def begin_epoch(self, now_ns: int) -> None:
-        """Pause the goal, since base was restarted."""
-        if self._goes_on_by_itself:
+        """Pause the goal, since base was restarted; end it where nobody knows its place any more.
+
+        In frame `odom` that is so: the odometry begins anew at zero, wherever the robot is.
+        """
+        if self._inputs.frame == "odom":
+            if self._current.board.is_active:
+                self._spin.stop()
+                why = "The base was restarted, and the odometry with it; send the goal again."
+                self._current.end("failed", codes.RESTARTED, now_ns, why)
+        elif self._goes_on_by_itself:
             why = "The base was restarted; resume the goal to go on."
             self.pause(codes.RESTARTED, now_ns, why)
 

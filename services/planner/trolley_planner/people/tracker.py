@@ -4,7 +4,6 @@ People are segments of a scan that stand where beams passed a moment ago. What m
 sight does not move: that place had not been seen to be free. Everything is in frame `grid` [m].
 """
 
-import itertools
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -111,8 +110,8 @@ def farthest_m(points: Floats, place: Floats) -> float:
 class Track(NamedTuple):
     """An object of a person's size that is not on the map, standing or not, person or not."""
 
-    number: int
-    """By which it is known for as long as it is tracked."""
+    identity: object
+    """By which it is known for as long as it is tracked; no other track ever has the same."""
     place: Floats
     """(2,) [m]."""
     size_m: float
@@ -126,8 +125,8 @@ class Track(NamedTuple):
 class Trail(NamedTuple):
     """A segment through some scans, up to the last one that shows it."""
 
-    number: int
-    """By which it is known for as long as it is tracked."""
+    identity: object
+    """By which it is known for as long as it is tracked; no other track ever has the same."""
     seen_ns: int
     """When it was seen last."""
     points: Floats
@@ -169,7 +168,6 @@ class PeopleTracker:
 
     def __init__(self) -> None:
         self._views: deque[View] = deque(maxlen=24)
-        self._new_numbers = itertools.count()
         self._trails: list[Trail] = []
 
     def reset(self) -> None:
@@ -220,7 +218,7 @@ class PeopleTracker:
                 person, size_m = trail.person, size_of(trail.points)
                 velocity = np.zeros(2) if person is None else person.velocity
                 place = np.array(trail.place)
-                found.append(Track(trail.number, place, size_m, velocity, person is not None))
+                found.append(Track(trail.identity, place, size_m, velocity, person is not None))
         return found
 
     def _bodies(self, stamp_ns: int) -> Floats:
@@ -249,10 +247,11 @@ class PeopleTracker:
     ) -> Trail:
         """Return the trail of a segment, which goes on from one before."""
         if before is None:
-            number, is_known, is_body = next(self._new_numbers), False, False
+            identity, is_known, is_body = object(), False, False
             track, elapsed_s, width_m = NO_TRACK, 0.0, SIGHTS.width_m
         else:
-            number, is_known, is_body = before.number, before.person is not None, before.is_body
+            identity, is_body = before.identity, before.is_body
+            is_known = before.person is not None
             track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
             width_m = before.width_m
         track, width_m, place, velocity, std = track_on(track, elapsed_s, segment.sight, width_m)
@@ -265,7 +264,7 @@ class PeopleTracker:
         shows_body = sight[HIDDEN] == 0.0 and width_seen(sight) > SEGMENTS.leg_m
         is_body = is_body or bool(shows_body)
         return Trail(
-            number, stamp_ns, points, place, track, width_m, velocity, std, person, is_body
+            identity, stamp_ns, points, place, track, width_m, velocity, std, person, is_body
         )
 
     def _now_hidden(self, taken: set[int], view: View) -> list[Trail]:
