@@ -1,5 +1,6 @@
 """Takes a robot with a low battery to the place `home`."""
 
+from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import Stop, Tour
@@ -76,8 +77,8 @@ class ReturnHome:
     def _go_home(self) -> None:
         """Set off, unless there is no home or the robot is there."""
         home, pose = self._home, self._robot.map_T_base
-        if home is None:
-            self._service.log.limited("no home", "The battery is low, and no home is saved")
+        if isinstance(home, str):
+            self._service.log.limited("no home", "The battery is low", why=home)
             return
         if pose is not None and pose.distance_to(home) <= AT_HOME_M:
             return
@@ -86,11 +87,14 @@ class ReturnHome:
         self._trips.begin_way_home(HOME_TOUR, charge)
 
     @property
-    def _home(self) -> Pose2D | None:
+    def _home(self) -> Pose2D | str:
+        """Where home is, or why that is not known."""
         try:
             return self._places.find(HOME)
-        except Refused:
-            return None
+        except Refused as refused:
+            if refused.code == codes.UNKNOWN_NAME:
+                return f"There is no place “{HOME}” to go to."
+            return refused.message
 
     def _report(self) -> None:
         """Say in log and health that the battery is low, until it is not."""
@@ -101,5 +105,6 @@ class ReturnHome:
         battery = sentences.battery_at(self._charge.fraction)
         if is_low and not was_low:
             self._service.log.warning(f"{battery}: it is low")
-        lacks = "" if self._home is not None else f" There is no place “{HOME}” to go to."
+        home = self._home
+        lacks = f" {home}" if isinstance(home, str) else ""
         self._problems.set(PROBLEM, f"{battery}: charge the robot.{lacks}" if is_low else None)

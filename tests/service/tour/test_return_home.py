@@ -187,6 +187,15 @@ def test_without_a_home_the_trip_goes_on_and_it_is_said(home: "Home") -> None:
     assert "no place “home”" in health[-1].message
 
 
+def test_a_home_on_another_map_is_named(home: "Home") -> None:
+    health = home.lockstep.record(topics.HEALTH, "tour")
+    upstairs = SavedPose(name="home", map="upstairs", pose=HOME_POSE)
+    home.lockstep.ask(requests.POSES_PUT, upstairs)
+    home.start("corridor")
+    live(home, 20, 0.08)
+    assert "'home' is on the map upstairs, the robot is on apartment" in health[-1].message
+
+
 def test_at_home_already_it_stays(housed: "Home") -> None:
     housed.localizer.estimate = housed.localizer.estimate.__class__(
         stamp_ns=0,

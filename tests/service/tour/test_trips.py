@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -54,6 +55,34 @@ def test_robot_dwells_at_a_stop(home: "Home"):
     home.run_until("driving")
     assert 9.5 < (home.lockstep.now_ns - began_ns) * 1e-9 < 11.0
     assert home.status.stop == 1
+
+
+def on_another_map(home: "Home") -> None:
+    """The robot is upstairs from now on."""
+    home.localizer.estimate = structs.replace(home.localizer.estimate, map="upstairs")
+    home.lockstep.run(1.0)
+
+
+@pytest.mark.parametrize(
+    "stop", [Stop(pose=Pose2D(1.0, 1.0, 0.0)), Stop(name="kitchen", via=[Pose2D(1.0, 1.0, 0.0)])]
+)
+def test_numbers_are_not_driven_to_on_another_map(home: "Home", plan: "type[Plan]", stop: Stop):
+    home.planner.script = [plan(state="failed", reason=codes.WRONG_MAP, seconds=4.0)]
+    home.start(Stop(pose=Pose2D(3.0, 1.0, 0.0), on_failure="skip", retries=0), stop)
+    on_another_map(home)
+    home.run_until("failed")
+    assert len(home.planner.sent) == 1
+    assert [result.code for result in home.status.results] == [codes.WRONG_MAP, codes.WRONG_MAP]
+    assert "the robot is on upstairs" in home.status.results[1].message
+
+
+def test_a_paused_trip_is_not_resumed_on_another_map(home: "Home"):
+    home.start(Stop(pose=Pose2D(1.0, 1.0, 0.0), retries=0))
+    home.lockstep.ask(requests.TOUR_PAUSE)
+    on_another_map(home)
+    home.lockstep.ask(requests.TOUR_RESUME)
+    home.run_until("failed")
+    assert len(home.planner.sent) == 1
 
 
 def test_via_points_are_handed_on(home: "Home"):

@@ -362,9 +362,9 @@ class Trip:
     def _send(self, at: Moment) -> None:
         """Ask for the present goal; the same id twice is one goal."""
         record = self.record
-        stop = record.stop
+        record.map = record.map or at.map
         try:
-            pose = stop.pose if stop.name is None else self._find(stop.name)
+            pose = self._stop_pose(at)
         except Refused as refused:
             self._cancel_goal()
             self._fail(refused.code, refused.message, at)
@@ -373,6 +373,19 @@ class Trip:
         self._attempt.sent(at)
         goal = SendGoal(id=record.goal, pose=pose, frame="map", via=record.via, speed=record.speed)
         self.actions.append(Send(goal))
+
+    def _stop_pose(self, at: Moment) -> Pose2D | None:
+        """Where the present stop is.
+
+        Raises:
+            Refused: It is not known, or on another map than the robot.
+        """
+        record, stop = self.record, self.record.stop
+        is_by_numbers = stop.name is None or bool(record.via)
+        if is_by_numbers and at.map is not None and at.map != record.map:
+            why = f"it is on the map {record.map}, the robot is on {at.map}"
+            raise Refused(codes.WRONG_MAP, why)
+        return stop.pose if stop.name is None else self._find(stop.name)
 
     def _reach(self, at: Moment) -> None:
         record = self.record
