@@ -345,10 +345,13 @@ class Localizer:
         self._begin_search()
 
     def restart_odometry(self) -> None:
-        """Take the next odometry as the beginning of a new run: no step leads to it."""
+        """Take the next odometry as the beginning of a new run, at zero: no step leads to it."""
         self._last = self._stamp_ns = None
         self._rest.end()
         self._estimator.forget_motion()
+        self._reporter.restart_odometry()
+        if self._schedule.is_running:
+            self._schedule.discard(is_wanted=True)
 
     # Searches of the whole map.
 

@@ -85,6 +85,11 @@ class EstimateReporter:
         self.said: Estimate | None = None
         """The newest estimate."""
 
+    def restart_odometry(self) -> None:
+        """Take it that the odometry begins at zero where the robot was last."""
+        if self.said is not None and self.said.map_T_base is not None:
+            self._map_T_odom = self.said.map_T_base
+
     def following(
         self,
         following: Following,

@@ -287,3 +287,39 @@ def test_a_robot_with_a_scan_a_second_finds_itself_while_it_drives(
     assert said[0].state != "localized"
     assert said[-1].state == "localized"
     assert drive.error_m(said[-1]) < 0.1
+
+
+def restart_base(drive: Drive) -> None:
+    """Let base begin a new run, where the robot stands."""
+    drive.localizer.restart_odometry()
+    drive.odom = Pose2D.identity()
+    drive.stamp_ns += 5_000_000_000
+
+
+def test_a_search_from_before_a_restart_of_base_is_made_again(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    drive.odom = Pose2D(3.0, 2.0, 1.0)
+    drive.localizer.step(make_scan(drive.grid, drive.pose, drive.odom, drive.stamp_ns))
+    job = drive.localizer.take_job()
+    assert job is not None
+    restart_base(drive)
+    drive.localizer.step(make_scan(drive.grid, drive.pose, drive.odom, drive.stamp_ns))
+    drive.localizer.finish(job.run())
+    estimates = [drive.scan() for _ in range(5)]
+    assert estimates[-1].state == "localized"
+    assert max(drive.error_m(one) for one in estimates if one.map_T_base is not None) < 0.06
+
+
+def test_a_robot_that_is_searched_for_stays_in_place_when_base_restarts(
+    make_drive: MakeDrive,
+) -> None:
+    drive = make_drive(2.5, 5.0, 0.4)
+    for _ in range(10):
+        drive.scan(0.3, 0.1)
+    drive.localizer.search()
+    drive.alter = lambda ranges: ranges.fill(1.2)  # nothing of it fits
+    drive.scan()
+    restart_base(drive)
+    estimates = [drive.scan() for _ in range(5)]
+    assert {one.state for one in estimates} == {"searching"}
+    assert max(drive.error_m(one) for one in estimates) < 0.06

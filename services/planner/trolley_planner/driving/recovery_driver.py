@@ -151,9 +151,7 @@ class Spin:
         longest_s: how long it may take.
     """
 
-    def __init__(
-        self, start: Pose2D, angle: float, longest_s: float = BEHAVIORS.longest_s
-    ) -> None:
+    def __init__(self, start: Pose2D, angle: float, longest_s: float = BEHAVIORS.longest_s) -> None:
         self._last_yaw = start.yaw
         self._angle = angle
         self._turned = 0.0
