@@ -10,9 +10,9 @@ from support.flatland import Flatland, empty_room, scan_message, with_block
 from trolley import codes
 from trolley.codes import Refused
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import UNKNOWN, GridMap
-from trolley.messages import OccupancyGrid, Scan, Zone
+from trolley.messages import OccupancyGrid, PoseEstimate, Scan, Zone
 from trolley.messages.request_params import SendGoal
 from trolley.messages.types import floats_to_bytes
 
@@ -90,15 +90,27 @@ def test_with_an_outline_that_is_none_nothing_turns_to_look_round(ride) -> None:
     assert drive.commands[-1] is None
 
 
+class LostWorld(Flatland):
+    """The localizer asks for a turn to find itself."""
+
+    def estimate(
+        self, stamp_ns: int, state: str = "localized", off_map: float | None = None
+    ) -> PoseEstimate:
+        return msgspec.structs.replace(super().estimate(stamp_ns, state, off_map), wants_turn=True)
+
+
+class HeldWorld(LostWorld):
+    """And the robot does not turn."""
+
+    def drive(self, twist: Twist2D, dt: float) -> None:
+        pass
+
+
 @pytest.mark.parametrize("turns", [True, False])
 def test_a_look_round_ends_whether_the_robot_turns_or_not(ride, turns: bool) -> None:
-    world = Flatland(empty_room(), START)
+    world = (LostWorld if turns else HeldWorld)(empty_room(), START)
     drive = ride(world, PlannerConfig(turn_to_find=True))
     drive.pose_state = "lost"
-    plain = world.estimate
-    world.estimate = lambda *given: msgspec.structs.replace(plain(*given), wants_turn=True)
-    if not turns:
-        world.drive = lambda *_: None
     drive.step(20 * 30)
     rates = [0.0 if one is None else one.wz for one in drive.commands]
     seconds = sum(rate > 0.0 for rate in rates) / 20

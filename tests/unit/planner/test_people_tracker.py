@@ -292,7 +292,7 @@ def test_two_people_shoulder_to_shoulder_are_two() -> None:
 def test_who_comes_out_from_behind_somebody_goes_on_as_before() -> None:
     """Two pass each other: the nearer hides the other for a while."""
     watch = PeopleTracker()
-    known: dict[int, float] = {}
+    known: dict[object, float] = {}
     for step in range(26):
         there = 0.1 * step
         circles = [(6.2, 6.2 - there, 0.2), (7.0, 3.8 + there, 0.2)]
