@@ -108,7 +108,6 @@ class ChangeProposals:
         if changes is None or change is None:
             raise Refused(codes.UNKNOWN_NAME, f"No change {params.id!r} is proposed.")
         reply: Later[MapChange] = self._service.later()
-        before = changes.dismissed
         changes.dismiss(change)
         message = change_message(change, field)
 
@@ -117,7 +116,7 @@ class ChangeProposals:
                 self._publish(loaded)
                 reply.reply(message)
                 return
-            changes.dismissed = before
+            changes.dismissed = [one for one in changes.dismissed if one.id != params.id]
             why = f"That could not be written to disk: {error.strerror}."
             reply.refuse(Refused(codes.NOT_SAVED, why))
 

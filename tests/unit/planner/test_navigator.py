@@ -585,3 +585,35 @@ def test_where_robot_time_begins_anew_with_base_the_planner_is_silent_and_sees(r
     drive.step(20)
     assert drive.commands[-1] is None
     assert len(drive.navigator.costmap_manager.context.costmap.obstacle_layer.beams) > 0
+
+
+def test_what_was_seen_stays_when_a_setting_changes_or_the_map_grows(ride) -> None:
+    world = Flatland(empty_room(), START)
+    world.set_truth(with_block(empty_room(), 3.0, 2.0, 0.3, 0.3))
+    drive = ride(world)
+    drive.step(20)
+    manager = drive.navigator.costmap_manager
+
+    def num_seen() -> int:
+        return int((manager.context.costmap.obstacle_layer.grid.evidence > 0).sum())
+
+    before = num_seen()
+    assert before > 0
+    drive.navigator.set_config(PlannerConfig(patience_s=9.0))
+    assert manager.rebuild()
+    assert num_seen() == before
+    grid = drive.navigator.inputs.map
+    cells = np.frombuffer(grid.cells, np.int8).reshape(grid.height, grid.width)
+    grown = msgspec.structs.replace(
+        grid,
+        origin=grid.origin @ Pose2D(-1.0, -0.5, 0.0),
+        width=grid.width + 20,
+        height=grid.height + 10,
+        cells=memoryview(np.pad(cells, ((10, 0), (20, 0)), constant_values=-1).tobytes()),
+    )
+    drive.navigator.inputs.map = grown
+    assert manager.rebuild()
+    assert num_seen() == before
+    drive.navigator.inputs.map = msgspec.structs.replace(grown, name="another")
+    assert manager.rebuild()
+    assert num_seen() == 0

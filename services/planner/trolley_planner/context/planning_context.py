@@ -270,6 +270,8 @@ class CostmapManager:
     def rebuild(self, goals: Sequence[Pose2D] = ()) -> bool:
         """Rebuild the context if robot, map or zones changed; True if so.
 
+        What was seen stays, unless it is another map.
+
         Args:
             goals: in frame `odom` it is made so large that it holds these.
         """
@@ -290,12 +292,15 @@ class CostmapManager:
                 self._map is not None and grid is not None and grid.name != self._map.name
             )
             self._map, self._zones, self._is_outdated = grid, None, False
+            before = self.context
             self.context = PlanningContext(
                 _grid_of(grid) if grid is not None else empty_grid(Pose2D.identity(), 1.0, 0.1),
                 self._footprint,
                 self._config,
                 self._speed(robot),
             )
+            if before is not None and not self.is_other_map:
+                self.context.costmap.take_over(before.costmap)
         elif zones is self._zones:
             return False
         if zones is not None:
@@ -373,10 +378,7 @@ class CostmapManager:
         return True
 
     def _rebuild_around(self, footprint: Footprint, robot: Robot, goals: Sequence[Pose2D]) -> bool:
-        """Rebuild the costmap around robot and goals, in frame `odom`, where the old one ends.
-
-        What was seen stays.
-        """
+        """Rebuild the costmap around robot and goals, in frame `odom`, where the old one ends."""
         here = self._inputs.base_pose()
         if here is None:
             return False
@@ -390,7 +392,7 @@ class CostmapManager:
         grid = empty_grid(centre, size_m, config.odom_resolution_m)
         self._is_outdated = False
         self.context = PlanningContext(grid, footprint, config, self._speed(robot))
-        if before is not None and before.grid.resolution == grid.resolution:
+        if before is not None:
             self.context.costmap.take_over(before.costmap)
         return True
 

@@ -1,5 +1,6 @@
 """The costmap: map, zones and what the lidar sees, inflated."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, wrap_angle
 from trolley.geometry.polygon import distance_to_outline
 from trolley.gridmap import GridMap
 from trolley.messages import OccupancyGrid, Zone
@@ -42,6 +43,8 @@ class CostmapParams:
     """Most that a seen obstacle lies farther away than the centre of its cell."""
     squeeze_weight: int = 60 * WEIGHT_UNIT
     """Weight of cells where the robot fits only if all lies well in its cells."""
+    aligned: float = 1e-3
+    """Part of a cell, or angle [rad], by which aligned cells may lie off each other."""
     beside_m: float = 0.15
     """A person nearer to the robot's outline than this is an obstacle as well."""
 
@@ -158,9 +161,13 @@ class Costmap:
         self._social_layer.update(people, self.obstacle_layer.grid)
 
     def take_over(self, other: "Costmap") -> None:
-        """Copy what was seen from another costmap with aligned cells."""
-        corner = self.to_grid(other.frame_T_grid)
-        rows, cols = round(corner.y / self.resolution_m), round(corner.x / self.resolution_m)
+        """Copy what was seen from another costmap in the same frame, if its cells are aligned."""
+        corner, edge_m = self.to_grid(other.frame_T_grid), self.resolution_m
+        rows, cols = round(corner.y / edge_m), round(corner.x / edge_m)
+        off_m = math.hypot(corner.x - cols * edge_m, corner.y - rows * edge_m)
+        turn = abs(wrap_angle(corner.yaw))
+        if other.resolution_m != edge_m or max(off_m / edge_m, turn) > COSTMAP.aligned:
+            return
         self.obstacle_layer.take_over(other.obstacle_layer, rows, cols)
 
     def forget_old(self, now_ns: int) -> None:
