@@ -6,6 +6,8 @@ more precise one.
 
 from typing import Any
 
+from trolley.sanitize import shorten
+
 # Common to all requests.
 BAD_REQUEST = "bad_request"
 UNKNOWN_NAME = "unknown_name"
@@ -149,6 +151,10 @@ SENTENCES: dict[str, str] = {
 """One plain sentence per code."""
 
 
+MOST_LETTERS = 1000
+"""Of the sentence of a refusal."""
+
+
 class Refused(Exception):
     """A request was refused: `code` is one of this module's, the message one plain sentence.
 
@@ -156,8 +162,12 @@ class Refused(Exception):
     """
 
     def __init__(self, code: str, message: str | None = None, **details: Any) -> None:
-        """Make a refusal; without `message` it uses the code's own sentence."""
+        """Make a refusal; without `message` it uses the code's own sentence.
+
+        What was asked for stands in many sentences, and may be a name of a million letters.
+        """
         self.code = code
-        self.message = SENTENCES.get(code, code) if message is None else message
+        message = SENTENCES.get(code, code) if message is None else message
+        self.message = shorten(message, MOST_LETTERS)
         self.details = details
         super().__init__(self.message)

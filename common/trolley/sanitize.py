@@ -15,6 +15,12 @@ def sanitize(text: str, most: int = MOST) -> str:
     return line if len(line) <= most else line[: most - 1] + "…"
 
 
+def shorten(text: str, most: int) -> str:
+    """A text of which at most so many letters are left: its beginning and its end."""
+    half = most // 2
+    return text if len(text) <= most else f"{text[:half]}…{text[-half + 1 :]}"
+
+
 def escape(text: str, kept: str = "") -> str:
     r"""A text with what is not printable written as in Python: `\x1b`; `kept` stays as it is."""
     if text.isprintable():

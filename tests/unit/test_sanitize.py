@@ -4,6 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trolley import codes
+from trolley.codes import Refused
 from trolley.sanitize import escape, fit, sanitize
 
 HOSTILE = (
@@ -45,3 +47,13 @@ def test_plain_text_stays_as_it_is():
         assert escape(text) == sanitize(text) == fit(text, "utf-8") == text
     assert fit("Küche", "ascii") == "K?che"
     assert fit("Küche", "latin-1") == "Küche"
+
+
+def test_the_sentence_of_a_refusal_keeps_its_beginning_and_its_end():
+    whole = Refused(codes.UNKNOWN_NAME, f"There is no {'x' * 900}.")
+    assert whole.message.endswith("xx.")
+    assert "…" not in whole.message
+    cut = Refused(codes.UNKNOWN_NAME, f"There is no {'x' * 1_000_000} on this map.")
+    assert len(cut.message) == codes.MOST_LETTERS
+    assert cut.message.startswith("There is no xx")
+    assert cut.message.endswith("xx on this map.")

@@ -8,11 +8,13 @@ import sys
 import time
 from typing import Any
 
-from trolley.sanitize import escape
+from trolley.sanitize import escape, shorten
 
 _COLOURS = {logging.WARNING: "\033[33m", logging.ERROR: "\033[31m", logging.CRITICAL: "\033[31m"}
 _FIELDS = "trolley_fields"
 LIMIT_S = 5.0
+MOST_LETTERS = 1000
+"""Of each field: what a stranger sends must not fill the disk."""
 
 
 class Log:
@@ -57,8 +59,12 @@ class Log:
 def _sentence(record: logging.LogRecord) -> str:
     """A message and its fields, on one line."""
     fields: dict[str, Any] = getattr(record, _FIELDS, {})
-    tail = "".join(f"  {name}={escape(str(value))}" for name, value in fields.items())
+    tail = "".join(f"  {name}={_shown(value)}" for name, value in fields.items())
     return f"{escape(record.getMessage())}{tail}"
+
+
+def _shown(value: object) -> str:
+    return escape(shorten(str(value), MOST_LETTERS))
 
 
 class _TerminalFormatter(logging.Formatter):
@@ -86,7 +92,7 @@ class _JournalFields(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         record.msg, record.args = _sentence(record), None
         for name, value in getattr(record, _FIELDS, {}).items():
-            setattr(record, f"trolley_{name}", escape(str(value)))
+            setattr(record, f"trolley_{name}", _shown(value))
         return True
 
 

@@ -43,7 +43,7 @@ class Watch(Generic[M]):
         """Whether a message is taken in as it comes; else before the next thing that the service
         does, within a second. May be set at any time; a watch that calls nobody does not wake."""
         self._seconds = seconds
-        self._arrivals: dict[tuple[str, ...], int] = {}
+        self._arrivals: dict[tuple[str, ...], int] = {}  # the one silent longest first
         self._sizes: dict[tuple[str, ...], int] = {}
         self._num_bytes = 0
         self._marks: deque[tuple[int, tuple[str, ...]]] = deque(maxlen=MAX_HISTORY)
@@ -58,12 +58,17 @@ class Watch(Generic[M]):
         return self._arrivals.get(parts)
 
     def take(self, message: M, parts: tuple[str, ...], arrived_ns: int, num_bytes: int) -> bool:
-        """Store a message (called by the runtime); False: too much is kept already."""
+        """Store a message (called by the runtime); False: too much is kept already.
+
+        Of what is measured or commanded the newest counts: there the key that was silent longest
+        makes room, else whoever came first could keep others out.
+        """
+        has_room = parts in self.by_parts or len(self.by_parts) < self.topic.max_keys
+        if not has_room and self.topic.qos is not Qos.STATE:
+            self._drop_key(next(iter(self._arrivals)))
+            has_room = True
         all_bytes = self._num_bytes - self._sizes.get(parts, 0) + num_bytes
-        is_new = parts not in self.by_parts
-        if (is_new and len(self.by_parts) >= self.topic.max_keys) or (
-            all_bytes > self.topic.max_kept_bytes
-        ):
+        if not has_room or all_bytes > self.topic.max_kept_bytes:
             self.is_full = True
             return False
         self._sizes[parts], self._num_bytes = num_bytes, all_bytes
@@ -71,6 +76,7 @@ class Watch(Generic[M]):
         self.latest = message
         self.arrived_ns = arrived_ns
         self.by_parts[parts] = message
+        self._arrivals.pop(parts, None)
         self._arrivals[parts] = arrived_ns
         if self._seconds > 0.0:
             self.history.append(message)
@@ -83,9 +89,7 @@ class Watch(Generic[M]):
     def forget(self, is_gone: Callable[[tuple[str, ...], M], bool]) -> None:
         """Drop what `is_gone(varying_chunks, message)` says of (called by the runtime)."""
         for parts in [parts for parts, message in self.by_parts.items() if is_gone(parts, message)]:
-            del self.by_parts[parts], self._arrivals[parts]
-            self._num_bytes -= self._sizes.pop(parts)
-            self.is_full = False
+            self._drop_key(parts)
         kept = [
             (message, mark)
             for message, mark in zip(self.history, self._marks, strict=True)
@@ -98,6 +102,11 @@ class Watch(Generic[M]):
         newest = max(self._arrivals, key=self._arrivals.__getitem__, default=None)
         self.latest = None if newest is None else self.by_parts[newest]
         self.arrived_ns = None if newest is None else self._arrivals[newest]
+
+    def _drop_key(self, parts: tuple[str, ...]) -> None:
+        del self.by_parts[parts], self._arrivals[parts]
+        self._num_bytes -= self._sizes.pop(parts)
+        self.is_full = False
 
 
 @dataclasses.dataclass(eq=False)

@@ -90,7 +90,7 @@ class ZoneStore:
     def _answered(self, reply: Later[Zone] | None, result: Zone | Refused) -> None:
         """Pass on what the mapper has answered."""
         if isinstance(result, Refused):
-            self._service.log.warning("The mapper refused a zone", why=result.message)
+            self._service.log.limited("zone", "The mapper refused a zone", why=result.message)
             if reply is not None:
                 reply.refuse(result)
         elif reply is not None:

@@ -26,6 +26,14 @@ def test_the_scan_of_the_command_that_is_driven_is_told(rig: Rig) -> None:
     assert rig.driven[-1].scan_ns == 42
 
 
+def test_commands_of_thousands_of_strangers_keep_nobody_out(rig: Rig) -> None:
+    for number in range(topics.COMMAND.max_keys + 10):
+        rig.send(BACK, f"stranger{number}")
+    rig.drive(1.0, 0.2)
+    assert rig.driven[-1].twist == AHEAD
+    assert rig.state.source == "teleop"
+
+
 def test_the_robot_stands_half_a_second_after_the_commands_end(rig: Rig) -> None:
     for _ in range(10):
         rig.send(Twist2D(0.5, 0.0, 0.0), "planner", valid_for=100.0)

@@ -18,7 +18,8 @@ from support.samples import (
 )
 
 from trolley import topics
-from trolley.messages import Marker, Odometry, SavedPoses, Scan
+from trolley.geometry import Twist2D
+from trolley.messages import Marker, Odometry, SavedPoses, Scan, VelocityCommand
 from trolley.runtime import codec
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, on, on_delete
@@ -289,6 +290,16 @@ def test_a_watch_of_many_keys_stops_growing(lockstep: Lockstep, listener: Listen
     assert transforms.is_full
     transforms.forget(lambda where, _: where == ("t0",))
     assert not transforms.is_full
+
+
+def test_of_many_commands_the_newest_are_kept(lockstep: Lockstep, listener: Listener):
+    commands = listener.watch(dataclasses.replace(topics.COMMAND, max_keys=3))
+    for i, source in enumerate("abcadeb"):
+        command = VelocityCommand(stamp_ns=1 + i, twist=Twist2D.zero(), valid_for=0.3)
+        lockstep.publish(topics.COMMAND, command, source)
+    assert sorted(commands.by_parts) == [("b",), ("d",), ("e",)]
+    assert commands.by_parts["b",].stamp_ns == 7
+    assert lockstep.counters("localizer") == {}
 
 
 def test_a_watch_of_large_messages_stops_growing(lockstep: Lockstep, listener: Listener):

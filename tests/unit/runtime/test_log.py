@@ -35,6 +35,13 @@ def test_what_a_stranger_sent_stays_on_its_line(written: io.StringIO):
     assert "Küche" in written.getvalue()
 
 
+def test_what_a_stranger_sent_is_cut(written: io.StringIO):
+    Log("tour").warning("Dropped", why=f"There is no zone {'x' * 1_000_000!r} on this map.")
+    assert len(written.getvalue()) < 1200
+    assert "There is no zone 'xxx" in written.getvalue()
+    assert "xxx' on this map." in written.getvalue()
+
+
 def test_what_repeats_is_told_once(written: io.StringIO):
     log = Log("tour")
     for _ in range(1000):
