@@ -2,7 +2,8 @@
 
 import math
 
-from support.flatland import Ice, empty_room
+import pytest
+from support.flatland import Flatland, Ice, empty_room
 
 from trolley import codes
 from trolley.config import PlannerConfig
@@ -29,6 +30,15 @@ def test_progress_is_getting_nearer_or_turning() -> None:
     for second in range(12):
         turned = Pose2D(0.0, 0.0, 0.2 * second)
         assert checker.check(second * SECOND_NS, 8.0, turned, turned) is None
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.01])
+def test_a_robot_that_is_told_to_creep_is_not_held_up(ride, speed: float) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    drive.send(Pose2D(1.8, 3.0, 0.0), speed=speed)
+    assert drive.until_over(200.0).state == "arrived"
+    assert drive.navigator.current.status(drive.now_ns).recoveries == 0
+    assert {status.state for status in drive.statuses} <= {"idle", "planning", "driving", "arrived"}
 
 
 def test_standing_going_to_and_fro_and_spinning_are_told_apart() -> None:

@@ -20,6 +20,8 @@ class ProgressParams:
     """Distance driven by the wheels over which slip is judged."""
     slip_share: float = 0.3
     """Share of that distance below which the robot's own motion means that the wheels slip."""
+    slow_factor: float = 2.0
+    """A robot that is told to drive slowly has this many times as long as its way takes."""
     oscillation_m: float = 1.0
     """Distance driven without getting nearer from which on the robot oscillates."""
 
@@ -56,7 +58,12 @@ class ProgressChecker:
         self._last = None
 
     def check(
-        self, now_ns: int, remaining_m: float, frame_T_base: Pose2D, odom_T_base: Pose2D
+        self,
+        now_ns: int,
+        remaining_m: float,
+        frame_T_base: Pose2D,
+        odom_T_base: Pose2D,
+        max_speed: float = math.inf,
     ) -> str | None:
         """Return None while all is well, else the code of what is wrong.
 
@@ -65,6 +72,7 @@ class ProgressChecker:
             remaining_m: what is left of the path.
             frame_T_base: where the robot is by all that is known.
             odom_T_base: where its wheels say it is.
+            max_speed: that it may drive at [m/s].
         """
         mark, last = self._mark, self._last
         self._last = (frame_T_base, odom_T_base)
@@ -81,7 +89,9 @@ class ProgressChecker:
         turned = abs(wrap_angle(frame_T_base.yaw - mark.yaw))
         if turned >= PROGRESS.turn_rad and mark.turned_rad < PROGRESS.most_turn_rad:
             mark.yaw, mark.since_ns = frame_T_base.yaw, now_ns
-        return self._trouble(mark) if now_ns - mark.since_ns > self._time_ns else None
+        slow_s = PROGRESS.slow_factor * self._distance_m / max_speed
+        is_late = now_ns - mark.since_ns > max(self._time_ns, slow_s * 1e9)
+        return self._trouble(mark) if is_late else None
 
     def _trouble(self, mark: _Mark) -> str:
         """Say why the robot did not get nearer since `mark`."""

@@ -62,7 +62,7 @@ class Replanner:
             trouble = manager.trouble(now_ns) or Refused(codes.NOT_READY)
             self._current.end("failed", trouble.code, now_ns, trouble.message)
         elif manager.is_other_map:
-            self._current.end("failed", codes.WRONG_MAP, now_ns, "Another map was loaded.")
+            self._current.end("failed", codes.WRONG_MAP, now_ns, "The robot is on another map now.")
         else:
             self._plan_anew(execution, manager.context, now_ns)
 
