@@ -151,10 +151,6 @@ SENTENCES: dict[str, str] = {
 """One plain sentence per code."""
 
 
-MOST_LETTERS = 1000
-"""Of the sentence of a refusal."""
-
-
 class Refused(Exception):
     """A request was refused: `code` is one of this module's, the message one plain sentence.
 
@@ -168,6 +164,6 @@ class Refused(Exception):
         """
         self.code = code
         message = SENTENCES.get(code, code) if message is None else message
-        self.message = shorten(message, MOST_LETTERS)
+        self.message = shorten(message)
         self.details = details
         super().__init__(self.message)

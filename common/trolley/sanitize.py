@@ -6,6 +6,8 @@ them is printable, and nothing that is not printable leaves here as it came.
 """
 
 MOST = 300
+MOST_REPEATED = 1000
+"""Letters that are left of what a stranger sent where a refusal or the log repeats it."""
 _KEPT = "\n\t"
 
 
@@ -15,7 +17,7 @@ def sanitize(text: str, most: int = MOST) -> str:
     return line if len(line) <= most else line[: most - 1] + "…"
 
 
-def shorten(text: str, most: int) -> str:
+def shorten(text: str, most: int = MOST_REPEATED) -> str:
     """A text of which at most so many letters are left: its beginning and its end."""
     half = most // 2
     return text if len(text) <= most else f"{text[:half]}…{text[-half + 1 :]}"

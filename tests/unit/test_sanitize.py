@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from trolley import codes
 from trolley.codes import Refused
-from trolley.sanitize import escape, fit, sanitize
+from trolley.sanitize import MOST_REPEATED, escape, fit, sanitize
 
 HOSTILE = (
     "\x1b[2J\x1b]0;owned\x07",
@@ -54,6 +54,6 @@ def test_the_sentence_of_a_refusal_keeps_its_beginning_and_its_end():
     assert whole.message.endswith("xx.")
     assert "…" not in whole.message
     cut = Refused(codes.UNKNOWN_NAME, f"There is no {'x' * 1_000_000} on this map.")
-    assert len(cut.message) == codes.MOST_LETTERS
+    assert len(cut.message) == MOST_REPEATED
     assert cut.message.startswith("There is no xx")
     assert cut.message.endswith("xx on this map.")

@@ -13,8 +13,6 @@ from trolley.sanitize import escape, shorten
 _COLOURS = {logging.WARNING: "\033[33m", logging.ERROR: "\033[31m", logging.CRITICAL: "\033[31m"}
 _FIELDS = "trolley_fields"
 LIMIT_S = 5.0
-MOST_LETTERS = 1000
-"""Of each field: what a stranger sends must not fill the disk."""
 
 
 class Log:
@@ -64,7 +62,7 @@ def _sentence(record: logging.LogRecord) -> str:
 
 
 def _shown(value: object) -> str:
-    return escape(shorten(str(value), MOST_LETTERS))
+    return escape(shorten(str(value)))
 
 
 class _TerminalFormatter(logging.Formatter):
