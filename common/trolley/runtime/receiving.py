@@ -250,6 +250,8 @@ class Receiver:
         asked_ns = self._context.inbox.now_ns()
 
         def finish(replies: list[Reply], _timed_out: bool) -> None:
+            if feed not in self._feeds:
+                return
             for reply in replies:
                 if not reply.is_error:
                     sample = Sample(reply.key, reply.payload, reply.encoding)

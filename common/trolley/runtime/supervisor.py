@@ -241,5 +241,6 @@ def _command(module: str | Sequence[str]) -> list[str]:
 
 def _how_it_ended(code: int) -> str:
     if code < 0:
-        return f"was killed by {signal.Signals(-code).name}"
+        names = {one.value: one.name for one in signal.Signals}
+        return f"was killed by {names.get(-code, f'signal {-code}')}"
     return f"ended with exit code {code}"

@@ -355,6 +355,16 @@ def test_a_stream_cannot_be_deleted(lockstep: Lockstep, listener: Listener, key:
     assert lockstep.counters("localizer")["tf/key"] == 1
 
 
+def test_a_watch_that_is_closed_before_it_was_answered_hears_nothing(
+    lockstep: Lockstep, listener: Listener
+):
+    lockstep.publish(topics.POSES, make_places(1))
+    heard: list[SavedPoses] = []
+    listener.close_watch(listener.watch(topics.POSES, then=heard.append))
+    lockstep.run(2.0)
+    assert heard == []
+
+
 def test_a_closed_watch_hears_nothing_more(lockstep: Lockstep, listener: Listener):
     heard: list[Odometry] = []
     odometry = listener.watch(topics.ODOM, then=heard.append)

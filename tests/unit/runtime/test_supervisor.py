@@ -250,3 +250,14 @@ def test_a_child_does_not_wait_for_a_watchdog_that_is_frozen_itself(module: Call
         child.kill()
         child.wait()
         watchdog.close()
+
+
+def test_a_child_that_a_real_time_signal_kills_is_restarted(module: Callable) -> None:
+    said: list[str] = []
+    environment = module("sleeper", STUBBORN)
+    with Supervisor({"one": "sleeper"}, environment, said.append) as supervisor:
+        child = supervisor.children["one"]
+        wait_until(lambda: child.pid, "it runs")
+        os.kill(child.pid or 0, signal.SIGRTMIN + 5)
+        wait_until(lambda: child.restarts == 1 and child.pid, "it runs again")
+    assert any("was killed by signal 39" in one for one in said)

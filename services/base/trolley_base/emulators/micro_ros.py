@@ -182,10 +182,13 @@ class ReliableInput:
 
     def __init__(self, number: int = 0) -> None:
         self._next = number
+        self._last = number - 1 & 0xFFFF
+        """Number of the last message that the agent is known to have sent."""
         self._early: dict[int, bytes] = {}
 
     def take(self, number: int, data: bytes) -> list[bytes]:
         """Take a message, and return those whose turn it is."""
+        self.announce(number)
         if (number - self._next & 0xFFFF) < HISTORY:
             self._early[number] = data
         found: list[bytes] = []
@@ -194,20 +197,31 @@ class ReliableInput:
             self._next = self._next + 1 & 0xFFFF
         return found
 
+    def announce(self, last: int) -> None:
+        """Take note of the last message that the agent has sent."""
+        if _is_after(last, self._last):
+            self._last = last
+
     def skip_to(self, first: int) -> None:
         """Wait no more for what the agent no longer has."""
-        if (first - self._next + 0x8000 & 0xFFFF) > 0x8000:
+        if _is_after(first, self._next):
             self._next = first
 
     def acknack(self) -> bytes:
         """Return which message is next, and which of those after it are missing."""
-        bits = 0
-        if self._early:
-            last = max(number - self._next & 0xFFFF for number in self._early)
-            for place in range(last + 1):
-                if self._next + place & 0xFFFF not in self._early:
-                    bits |= 1 << place
+        bits, number, end = 0, self._next, self._last + 1 & 0xFFFF
+        for place in range(16):
+            if not _is_after(end, number):
+                break
+            if number not in self._early:
+                bits |= 1 << place
+            number = number + 1 & 0xFFFF
         return struct.pack("<HBBB", self._next, bits >> 8, bits & 255, RELIABLE_STREAM)
+
+
+def _is_after(number: int, other: int) -> bool:
+    """Say whether a number of a message comes after another one; they begin anew at 65536."""
+    return (number - other + 0x8000 & 0xFFFF) > 0x8000
 
 
 class MicroRosClient:
@@ -400,8 +414,9 @@ class MicroRosClient:
             case 10:
                 self._take_acknack(payload)
             case 11:
-                first, _last, _stream = struct.unpack("<HHB", payload)
+                first, last, _stream = struct.unpack("<HHB", payload)
                 self._input.skip_to(first)
+                self._input.announce(last)
                 self._acknowledge()
             case 15:
                 self._take_time(payload)

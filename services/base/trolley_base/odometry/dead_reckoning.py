@@ -1,5 +1,6 @@
 """From what chassis and lidar report to where the robot is: guard, scales, gyro, lidar, track."""
 
+import math
 from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -130,7 +131,7 @@ class DeadReckoning:
     def _judge_gyro(self, seen: "SeenMotion") -> None:
         """Judge the gyro by the lidar, and learn its bias while the lidar sees the robot stand."""
         step = seen.motion.previous_T_base
-        distance, turn = (0.0, 0.0) if seen.is_still else (step.x, step.yaw)
+        distance, turn = (0.0, 0.0) if seen.is_still else (math.hypot(step.x, step.y), step.yaw)
         self._fusion.fuse(seen.start_ns, seen.motion.stamp_ns, distance, turn)
 
     def add_reading(self, reading: ChassisReading) -> ChassisReading:
@@ -186,7 +187,7 @@ class DeadReckoning:
         """Keep the distance of the wheels, and turn as wheels and gyro together say."""
         start_ns = self.track.stamp_ns
         step = log_pose(motion.previous_T_base)
-        turn = self._fusion.fuse(start_ns, motion.stamp_ns, step.vx, step.wz)
+        turn = self._fusion.fuse(start_ns, motion.stamp_ns, step.speed, step.wz)
         if turn == step.wz:
             return motion
         rate = turn / ((motion.stamp_ns - start_ns) * 1e-9)

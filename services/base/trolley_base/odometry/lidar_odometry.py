@@ -164,6 +164,8 @@ class LidarOdometry:
         self._model, self._wheels = OdometryTrack(stamp_ns), OdometryTrack(stamp_ns)
         self._odom_T_model = self._start = Pose2D.identity()
         self._scan_ns: int | None = None
+        self._model_then = self._wheels_then = Pose2D.identity()
+        """Where the tracks were at that scan, should they not reach back to it."""
         self._check = WheelCheck()
         self._commands: deque[tuple[int, Twist2D]] = deque([(stamp_ns, Twist2D.zero())])
         self._told_then = Twist2D.zero()
@@ -256,11 +258,14 @@ class LidarOdometry:
         if before_ns is not None and scan.stamp_ns <= before_ns:
             return None
         self._scan_ns = scan.stamp_ns
-        stamps = [scan.stamp_ns if before_ns is None else before_ns, scan.stamp_ns]
-        _, now = ends = _ends(self._model, stamps)
-        seconds = (stamps[1] - stamps[0]) * 1e-9
+        then_ns = scan.stamp_ns if before_ns is None else before_ns
+        then, now = _ends(self._model, then_ns, scan.stamp_ns, self._model_then)
+        wheels = _ends(self._wheels, then_ns, scan.stamp_ns, self._wheels_then)
+        self._model_then, self._wheels_then = now, wheels[1]
+        seconds = (scan.stamp_ns - then_ns) * 1e-9
         duration_s = max(len(scan.ranges) - 1, 0) * scan.time_increment
-        prior = None if before_ns is None else self._prior(_step(ends), seconds, turn_rate)
+        step = then.inverse() @ now
+        prior = None if before_ns is None else self._prior(step, seconds, turn_rate)
         found = self._scans.update(self._input(scan), duration_s, prior)
         if before_ns is None:
             # Whatever the wheels did before is kept.
@@ -269,7 +274,7 @@ class LidarOdometry:
             return None
         self._odom_T_model = self._start @ self._scans.pose @ now.inverse()
         if self._has_wheels and not found.is_lost:
-            by_wheels = _step(_ends(self._wheels, stamps))
+            by_wheels = wheels[0].inverse() @ wheels[1]
             self._check.add(by_wheels, found.step, found.shown, seconds)
         self._told_then = self._told(before_ns, scan.stamp_ns)
         self._join(scan.stamp_ns, found)
@@ -330,11 +335,10 @@ def _is_still(twist: Twist2D) -> bool:
     return twist.speed < PARAMS.still_mps and abs(twist.wz) < PARAMS.still_radps
 
 
-def _ends(track: OdometryTrack, stamps_ns: list[int]) -> tuple[Pose2D, Pose2D]:
-    """Return where a track was at two robot times."""
-    first, last = track.poses_at(np.array(stamps_ns, dtype=np.int64))
-    return Pose2D.from_array(first), Pose2D.from_array(last)
-
-
-def _step(ends: tuple[Pose2D, Pose2D]) -> Pose2D:
-    return ends[0].inverse() @ ends[1]
+def _ends(
+    track: OdometryTrack, then_ns: int, now_ns: int, known_then: Pose2D
+) -> tuple[Pose2D, Pose2D]:
+    """Return where a track was at two robot times, of which it may not reach back to the first."""
+    then, now = track.poses_at(np.array([then_ns, now_ns], dtype=np.int64))
+    first = Pose2D.from_array(then) if then_ns >= track.oldest_ns else known_then
+    return first, Pose2D.from_array(now)

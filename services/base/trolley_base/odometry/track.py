@@ -42,6 +42,11 @@ class OdometryTrack:
         self.stamp_ns = motion.stamp_ns
         self._keep()
 
+    @property
+    def oldest_ns(self) -> int:
+        """Robot time of the oldest pose that is kept [ns]."""
+        return self._track[0][0]
+
     def poses_at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return odom_T_base (n, 3) x, y [m], yaw [rad, not wrapped] at robot times (n,).
 

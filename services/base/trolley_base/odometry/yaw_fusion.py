@@ -84,6 +84,8 @@ class YawFusion:
         self._slip = slip
         self._readings: deque[_Reading] = deque()
         self._changed_ns: int | None = None
+        self._still_ns = 0
+        """When the gyro read exactly zero last while the wheels hardly turned."""
         self._bias = GyroBias()
         self._check = GyroCheck()
         self._ratio = MotionRatio(PARAMS.min_turn_rate, PARAMS.forgetting_turn, PARAMS.most_ratio)
@@ -114,7 +116,7 @@ class YawFusion:
 
     def gyro_rate(self, start_ns: int, end_ns: int) -> float | None:
         """Return the mean turn rate by the gyro alone [rad/s], None where it says nothing."""
-        if end_ns <= start_ns or self._is_silent(end_ns) or self._is_stuck(end_ns):
+        if end_ns <= start_ns or self._is_silent(start_ns, end_ns) or self._is_stuck(end_ns):
             return None
         turned, highest = self._integrate(start_ns, end_ns)
         if highest >= PARAMS.saturation:
@@ -127,7 +129,7 @@ class YawFusion:
         Args:
             start_ns: where the interval before ended.
             end_ns: not before `start_ns`.
-            distance_m: how far the wheels drove, either sign.
+            distance_m: how far the wheels drove, to whatever side.
             turn_rad: how far they turned.
         """
         seconds = (end_ns - start_ns) * 1e-9
@@ -139,7 +141,7 @@ class YawFusion:
             # Wheels that stand are right, unless somebody lifts the robot, and then all is lost.
             return turn_rad
         rate = abs(turn_rad) / seconds
-        wheels_var = (self._slip * rate) ** 2 + PARAMS.yaw_slip_per_m**2 * abs(distance_m) / seconds
+        wheels_var = (self._slip * rate) ** 2 + PARAMS.yaw_slip_per_m**2 * distance_m / seconds
         gyro_var = (PARAMS.gyro_scale_std * rate) ** 2 + self._bias.rate_variance(end_ns)
         return (turn_rad * gyro_var + gyro_rad * wheels_var) / (gyro_var + wheels_var)
 
@@ -153,7 +155,7 @@ class YawFusion:
 
     def _judge(self, start_ns: int, end_ns: int, turn_rad: float) -> tuple[GyroState, float]:
         """Say what the gyro is good for in an interval, and what it turned [rad]."""
-        if self._is_silent(end_ns):
+        if self._is_silent(start_ns, end_ns):
             return GyroState.SILENT, 0.0
         raw_rad, highest = self._integrate(start_ns, end_ns)
         seconds = (end_ns - start_ns) * 1e-9
@@ -161,8 +163,12 @@ class YawFusion:
         self._check.add(turn_rad, gyro_rad, seconds)
         if highest >= PARAMS.saturation:
             return GyroState.SATURATED, 0.0
+        if self._readings[-1].wz == 0.0 and abs(turn_rad) < PARAMS.min_turn_rate * seconds:
+            self._still_ns = end_ns
         if self._is_stuck(end_ns):
-            return GyroState.STUCK, 0.0
+            # Some boards report no turn below a rate that nobody notices: that tells nothing.
+            is_stuck = end_ns - self._still_ns > PARAMS.stuck_ns
+            return (GyroState.STUCK if is_stuck else GyroState.LEARNING), 0.0
         if self._check.trouble is not None:
             return GyroState.DISAGREES, 0.0
         if self._bias.value is None:
@@ -184,8 +190,16 @@ class YawFusion:
             return GyroState.DISAGREES, 0.0
         return GyroState.LEARNING, 0.0
 
-    def _is_silent(self, end_ns: int) -> bool:
-        return not self._readings or self._readings[-1].stamp_ns < end_ns - PARAMS.hold_ns
+    def _is_silent(self, start_ns: int, end_ns: int) -> bool:
+        """Say whether there is a time in an interval at which no reading holds."""
+        until_ns = end_ns
+        for reading in reversed(self._readings):
+            if until_ns - reading.stamp_ns > PARAMS.hold_ns:
+                return True
+            until_ns = min(until_ns, reading.stamp_ns)
+            if until_ns <= start_ns:
+                return False
+        return not self._readings or until_ns - start_ns > PARAMS.hold_ns
 
     def _is_stuck(self, end_ns: int) -> bool:
         return self._changed_ns is None or end_ns - self._changed_ns > PARAMS.stuck_ns

@@ -82,3 +82,33 @@ def test_a_ratio_without_a_track_is_a_wrong_configuration() -> None:
         scales_of(config_of(odometry={"wheel_ratio": 1.02}))
     scales = scales_of(config_of(odometry={"wheel_ratio": 1.02, "track_m": 0.2}))
     assert scales.matrix[1, 0] == pytest.approx(2.0 * 0.02 / 2.02 / 0.2)
+
+
+def test_the_gyro_of_a_robot_that_slides_sideways_counts_too() -> None:
+    """Its rollers slip: the wheels report no turn, the gyro the true one."""
+    reckoning = DeadReckoning(config_of("mecanum"), WheelScales(), START_NS)
+    rng = np.random.default_rng(1)
+    stamp_ns, turned = START_NS, 0.0
+
+    def go(seconds: float, reported: Twist2D, rate: float) -> None:
+        nonlocal stamp_ns, turned
+        for _ in range(round(seconds / (STEP_NS * 1e-9))):
+            stamp_ns += STEP_NS
+            before = reckoning.track.odom_T_base
+            gyro = rate + 0.01 + 0.003 * float(rng.normal())
+            imu = Imu(
+                stamp_ns=stamp_ns,
+                angular_velocity=(0.0, 0.0, gyro),
+                linear_acceleration=(0.0, 0.0, 9.8),
+            )
+            motion = MotionSample(stamp_ns, exp_twist(reported, STEP_NS * 1e-9), reported)
+            reckoning.add_reading(ChassisReading((motion,), UP, imu=(imu,)))
+            turned += (before.inverse() @ reckoning.track.odom_T_base).yaw
+
+    go(5.0, Twist2D.zero(), 0.0)
+    for rate in (0.5, -0.5):  # by which the gyro is found to be right
+        go(3.0, Twist2D(0.0, 0.0, rate), rate)
+    go(2.0, Twist2D.zero(), 0.0)
+    turned = 0.0
+    go(10.0, Twist2D(0.0, 0.3, 0.0), 0.05)
+    assert turned == pytest.approx(0.5, abs=0.03)

@@ -68,6 +68,23 @@ def test_wheels_that_are_a_tenth_off_are_corrected() -> None:
     assert known.yaw == pytest.approx(true.yaw, abs=0.03)
 
 
+def test_what_the_wheels_did_while_the_lidar_was_gone_stays() -> None:
+    """Longer than the tracks reach back, the robot coasts, then stands."""
+    odometry = LidarOdometry(MOUNT, 0, has_wheels=True, has_axle=True)
+    drive = [STILL, *[AHEAD] * 4, *[STILL] * 9]
+    known = true = Pose2D.identity()
+    leaps: list[float] = []
+    for number, (stamp_ns, pose, scan) in enumerate(moments(drive, 1)):
+        twist = drive[number // 20]
+        step = odometry.correct(MotionSample(stamp_ns, exp_twist(twist, STEP_S), twist), known)
+        leaps.append(math.hypot(step.previous_T_base.x, step.previous_T_base.y))
+        known, true = known @ step.previous_T_base, pose
+        if scan is not None and not 1.0 < stamp_ns * 1e-9 < 6.0:
+            odometry.update(scan, None)
+    assert max(leaps) < 0.03
+    assert known.distance_to(true) < 0.03
+
+
 KINDS = {
     "stuck": ([STILL] * 9, [AHEAD] * 9, WheelTrouble.SLIP),
     "ahead for back": ([AHEAD.scaled(-1.0)] * 9, [AHEAD] * 9, WheelTrouble.BACKWARDS),

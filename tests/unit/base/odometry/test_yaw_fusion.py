@@ -117,6 +117,38 @@ def test_a_gyro_that_repeats_one_value_is_stuck() -> None:
     assert fusion.state is GyroState.STUCK
 
 
+def test_a_gyro_that_reads_zero_while_hardly_anything_turns_is_not_stuck() -> None:
+    """As a board's that reports no turn below 0.01 rad/s."""
+    fusion = YawFusion(SKID_SLIP)
+    states: list[GyroState] = []
+    for index in range(600):
+        rate = 0.5 if index % 200 > 120 else 0.0
+        end_ns = START_NS + (index + 1) * STEP_NS
+        fusion.add_gyro(end_ns, rate + 1e-3 * (index % 7) if rate else 0.0)
+        fusion.fuse(end_ns - STEP_NS, end_ns, 0.01, (rate + 0.005) * STEP_S)
+        states.append(fusion.state)
+    assert GyroState.STUCK not in states
+
+
+@pytest.mark.parametrize("gap_s", [0.3, 0.8, 2.0])
+def test_a_turn_in_which_the_gyro_was_not_heard_is_that_of_the_wheels(gap_s: float) -> None:
+    fusion = YawFusion(SKID_SLIP)
+    rng = np.random.default_rng(2)
+    end_ns = START_NS
+    for rate in turn_rates(60.0, 4.0).tolist():
+        end_ns += STEP_NS
+        fusion.add_gyro(end_ns, rate + 0.002 * float(rng.normal()))
+        way_m = 0.01 if rate else 0.0
+        fusion.fuse(end_ns - STEP_NS, end_ns, way_m, rate * STEP_S)
+    assert fusion.state is GyroState.USED
+    start_ns, end_ns = end_ns, end_ns + round(gap_s * 1e9)
+    fusion.add_gyro(end_ns, 1.0)
+    # It stood, then turned: nobody knows since when.
+    assert fusion.gyro_rate(start_ns, end_ns) is None
+    assert fusion.fuse(start_ns, end_ns, 0.0, 0.2) == 0.2
+    assert fusion.state is GyroState.SILENT
+
+
 @pytest.mark.parametrize("rate", [0.05, 0.2])
 def test_who_is_turned_by_hand_does_not_rest(rate: float) -> None:
     """The wheels stand all the time; in the middle somebody turns the robot evenly."""

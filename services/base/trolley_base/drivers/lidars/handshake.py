@@ -124,6 +124,9 @@ class HandshakeLidar(StreamingLidar):
 
     def _advance(self, answer: bytes | None) -> bool:
         """Go on with the script; True where that was its end."""
+        was_asked = self._step is not None and bool(self._step.answer)
+        if was_asked and answer is None and not self._has_answered:
+            self._fault = ""  # it said so before its power was cut
         try:
             self._step = self._script.send(answer)
         except StopIteration:

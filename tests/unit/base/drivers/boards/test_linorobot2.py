@@ -376,5 +376,25 @@ def test_a_session_that_was_not_heard_of_for_seconds_goes_on(simulate: MakeSimul
     assert talk.total("sessions") == 0
 
 
+@pytest.mark.parametrize("cut_s", [0.5, 1.0])
+def test_commands_arrive_again_after_several_in_a_row_were_lost(
+    simulate: MakeSimulation, cut_s: float
+) -> None:
+    talk = talk_of(simulate)
+    talk.run(12.0)
+    talk.wanted = AHEAD
+    talk.run(0.2)
+    talk.is_cut = True
+    talk.run(cut_s)
+    talk.is_cut, talk.wanted = False, Twist2D.zero()
+    talk.run(2.0)
+    before = len(talk.readings)
+    talk.wanted = AHEAD
+    talk.run(3.0)
+    untaken = sum(one.counts.get("chassis/not_taken", 0) for one in talk.readings[before:])
+    assert untaken == 0
+    assert talk.simulation.truth().twist.vx == pytest.approx(AHEAD.vx, abs=0.03)
+
+
 def _is_ping(message: bytes) -> bool:
     return message[0] == 0x80

@@ -69,6 +69,20 @@ def test_a_faulty_rplidar_is_reset_and_never_started() -> None:
     assert "health error 4660" in session.status.message
 
 
+@pytest.mark.parametrize("model", ["rplidar_a1", "ydlidar_x4"])
+def test_a_fault_is_not_told_after_the_power_was_cut(model: str) -> None:
+    make = rplidar if model == "rplidar_a1" else ydlidar
+    device = make(health=b"\x02\x01\x00")
+    session = Session(LidarConfig(model=model), device)
+    session.wait(3.0)
+    assert "health error 1" in session.status.message
+    device.answers.clear()
+    session.wait(3.0)
+    session.lidar.begin(session.now_ns)  # its port is opened anew
+    session.wait(3.0)
+    assert "No answer" in session.status.message
+
+
 def test_an_rplidar_that_a_reset_mends_is_started() -> None:
     device = rplidar(health=b"\x02\x01\x00")
     session = Session(LidarConfig(model="rplidar_a1"), device)
