@@ -25,7 +25,6 @@ class DriveControl:
         limiter: chooses the command, and limits it.
         scales: between true and reported motion.
         inputs: what the devices report.
-        reporter: publishes what was decided.
         watch: finds out whether the motors obey.
     """
 
@@ -37,7 +36,6 @@ class DriveControl:
         limiter: VelocityLimiter,
         scales: WheelScales,
         inputs: DeviceInputs,
-        reporter: StateReporter,
         watch: MotionWatch,
     ) -> None:
         self._service = service
@@ -46,9 +44,10 @@ class DriveControl:
         self._limiter = limiter
         self._scales = scales
         self._inputs = inputs
-        self._reporter = reporter
         self._watch = watch
         self._estop = EstopLatch(service)
+        self.reporter = StateReporter(service, clock, inputs, watch, self._estop)
+        """Publishes what was decided."""
         self.parts = (self, self._estop)
         self.decision = Decision(Twist2D.zero(), None, 0, "ok")
         """What is driven now, and why."""
@@ -113,12 +112,12 @@ class DriveControl:
         now_ns = self._service.stamp_ns
         if is_stopped == self._estop.is_set:
             self._decide(now_ns)
-            return self._reporter.state_of(self.decision, now_ns)
+            return self.reporter.state_of(self.decision, now_ns)
         self._service.log.info("Stopped" if is_stopped else "Resumed")
         self._estop.is_set = is_stopped
         self._limiter.forget()
         self._decide(now_ns)
-        return self._reporter.publish_state(self.decision, now_ns)
+        return self.reporter.publish_state(self.decision, now_ns)
 
     def end(self) -> None:
         """Stop the motors, and say that base ends."""

@@ -29,7 +29,6 @@ from trolley_base.safety.stop_field import StopField
 from trolley_base.safety.velocity_limiter import VelocityLimiter
 from trolley_base.settings_keeper import SettingsKeeper
 from trolley_base.simulation.shared_world import SharedWorld
-from trolley_base.state_reporter import StateReporter
 from trolley_base.timekeeper import Timekeeper
 from trolley_base.upkeep.findings import InForce
 from trolley_base.upkeep_watch import UpkeepWatch
@@ -83,7 +82,6 @@ class BaseService(Service):
         half_track_m = half_track_of(config, footprint)
         supervision = MotionSupervision(limits, half_track_m, device.delay_s, blur_s)
         watch = MotionWatch(self, supervision, can_drive=not device.cannot_drive)
-        self._reporter = StateReporter(self, clock, self._inputs, watch)
         self._drive = DriveControl(
             self,
             clock,
@@ -91,7 +89,6 @@ class BaseService(Service):
             limiter,
             self._scales,
             self._inputs,
-            self._reporter,
             watch,
         )
         self._settings = SettingsKeeper(self, config, self._use)
@@ -140,8 +137,8 @@ class BaseService(Service):
             self._drive.end()
         finally:
             self._hardware.close()
-        self._reporter.publish_command(self._drive.decision, now_ns)
-        self._reporter.publish_state(self._drive.decision, now_ns)
+        self._drive.reporter.publish_command(self._drive.decision, now_ns)
+        self._drive.reporter.publish_state(self._drive.decision, now_ns)
         self._time.save(now_ns)
         if self._upkeep is not None:
             self._upkeep.save()
@@ -156,7 +153,7 @@ class BaseService(Service):
         if self._upkeep is not None:
             self._upkeep.add(self._inputs.measured.motions)
         self._drive.update(now_ns)
-        self._reporter.publish_due(self._drive.decision, now_ns)
+        self._drive.reporter.publish_due(self._drive.decision, now_ns)
         if self._world is not None:
             self._world.update(now_ns)
         self._time.finish_period(now_ns)

@@ -8,6 +8,7 @@ from trolley.runtime.service import Service
 from trolley_base.device_inputs import DeviceInputs
 from trolley_base.motion_watch import MotionWatch
 from trolley_base.robot_clock import Beat, RobotClock
+from trolley_base.safety.estop_latch import EstopLatch
 from trolley_base.safety.safety_state import SCAN_SILENCE_NS
 from trolley_base.safety.velocity_limiter import Decision
 
@@ -28,15 +29,22 @@ class StateReporter:
     Args:
         inputs: what the devices report.
         watch: knows whether the motors obey.
+        estop: knows whether a stop is saved.
     """
 
     def __init__(
-        self, service: Service, clock: RobotClock, inputs: DeviceInputs, watch: MotionWatch
+        self,
+        service: Service,
+        clock: RobotClock,
+        inputs: DeviceInputs,
+        watch: MotionWatch,
+        estop: EstopLatch,
     ) -> None:
         self._service = service
         self._clock = clock
         self._inputs = inputs
         self._watch = watch
+        self._estop = estop
         self._published: BaseState | None = None
         self._command_beat, self._state_beat = Beat(COMMAND_S), Beat(STATE_S)
 
@@ -92,6 +100,8 @@ class StateReporter:
         is_lost = decision.reason in (codes.SCAN_LOST, codes.LINK_LOST)
         if decision.mode == "fault" or (has_begun and is_lost):
             self._service.set_health("degraded", decision.message)
+        elif self._estop.problem:
+            self._service.set_health("degraded", self._estop.problem)
         elif view.lacks_echoes:
             self._service.set_health("degraded", NO_ECHO_MESSAGE)
         elif view.closed:

@@ -91,11 +91,16 @@ def test_a_stop_is_saved_later_where_the_disk_was_full(
     def fail(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
+    healths = rig.lockstep.record(topics.HEALTH, "base")
     with monkeypatch.context() as full:
         full.setattr("trolley.runtime.state.write_atomically", fail)
         assert rig.lockstep.ask(requests.BASE_STOP).mode == "stopped"
         rig.run(6.0)
+        assert healths[-1].state == "degraded"
+        assert "would be forgotten if base restarted" in healths[-1].message
+        assert "No space left on device" in healths[-1].message
     rig.run(6.0)
+    assert healths[-1].state == "ok"
     rig.restart()
     rig.run(0.1)
     assert rig.state.mode == "stopped"
@@ -131,11 +136,14 @@ def test_a_stop_is_answered_though_the_disk_hangs(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rig.base, "work", lambda fn, then: None)
+    healths = rig.lockstep.record(topics.HEALTH, "base")
     replies = ask_to_stop(rig)
     rig.run(0.8)
     assert replies == []
     rig.run(0.4)
     assert [json.loads(reply.payload)["mode"] for reply in replies] == ["stopped"]
+    rig.run(1.0)
+    assert "the disk does not answer" in healths[-1].message
 
 
 def ask_to_stop(rig: Rig) -> list[Reply]:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from trolley.runtime.service import Service, every
+from trolley.state_file import reason_of
 from trolley_base.persistence import LATCH_FILE, SavedLatch
 
 Then = Callable[[], None]
@@ -34,11 +35,22 @@ class EstopLatch:
         self._service = service
         self._saved: bool | None = False
         """What the disk holds; None where that is not known."""
+        self._why_not_saved = ""
         self._is_writing = False
         self._served: list[_Waiter] = []
         """Who waits for the write that is under way."""
         self._waiting: list[_Waiter] = []
         """Who waits for a later write."""
+
+    @property
+    def problem(self) -> str:
+        """Say why a restart of base would forget the stop; "" if it is saved or there is none."""
+        if not self.is_set or not self._why_not_saved:
+            return ""
+        return (
+            "The stop holds now, but would be forgotten if base restarted, since it could not be "
+            f"saved: {self._why_not_saved}."
+        )
 
     def load(self) -> None:
         """Take over what the last run saved; an unreadable file may have said "stopped"."""
@@ -64,6 +76,8 @@ class EstopLatch:
         late = [one for one in (*self._served, *self._waiting) if now_ns >= one.deadline_ns]
         self._served = [one for one in self._served if one not in late]
         self._waiting = [one for one in self._waiting if one not in late]
+        if late:
+            self._why_not_saved = "the disk does not answer"
         for one in late:
             one.then()
 
@@ -82,10 +96,11 @@ class EstopLatch:
         def written(error: OSError | None) -> None:
             self._is_writing = False
             self._saved = value if error is None else None
+            self._why_not_saved = "" if error is None else reason_of(error)
             if error is not None:
                 self._service.count("state/not_saved")
                 self._service.log.limited(
-                    LATCH_FILE, "Not saved", file=LATCH_FILE, why=error.strerror
+                    LATCH_FILE, "Not saved", file=LATCH_FILE, why=self._why_not_saved
                 )
             served, self._served = self._served, []
             for one in served:
