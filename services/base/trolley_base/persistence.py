@@ -10,11 +10,19 @@ TIME_FILE, LATCH_FILE, WORLD_FILE = "base_time.toml", "base_stop.toml", "base_wo
 SAFETY_NS = 120_000_000_000
 """A run begins at least this much after the last saved value, which is at most half as old [ns]."""
 
+LATEST_NS = 7_258_118_400_000_000_000
+"""The year 2200; a later saved time is a mistake. Stamps end in 2262, in signed 64 bits [ns]."""
+
 
 class SavedTime(Struct, frozen=True, kw_only=True):
     """Robot time, so that it never goes back even if the host's clock does."""
 
     stamp_ns: StampNs
+
+    def __post_init__(self) -> None:
+        """Refuse a time from which no run could begin."""
+        if self.stamp_ns > LATEST_NS:
+            raise ValueError(f"stamp_ns {self.stamp_ns} lies beyond the year 2200")
 
 
 class SavedLatch(Struct, frozen=True, kw_only=True):

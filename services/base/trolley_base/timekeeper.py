@@ -3,7 +3,7 @@
 from trolley import topics
 from trolley.messages import Clock
 from trolley.runtime.service import Service, every
-from trolley_base.persistence import TIME_FILE, SavedTime, first_stamp_ns
+from trolley_base.persistence import LATEST_NS, TIME_FILE, SavedTime, first_stamp_ns
 from trolley_base.robot_clock import Beat, RobotClock
 
 CLOCK_S = 0.1
@@ -42,7 +42,7 @@ class Timekeeper:
 
     def save(self, now_ns: int) -> None:
         """Save robot time."""
-        self._service.save(TIME_FILE, SavedTime(stamp_ns=now_ns))
+        self._service.save(TIME_FILE, SavedTime(stamp_ns=min(now_ns, LATEST_NS)))
 
     @every(CLOCK_S, clock="local")
     def publish_clock(self) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from trolley import requests
+from trolley import requests, topics
 from trolley.config import ConfigError
 from trolley_base.service import BaseService
 
@@ -62,6 +62,22 @@ def test_a_broken_state_file_is_kept_aside_and_the_robot_starts(
     rig.drive(1.0, 0.3)
     assert rig.truth.twist.vx > 0.2
     assert len(list(folder.glob("*.broken-*"))) == 3
+
+
+@pytest.mark.parametrize("stamp_ns", [2**63 - 1, 9_223_372_036_000_000_000])
+def test_a_saved_time_centuries_ahead_is_kept_aside_and_the_robot_starts(
+    make_rig: MakeRig, tmp_path: Path, stamp_ns: int
+) -> None:
+    rig = make_rig()
+    folder = tmp_path / "state" / "trolley"
+    (folder / "base_time.toml").write_text(f"stamp_ns = {stamp_ns}\n")
+    healths = rig.lockstep.record(topics.HEALTH, "base")
+    rig.restart()
+    rig.drive(1.0, 0.3)
+    assert rig.truth.twist.vx > 0.2
+    assert "base_time.toml could not be read and was set aside." in healths[-1].message
+    (aside,) = folder.glob("base_time.toml.broken-*")
+    assert aside.read_text() == f"stamp_ns = {stamp_ns}\n"
 
 
 def test_a_latch_that_cannot_be_opened_may_have_said_stopped(
