@@ -1,6 +1,7 @@
 """What people may call places, tours, maps and zones, and how a name is written."""
 
 import unicodedata
+from collections.abc import Collection
 
 MAX_NAME_LENGTH = 64
 _EXTRAS = "_-."
@@ -35,3 +36,14 @@ def name_problem(name: str) -> str | None:
                 "'.'"
             )
     return None
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """Return a name for what cannot be stored under its own: `flat-2`, `flat-3`."""
+    stem, _, number = name.rpartition("-")
+    if not (stem and number.isdecimal()):
+        stem = name
+    count = 2
+    while (wanted := f"{stem[:58]}-{count}") in taken:
+        count += 1
+    return wanted

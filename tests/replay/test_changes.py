@@ -16,9 +16,10 @@ from trolley import requests, topics
 from trolley.codes import EXISTS, UNKNOWN_NAME, Refused
 from trolley.geometry import Twist2D
 from trolley.gridmap import save_map
-from trolley.map_editing.proposals import free_name, ops_of
+from trolley.map_editing.proposals import ops_of
 from trolley.messages import EditMap, MapChange, MapChanges, OccupancyGrid, VelocityCommand
 from trolley.messages.request_params import Named, WhichChange
+from trolley.names import free_name
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService

@@ -10,8 +10,9 @@ from trolley.cli.robots import known, one_robot, reports_errors
 from trolley.cli.show import print_json, print_table
 from trolley.client import Robot
 from trolley.codes import Refused
-from trolley.map_editing.proposals import first_that_fit, free_name, ops_of
+from trolley.map_editing.proposals import first_that_fit, ops_of
 from trolley.messages import EditMap, MapChange, MapChanges, MapEdited, request_params
+from trolley.names import free_name
 
 ALL = "all"
 

@@ -1,6 +1,6 @@
 """What accepting proposed changes does to a map."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 from trolley.messages.editing import MAX_OPS, DrawWall, EraseStroke, MapOp
 from trolley.messages.map_changes import MapChange
@@ -37,14 +37,3 @@ def first_that_fit(changes: Sequence[MapChange]) -> list[MapChange]:
             break
         kept.append(change)
     return kept
-
-
-def free_name(name: str, taken: Collection[str]) -> str:
-    """Return a name for a changed map that must not be stored under its own: `flat-2`, `flat-3`."""
-    stem, _, number = name.rpartition("-")
-    if not (stem and number.isdecimal()):
-        stem = name
-    count = 2
-    while (wanted := f"{stem[:58]}-{count}") in taken:
-        count += 1
-    return wanted

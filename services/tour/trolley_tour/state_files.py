@@ -22,6 +22,17 @@ class StateFiles:
         """Read a file, None where there is none or it cannot be used."""
         return self._service.state.read(name, kind)
 
+    def say_doubled(self, name: str, doubled: list[str]) -> None:
+        """Say, until the file is saved, which names stood in it more than once."""
+        if doubled:
+            listed = ", ".join(map(repr, dict.fromkeys(doubled)))
+            sentence = (
+                f"{name} has several entries called {listed}: the first keeps the name, the others "
+                "got numbers."
+            )
+            self._service.log.warning(sentence)
+            self._problems.set(name, sentence)
+
     def save(self, name: str, content: Struct, then: Callable[[str | None], None]) -> None:
         """Save a file, then call back with None, or a sentence on why it could not be saved."""
 

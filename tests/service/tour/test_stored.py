@@ -203,6 +203,29 @@ def test_a_file_of_nothing_known_is_not_taken_for_no_places(empty: "Home", conte
     assert [aside.read_text() for aside in asides] == [content] * 2
 
 
+def test_of_places_with_one_name_none_is_lost(empty: "Home"):
+    empty.lockstep.ask(requests.POSES_PUT, PLACE)
+    file = empty.lockstep.state / "trolley" / "poses.toml"
+    schema, entry = file.read_text().split("\n", 1)
+    other, third = entry.replace("x = 1.0", "x = 3.0"), entry.replace("kitchen", "kitchen-2")
+    file.write_text("\n".join([schema, entry, other, third]))
+    health = empty.lockstep.record(topics.HEALTH, "tour")
+    empty.restart_tour()
+    empty.lockstep.run(1.5)
+    items = empty.tour.places.items
+    assert {name: place.pose.x for name, place in items.items()} == {
+        "kitchen": 1.0,
+        "kitchen-3": 3.0,
+        "kitchen-2": 1.0,
+    }
+    assert health[-1].state == "degraded"
+    assert "poses.toml has several entries called 'kitchen'" in health[-1].message
+    empty.lockstep.ask(requests.POSES_DELETE, Named(name="kitchen-3"))
+    empty.lockstep.run(1.5)
+    assert health[-1].state == "ok"
+    assert "3.0" not in file.read_text()
+
+
 def test_file_that_cannot_be_opened_is_kept_aside_too(empty: "Home"):
     path = empty.lockstep.state / "trolley" / "poses.toml"
     path.unlink(missing_ok=True)

@@ -12,7 +12,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, Stop, Tour
 from trolley.messages.mapping import MAP_NAME
 from trolley.messages.types import fit_into_a_message
-from trolley.names import canonical, name_problem
+from trolley.names import canonical, free_name, name_problem
 from trolley.suggestions import did_you_mean
 
 T = TypeVar("T", SavedPose, Tour)
@@ -147,10 +147,21 @@ def without_item(items: Mapping[str, T], name: str) -> tuple[dict[str, T], T]:
     return rest, found
 
 
-def by_name(items: list[T]) -> dict[str, T]:
-    """The values read from a file, by their names in NFC."""
+def by_name(items: list[T]) -> tuple[dict[str, T], list[str]]:
+    """The values read from a file, by their names in NFC; and which names several of them had.
+
+    Of these the first keeps the name, the later ones get a number: `kitchen-2`.
+    """
     names = [canonical(item.name) for item in items]
-    return {name: structs.replace(item, name=name) for name, item in zip(names, items, strict=True)}
+    found: dict[str, T] = {}
+    doubled: list[str] = []
+    for name, item in zip(names, items, strict=True):
+        own = name
+        if name in found:
+            doubled.append(name)
+            own = free_name(name, {*names, *found})
+        found[own] = structs.replace(item, name=own)
+    return found, doubled
 
 
 def find_place(poses: Mapping[str, SavedPose], name: str, map_name: str | None) -> Pose2D:

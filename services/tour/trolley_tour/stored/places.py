@@ -35,7 +35,8 @@ class Places:
     def start(self) -> None:
         """Read what is stored and publish it."""
         file = self._files.read(POSES_FILE, checks.PosesFile)
-        self._store.items = checks.by_name(file.poses if file else [])
+        self._store.items, doubled = checks.by_name(file.poses if file else [])
+        self._files.say_doubled(POSES_FILE, doubled)
         self._publish()
 
     @property

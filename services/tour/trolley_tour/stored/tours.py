@@ -32,7 +32,8 @@ class Tours:
     def start(self) -> None:
         """Read what is stored and publish it."""
         file = self._files.read(TOURS_FILE, checks.ToursFile)
-        self._store.items = checks.by_name(file.tours if file else [])
+        self._store.items, doubled = checks.by_name(file.tours if file else [])
+        self._files.say_doubled(TOURS_FILE, doubled)
         self._publish()
 
     @property

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.map_editing.proposals import first_that_fit, free_name, ops_of
+from trolley.map_editing.proposals import first_that_fit, ops_of
 from trolley.messages import EditMap, MapChange, MapEdited, TakeBack
 from trolley.messages.request_params import Nothing, WhichChange
+from trolley.names import free_name
 from trolley.runtime.service import Service
 from trolley_viz.controls.undo import Step
 from trolley_viz.features.driving.robot_actions import RobotActions

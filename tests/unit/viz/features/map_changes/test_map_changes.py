@@ -7,9 +7,10 @@ from support.pages import PageOf, page_of
 
 from trolley import requests, topics
 from trolley.codes import EXISTS, UNKNOWN_NAME, Refused
-from trolley.map_editing.proposals import first_that_fit, free_name, ops_of
+from trolley.map_editing.proposals import first_that_fit, ops_of
 from trolley.messages import EditMap, MapChange, MapChanges, MapEdited
 from trolley.messages.request_params import Nothing, WhichChange
+from trolley.names import free_name
 from trolley.runtime.service import Service, answers
 from trolley_viz.features.map_changes.panel import ACCEPT, LATER, NEVER
 
