@@ -143,6 +143,8 @@ class MapServer:
         self._user = user
         self._seed = 0
         self._failure = ""
+        self._gone = ""
+        """Says that the map of the last run is gone, until another is chosen."""
         self.current: LoadedMap | None = None
 
     @property
@@ -182,11 +184,11 @@ class MapServer:
     def say_health(self) -> None:
         """Say in `health` whether a map is missing."""
         if self._lease.is_held or self.current is not None:
-            self._service.set_health("ok")
+            self._service.set_health("degraded" if self._gone else "ok", self._gone)
         elif self._failure:
-            self._service.set_health("failed", self._failure)
+            self._service.set_health("failed", f"{self._failure} {self._gone}".strip())
         else:
-            self._service.set_health("degraded", NO_MAP)
+            self._service.set_health("degraded", self._gone or NO_MAP)
 
     def ready(self) -> LoadedMap:
         """Return the map in use.
@@ -208,12 +210,15 @@ class MapServer:
         """Return the map to begin with: the last loaded, unless the configuration changed."""
         chosen = self._service.state.read(CHOSEN_MAP_FILE, ChosenMap)
         configured = self._store.configured_name
-        if (
-            chosen is not None
-            and chosen.configured == configured
-            and self._store.file_of(chosen.name) is not None
-        ):
+        if chosen is None or chosen.configured != configured:
+            return configured
+        if self._store.file_of(chosen.name) is not None:
             return chosen.name
+        self._gone = (
+            f"The map {chosen.name!r} of the last run is gone from {self._service.maps.path}: put "
+            "it back or choose another, and load it (`trolley map load NAME`)."
+        )
+        self._service.log.warning(self._gone)
         return configured
 
     def _read_map(self, name: str, then: Callable[[LoadedMap | MapError], None]) -> None:
@@ -278,6 +283,7 @@ class MapServer:
         # On a map that was handed over without a pose, one's own old pose means nothing.
         pose = given or (None if self._lease.is_held else self._user.pose_to_keep())
         self._lease.end_with_map(params.name)
+        self._gone = ""
         self._use(result)
         result.localizer.suspect_mirrors([np.array(line) for line in params.mirrors])
         if pose is not None and result.localizer.pose_problem(pose) is None:

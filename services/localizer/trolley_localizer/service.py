@@ -182,7 +182,7 @@ class LocalizerService(Service):
         self._start_pose.cancel()
         self._publisher.begin_on_map(loaded.name)
         self._publish_map()
-        self.set_health("ok")
+        self._maps.say_health()
         self.log.info("Map loaded", map=loaded.name, zones=len(self._zones.zones))
 
     def begin_on_map(self, loaded: LoadedMap) -> None:

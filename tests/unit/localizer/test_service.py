@@ -430,6 +430,29 @@ def test_maps_are_listed_and_changed_with_the_pose_kept(
     assert robot.maps[-1].name == "newer"
 
 
+@pytest.mark.parametrize(("settings", "instead"), [({}, ["flat"]), ({"map": {}}, [])])
+def test_a_map_of_the_last_run_that_is_gone_is_named_until_another_is_loaded(
+    make_robot: MakeRobot, flat: GridMap, settings: dict[str, Any], instead: list[str]
+) -> None:
+    robot = make_robot(**settings)
+    folder = robot.folder / "state" / "maps"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("newer", "other"):
+        save_map(GridMap(name, flat.resolution, flat.origin, flat.cells), folder / f"{name}.yaml")
+    robot.bus.ask(requests.MAP_LOAD, LoadMap(name="newer"))
+    robot.bus.close()
+    (folder / "newer.yaml").unlink()
+    robot.begin()
+    health = robot.bus.record(topics.HEALTH, "localizer")
+    robot.drive(1.1)
+    assert [grid.name for grid in robot.maps] == instead
+    assert health[-1].state == "degraded"
+    assert "'newer' of the last run is gone" in health[-1].message
+    robot.bus.ask(requests.MAP_LOAD, LoadMap(name="other"))
+    robot.drive(1.1)
+    assert health[-1].state == "ok"
+
+
 def test_mirrors_that_are_told_with_a_map_are_suspected_until_they_are_drawn(
     make_robot: MakeRobot, flat: GridMap
 ) -> None:
