@@ -192,12 +192,18 @@ def test_no_map_is_turned_to_where_no_message_can_hold_it(home: Home) -> None:
     assert home.poses[-1].state == "localized"
 
 
-def test_a_preview_stores_nothing(home: Home) -> None:
+def test_a_preview_stores_nothing_and_logs_no_edit(
+    home: Home, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
     before = home.files()
     params = EditMap(name="flat", ops=[Turn(angle=0.2)], preview=True)
     reply = home.ask(requests.MAP_EDIT, params)
     assert (reply.state, reply.version) == ("preview", None)
     assert home.files() == before
+    assert "Map edited" not in caplog.text
+    home.edit(Turn(angle=0.2))
+    assert "Map edited" in caplog.text
 
 
 def test_another_robot_on_the_map_is_not_led_astray(home: Home) -> None:

@@ -166,7 +166,8 @@ class MapEditor:
         if isinstance(result, Refused):
             self._finish(task, result)
             return
-        self._service.log.info("Map edited", map=result.reply.name, what=result.reply.message)
+        if not task.params.preview:
+            self._service.log.info("Map edited", map=result.reply.name, what=result.reply.message)
         if result.plan is None:
             self._finish(task, result.reply)
             return
