@@ -224,7 +224,8 @@ SMALL = GridMap("flat", 0.05, Pose2D.identity(), np.zeros((20, 20), np.int8))
         (DrawWall(points=[(-4e3, 0.0), (4e3, 0.0)] * 20), codes.TOO_LARGE),
         (DrawWall(points=[(0.0, float("inf"))]), codes.BAD_REQUEST),
         (Turn(angle=float("nan")), codes.BAD_REQUEST),
-        (Turn(angle=1e9), codes.OUTSIDE_MAP),
+        (Turn(angle=1e300), codes.BAD_REQUEST),
+        (Turn(angle=90.0), codes.BAD_REQUEST),
         (Crop(corners=((5.0, 5.0), (6.0, 6.0))), codes.OUTSIDE_MAP),
         (Crop(corners=((0.0, 0.0), (float("nan"), 1.0))), codes.BAD_REQUEST),
         (Merge(name="other"), codes.BAD_REQUEST),
@@ -234,6 +235,13 @@ def test_what_makes_no_sense_is_refused(op: object, code: str) -> None:
     with pytest.raises(Refused) as refused:
         apply(SMALL, op)  # type: ignore[arg-type]
     assert refused.value.code == code
+
+
+def test_an_angle_in_degrees_is_told_to_be_in_radians() -> None:
+    with pytest.raises(Refused, match="angles are in radians"):
+        apply(SMALL, Turn(angle=90.0))
+    with pytest.raises(Refused, match="angles are in radians"):
+        merge(SMALL, SMALL, Pose2D(0.0, 0.0, 90.0))
 
 
 def test_a_map_that_would_grow_too_large_is_refused_before_it_is_made() -> None:

@@ -18,7 +18,7 @@ plain_cells = hnp.arrays(np.int8, shapes, elements=st.sampled_from([-1, 0, 100])
 graded_cells = hnp.arrays(np.int8, shapes, elements=st.integers(-1, 100))
 finite = st.floats(-1e6, 1e6)
 origins = st.builds(Pose2D, finite, finite, st.floats(-math.pi, math.pi, exclude_min=True))
-resolutions = st.floats(0.001, 10.0)
+resolutions = st.floats(0.001, 1.0)
 
 # What each mode can hold, and in which images.
 WRITTEN = st.one_of(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from trolley.geometry import Pose2D, pose_from_quaternion
+from trolley.geometry import Pose2D, angle_problem, pose_from_quaternion
 from trolley.geometry.pose import Finite
 from trolley.messages.motion import Drive, RobotName
 from trolley.messages.types import Point
@@ -78,9 +78,11 @@ class PoseConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     orientation: tuple[Finite, Finite, Finite, Finite] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse two headings or none, and a rotation that is not about z."""
+        """Refuse two headings or none, one in degrees, and a rotation that is not about z."""
         if (self.yaw is None) == (self.orientation is None):
             raise ValueError("give either yaw or orientation = [x, y, z, w]")
+        if self.yaw is not None and (problem := angle_problem(self.yaw)):
+            raise ValueError(f"yaw {problem}")
         self.as_pose()
 
     def as_pose(self) -> Pose2D:

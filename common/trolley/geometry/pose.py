@@ -21,6 +21,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 TWO_PI = 2.0 * math.pi
+_MOST_RAD = 6.3
+"""A full turn, rounded up: a larger angle that somebody writes is taken for degrees [rad]."""
+
+
+def angle_problem(angle: float) -> str:
+    """Say why an angle that somebody wrote is not believed; "" if it may be in radians."""
+    if abs(angle) <= _MOST_RAD:
+        return ""
+    return f"{angle:g} is more than a full turn: angles are in radians (90 degrees are 1.5708)"
 
 
 def wrap_angle(angle: float) -> float:

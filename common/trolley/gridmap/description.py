@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from trolley.files import read_file
-from trolley.geometry import Pose2D, wrap_angle
+from trolley.geometry import Pose2D, angle_problem, wrap_angle
 from trolley.messages.mapping import MAX_ORIGIN_M
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -89,7 +89,7 @@ def read_description(file: Path) -> MapDescription:
             file, f"the mode {_shown(mode)} is unknown", f"use one of {', '.join(MODES)}"
         )
     resolution = _number(file, keys, "resolution")
-    if not 0.001 <= resolution <= 10.0:
+    if not 0.001 <= resolution <= 1.0:
         raise MapError(
             file, f"a resolution of {resolution:g} m per pixel is not usable", "0.05 is usual"
         )
@@ -226,6 +226,8 @@ def _origin(file: Path, value: object) -> Pose2D:
             f"the origin lies too far away ({_shown(value)})",
             f"use coordinates of at most {MAX_ORIGIN_M:.0f} m",
         )
+    if problem := angle_problem(numbers[2]):
+        raise MapError(file, f"the yaw of 'origin' {problem}", f"write '{_EXAMPLES['origin']}'")
     return Pose2D(numbers[0], numbers[1], wrap_angle(numbers[2]))
 
 

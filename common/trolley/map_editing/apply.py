@@ -6,7 +6,7 @@ import numpy as np
 
 from trolley import codes
 from trolley.codes import Refused
-from trolley.geometry import Pose2D
+from trolley.geometry import Pose2D, angle_problem
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley.map_editing.resample import check_size, known_box, part_of, resample
 from trolley.map_editing.strokes import polygon_mask, stroke_mask
@@ -61,9 +61,10 @@ def turn(
         The turned map, trimmed to what is known, and old_T_new.
 
     Raises:
-        Refused: numbers that are not finite, or the map would be too large.
+        Refused: numbers that are not finite, more than a full turn, or the map would be too large.
     """
-    _refuse_odd_numbers(angle, *about)
+    _refuse_odd_angle(angle)
+    _refuse_odd_numbers(*about)
     x, y = about
     new_T_old = Pose2D(x, y, angle).wrapped() @ Pose2D(-x, -y, 0.0)
     known = part_of(grid, known_box(grid.cells))
@@ -117,7 +118,8 @@ def merge(grid: GridMap, other: GridMap, this_T_other: Pose2D) -> GridMap:
     Raises:
         Refused: the map would be too large, or the pose is out of this world.
     """
-    _refuse_odd_numbers(this_T_other.x, this_T_other.y, this_T_other.yaw)
+    _refuse_odd_angle(this_T_other.yaw)
+    _refuse_odd_numbers(this_T_other.x, this_T_other.y)
     known = part_of(other, known_box(other.cells))
     corners = grid.world_to_grid(this_T_other.transform_points(known.corners())) / grid.resolution
     col0, row0 = np.minimum(np.floor(corners.min(axis=0) + 1e-6), 0).astype(np.int64).tolist()
@@ -150,3 +152,9 @@ def _refuse_odd_numbers(*values: float) -> None:
         raise Refused(codes.BAD_REQUEST, "Numbers must be finite.")
     if max(abs(value) for value in values) > _MAX_M:
         raise Refused(codes.OUTSIDE_MAP, "That is too far away.")
+
+
+def _refuse_odd_angle(angle: float) -> None:
+    problem = angle_problem(angle)
+    if problem:
+        raise Refused(codes.BAD_REQUEST, f"{problem}.")

@@ -63,6 +63,10 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
         ("[zenoh]\ndownsample = {pose = 1.0}", "`downsample` knows scan"),
         ("[zenoh]\ndownsample = {scan = 0.0}", "[zenoh.downsample"),
         ("[start]\npose = {x = 1.0, y = 2.0}", "yaw or orientation"),
+        (
+            "[start]\npose = {x = 1.0, y = 2.0, yaw = 90}",
+            "[start.pose] yaw 90 is more than a full turn: angles are in radians",
+        ),
         ("[start]\npose = {x = 1.0, y = 2.0, yaw = nan}", "[start"),
         ("[start]\npose = {x = 1.0, y = 2.0, orientation = [1.0, 0.0, 0.0, 1.0]}", "tilted"),
         ("[robot]\n", "TOML"),
@@ -127,4 +131,4 @@ def test_the_file_is_found_where_it_is_named(tmp_path: Path):
 def test_a_pose_may_be_given_as_a_quaternion():
     straight = PoseConfig(x=1.0, y=2.0, orientation=(0.0, 0.0, 2.0, 2.0)).as_pose()
     assert straight.yaw == pytest.approx(math.pi / 2)
-    assert PoseConfig(x=1.0, y=2.0, yaw=3 * math.pi).as_pose().yaw == pytest.approx(math.pi)
+    assert PoseConfig(x=1.0, y=2.0, yaw=1.5 * math.pi).as_pose().yaw == pytest.approx(-math.pi / 2)
