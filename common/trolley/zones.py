@@ -14,7 +14,7 @@ from trolley.geometry.polygon import (
     polygon_contains,
     signed_area,
 )
-from trolley.messages.mapping import PoseEstimate, Zone, ZoneKind, Zones
+from trolley.messages.mapping import MAX_COORDINATE_M, PoseEstimate, Zone, ZoneKind, Zones
 from trolley.messages.types import Point, fit_into_a_message
 from trolley.names import canonical, name_problem
 
@@ -61,6 +61,11 @@ def check_zone(zone: Zone, name: str) -> Zone:
             codes.BAD_REQUEST, f"The zone calls itself {zone.name!r} but its key says {name!r}."
         )
     points = np.array(zone.points, dtype=np.float64)
+    if np.abs(points).max() > MAX_COORDINATE_M:
+        raise Refused(
+            codes.BAD_REQUEST,
+            f"Zone {name!r}: coordinates may be {MAX_COORDINATE_M:.0f} m at most.",
+        )
     if zone.kind in LINE_KINDS:
         if np.hypot(*np.diff(points, axis=0).T).sum() < _SAME_POINT_M:
             raise Refused(codes.BAD_REQUEST, f"The {zone.kind} line {name!r} has no length.")

@@ -13,7 +13,7 @@ from trolley import messages, requests, topics
 from trolley.geometry import Pose2D
 from trolley.messages import request_params
 from trolley.messages.arrays import ARRAY_FIELDS
-from trolley.messages.mapping import MAX_ORIGIN_M
+from trolley.messages.mapping import MAX_COORDINATE_M
 
 MAX_ITEMS = 3
 INT64 = 2**63 - 1
@@ -115,7 +115,7 @@ def _grid(kind: type[msgspec.Struct]) -> st.SearchStrategy[Any]:
     def sized(size: tuple[int, int]) -> st.SearchStrategy[Any]:
         width, height = size
         cells = st.binary(min_size=width * height, max_size=width * height).map(memoryview)
-        far = st.floats(-MAX_ORIGIN_M, MAX_ORIGIN_M)
+        far = st.floats(-MAX_COORDINATE_M, MAX_COORDINATE_M)
         origin = st.builds(Pose2D, far, far, st.floats(-7.0, 7.0))
         size_of = {"width": st.just(width), "height": st.just(height)}
         return _built(kind, cells=cells, origin=origin, **size_of)

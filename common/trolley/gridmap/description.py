@@ -14,7 +14,7 @@ from typing import Any, Literal, cast
 
 from trolley.files import read_file
 from trolley.geometry import Pose2D, angle_problem, wrap_angle
-from trolley.messages.mapping import MAX_ORIGIN_M
+from trolley.messages.mapping import MAX_COORDINATE_M
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")
@@ -220,11 +220,11 @@ def _origin(file: Path, value: object) -> Pose2D:
             f"'origin' must be a list of three numbers x, y, yaw, not {_shown(value)}",
             f"write '{_EXAMPLES['origin']}'",
         )
-    if max(abs(numbers[0]), abs(numbers[1])) > MAX_ORIGIN_M:
+    if max(abs(numbers[0]), abs(numbers[1])) > MAX_COORDINATE_M:
         raise MapError(
             file,
             f"the origin lies too far away ({_shown(value)})",
-            f"use coordinates of at most {MAX_ORIGIN_M:.0f} m",
+            f"use coordinates of at most {MAX_COORDINATE_M:.0f} m",
         )
     if problem := angle_problem(numbers[2]):
         raise MapError(file, f"the yaw of 'origin' {problem}", f"write '{_EXAMPLES['origin']}'")

@@ -11,9 +11,9 @@ from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley.map_editing.resample import check_size, known_box, part_of, resample
 from trolley.map_editing.strokes import polygon_mask, stroke_mask
 from trolley.messages.editing import Crop, DrawWall, EraseArea, EraseStroke, MapOp, Turn
+from trolley.messages.mapping import MAX_COORDINATE_M
 
 _VALUES = {"free": FREE, "unknown": UNKNOWN}
-_MAX_M = 1e6
 
 
 def apply(grid: GridMap, op: MapOp) -> tuple[GridMap, Pose2D]:
@@ -150,7 +150,7 @@ def _own(grid: GridMap) -> GridMap:
 def _refuse_odd_numbers(*values: float) -> None:
     if not all(math.isfinite(value) for value in values):
         raise Refused(codes.BAD_REQUEST, "Numbers must be finite.")
-    if max(abs(value) for value in values) > _MAX_M:
+    if max(abs(value) for value in values) > MAX_COORDINATE_M:
         raise Refused(codes.OUTSIDE_MAP, "That is too far away.")
 
 

@@ -26,7 +26,8 @@ Size = Annotated[int, Meta(ge=1, le=2**31 - 1)]
 
 Edge = Annotated[float, Meta(ge=1e-4, le=1e3)]
 """Edge of a cell [m]: between these nothing overflows."""
-MAX_ORIGIN_M = 1e6
+MAX_COORDINATE_M = 1e6
+"""Largest x or y of a map's origin, a saved place or a zone [m]: farther off, digits are lost."""
 
 ZoneKind = Literal["mirror", "glass", "keepout", "speed", "room"]
 PoseState = Literal["searching", "localized", "unsure", "lost", "mapping"]
@@ -57,8 +58,8 @@ class OccupancyGrid(Struct, frozen=True, kw_only=True):
                 f"OccupancyGrid.cells: {len(self.cells)} bytes "
                 f"for {self.width} x {self.height} cells"
             )
-        if max(abs(self.origin.x), abs(self.origin.y)) > MAX_ORIGIN_M:
-            raise ValueError(f"OccupancyGrid.origin: more than {MAX_ORIGIN_M:g} m away")
+        if max(abs(self.origin.x), abs(self.origin.y)) > MAX_COORDINATE_M:
+            raise ValueError(f"OccupancyGrid.origin: more than {MAX_COORDINATE_M:g} m away")
 
 
 class Zone(Struct, frozen=True, kw_only=True):

@@ -102,6 +102,7 @@ def test_what_is_stored_survives_a_kill(empty: "Home"):
         ("poses/..", {"map": "a", "pose": {"x": 1, "y": 2, "yaw": 0}}),
         ("poses/kitchen", {"map": "../etc", "pose": {"x": 1, "y": 2, "yaw": 0}}),
         ("poses/kitchen", {"map": "a", "pose": {"x": None, "y": 2, "yaw": 0}}),
+        ("poses/kitchen", {"map": "a", "pose": {"x": 1e300, "y": 2, "yaw": 0}}),
         ("poses/kitchen", {"map": "a"}),
         ("poses/kitchen", {"map": "a", "pose": {"x": 1, "y": 2, "yaw": 0}, "saved_at": "noon"}),
         ("poses/" + 65 * "a", {"map": "a", "pose": {"x": 1, "y": 2, "yaw": 0}}),

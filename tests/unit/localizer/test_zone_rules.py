@@ -30,6 +30,8 @@ def test_the_name_of_the_key_is_normalised_and_rules() -> None:
         (Zone(name="a", kind="mirror", points=[(1.0, 1.0), (1.0, 1.0)]), "a"),
         (Zone(name="a", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0)]), "a"),
         (Zone(name="a", kind="keepout", points=BOW_TIE), "a"),
+        (Zone(name="a", kind="keepout", points=[(0.0, 0.0), (1e300, 0.0), (0.0, 1e300)]), "a"),
+        (Zone(name="a", kind="mirror", points=[(-1e308, 0.0), (1e308, 0.0)]), "a"),
         (Zone(name="a", kind="speed", points=SQUARE), "a"),
         (Zone(name="a", kind="keepout", points=SQUARE, speed=0.2), "a"),
     ],

@@ -10,7 +10,7 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, Stop, Tour
-from trolley.messages.mapping import MAP_NAME
+from trolley.messages.mapping import MAP_NAME, MAX_COORDINATE_M
 from trolley.messages.types import fit_into_a_message
 from trolley.names import canonical, free_name, name_problem
 from trolley.suggestions import did_you_mean
@@ -87,6 +87,10 @@ def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> Save
         raise Refused(codes.NOT_READY, "No map is loaded yet; say which map the pose is on.")
     if not MAP_NAME.fullmatch(on_map):
         raise Refused(codes.BAD_REQUEST, f"{on_map!r} is not a valid map name.")
+    if max(abs(pose.pose.x), abs(pose.pose.y)) > MAX_COORDINATE_M:
+        raise Refused(
+            codes.BAD_REQUEST, f"Coordinates may be {MAX_COORDINATE_M:.0f} m at most.", name=name
+        )
     if max(len(pose.icon), len(pose.note)) > MAX_TEXT:
         raise Refused(codes.TOO_LARGE, f"Icon and note may have {MAX_TEXT} characters at most.")
     if pose.saved_at is not None and parse_utc(pose.saved_at) is None:
