@@ -160,6 +160,6 @@ $(STAMPS)/members: $(STAMPS)/packages $(MEMBER_FILES)
 	@touch $@
 
 $(STAMPS)/kernels: $(STAMPS)/members $(KERNEL_FILES)
-	@echo "Compiling the kernels (numba keeps them; some ten seconds the first time) ..."
+	@echo "Compiling the kernels (numba keeps them; one to four minutes the first time) ..."
 	@$(BIN)/python -m trolley.warmup
 	@touch $@
