@@ -4,6 +4,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -226,13 +227,14 @@ def validate(
             the places where the path would be too narrow.
     """
     costmap = context.costmap
-    for pose in (goal.pose, *goal.vias):
+    vias = ((via, f"The {_via_in_words(via)}") for via in goal.vias)
+    for pose, place in ((goal.pose, "That place"), *vias):
         in_grid = costmap.to_grid(pose)
         if not costmap.contains(in_grid.x, in_grid.y):
-            raise Refused(codes.OUTSIDE_MAP)
+            raise Refused(codes.OUTSIDE_MAP, f"{place} lies outside the map.")
         zones = costmap.static.keepouts_at(pose.x, pose.y)
         if zones:
-            raise Refused(codes.KEEPOUT, f"That place lies in the keep-out zone {zones[0].name}.")
+            raise Refused(codes.KEEPOUT, f"{place} lies in the keep-out zone {zones[0].name}.")
     check_clearance(goal.pose, goal.tolerances, context, config)
     trouble = position_trouble(context, start)
     if trouble is not None:
@@ -244,7 +246,7 @@ def validate(
     goal_yaw = None if goal.tolerances.any_heading else targets[-1].yaw
     path = _first_path(context, here, targets, goal_yaw)
     if path is None:
-        raise _no_path(context, here, targets)
+        raise _no_path(context, here, targets, goal.vias)
     warning = codes.IN_PASSAGE if blocks_passage(context, targets[-1]) else ""
     return ValidatedGoal(replace(goal, warning=warning), path)
 
@@ -307,21 +309,37 @@ def _first_path(
     return planner.plan(start, points, weights, costmap.static.distance_m, yaws)
 
 
-def _no_path(context: PlanningContext, here: Pose2D, targets: list[Pose2D]) -> Refused:
-    """Return the refusal; it names the place that is too narrow, if that is why."""
+def _no_path(
+    context: PlanningContext, here: Pose2D, targets: list[Pose2D], vias: tuple[Pose2D, ...]
+) -> Refused:
+    """Return the refusal; it names the via point and the place that is too narrow, if that is why.
+
+    Args:
+        context: costmap and planner.
+        here: grid_T_base.
+        targets: via points and goal in `grid`.
+        vias: the same via points in the frame of the goals.
+    """
     planner, costmap = context.planner, context.costmap
-    points = [(target.x, target.y) for target in targets]
-    narrow = planner.too_narrow(
-        (here.x, here.y), points, planner.optimistic_weights(), costmap.static.distance_m
-    )
+    start, *points = [(pose.x, pose.y) for pose in (here, *targets)]
+    layers = planner.optimistic_weights(), costmap.static.distance_m
+    narrow = planner.too_narrow(start, points, *layers)
+    legs = zip(vias, pairwise([start, *points]), strict=False)
+    unreached = (via for via, (begin, end) in legs if planner.plan(begin, [end], *layers) is None)
+    to_via = next((f"to the {_via_in_words(via)}" for via in unreached), "there")
+    sentence = f"There is no path {to_via} for a robot of this size"
     if not narrow:
-        return Refused(codes.NO_PATH)
+        return Refused(codes.NO_PATH, f"{sentence}.")
     in_frame = costmap.frame_T_grid.transform_points(np.array(narrow))
     blocked = [(round(float(x), 3), round(float(y), 3)) for x, y in in_frame]
     x, y = blocked[0]
     where = f"it is too narrow at x {x:.2f}, y {y:.2f}"
-    sentence = f"There is no path there for a robot of this size: {where}."
-    return Refused(codes.NO_PATH, sentence, blocked=blocked)
+    return Refused(codes.NO_PATH, f"{sentence}: {where}.", blocked=blocked)
+
+
+def _via_in_words(via: Pose2D) -> str:
+    """Name a via point by its place: some may have been passed, so numbers would mislead."""
+    return f"via point at x {via.x:.2f}, y {via.y:.2f}"
 
 
 KEPT_GOALS = 32

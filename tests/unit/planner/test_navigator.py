@@ -403,6 +403,26 @@ def test_goals_that_cannot_be_are_refused(ride) -> None:
     assert refused(drive, SendGoal(name="kitchen")).code == codes.TOUR_NOT_RUNNING
 
 
+def test_a_via_point_that_cannot_be_is_named(ride) -> None:
+    walled = with_block(empty_room(), 5.0, 0.0, 1.0, 6.0)
+    drive = ride(Flatland(walled, START))
+    origin = drive.world.grid.origin
+
+    def refusal(*vias: Pose2D) -> Refused:
+        there = [origin @ via for via in (Pose2D(2.0, 4.5, 0.0), *vias)]
+        return refused(drive, SendGoal(pose=origin @ Pose2D(3.0, 3.0, 0.0), via=there))
+
+    for code, via, words in (
+        (codes.OUTSIDE_MAP, Pose2D(20.0, 3.0, 0.0), "The {} lies outside the map."),
+        (codes.NO_PATH, Pose2D(5.5, 3.0, 0.0), "There is no path to the {} for a robot of this"),
+        (codes.NO_PATH, Pose2D(7.0, 3.0, 0.0), "There is no path to the {} for a robot of this"),
+    ):
+        at = origin @ via
+        found = refusal(via)
+        assert found.code == code
+        assert found.message.startswith(words.format(f"via point at x {at.x:.2f}, y {at.y:.2f}"))
+
+
 def test_a_door_that_is_too_narrow_is_named(ride) -> None:
     drive = ride(Flatland(two_rooms(0.2), START))
     refusal = refused(drive, SendGoal(pose=drive.world.grid.origin @ Pose2D(6.5, 4.5, 0.0)))
