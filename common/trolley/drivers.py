@@ -330,4 +330,4 @@ def read_settings(plain: Mapping[str, Any], kind: type[S], table: str) -> S:
     try:
         return msgspec.convert(dict(plain), kind)
     except msgspec.ValidationError as error:
-        raise DriverUnusable(in_words_of_a_file(str(error), table)) from error
+        raise DriverUnusable(in_words_of_a_file(str(error), kind, table)) from error

@@ -3,6 +3,8 @@
 import re
 from typing import Any
 
+from msgspec import inspect as shapes
+
 from trolley.messages.driving import GoalId
 from trolley.messages.editing import EditId
 from trolley.messages.mapping import MapName
@@ -27,7 +29,17 @@ _TYPES = {
     "array": "a list",
     "object": "an object",
     "null": "nothing",
+    "None": "nothing",
 }
+_SENTENCES = {
+    "Input data was truncated": "it is cut short, or not valid JSON or msgpack",
+    "Integer value out of range": "the number is too large",
+    "Number out of range": "the number is too large",
+}
+_LARGE = 1e308
+"""A bound from here on only says that a number is finite."""
+_MOST_CHOICES = 8
+"""Where more words are allowed, a message does not list them."""
 _PATTERN = re.compile(r"Expected `str` matching regex '(.*)'\Z", re.DOTALL)
 _BOUNDS = {">=": "at least", ">": "more than", "<=": "at most", "<": "less than"}
 _ITEMS = {"str": "character", "array": "entry", "object": "key"}
@@ -35,37 +47,48 @@ _MANY = {"character": "characters", "entry": "entries", "key": "keys"}
 _KIND = re.compile(r"Expected `([^`]+)`, got `([^`]+)`\Z")
 _BOUND = re.compile(r"Expected `[^`]+` ([<>]=?) (\S+)\Z")
 _LENGTH = re.compile(r"Expected `([^`]+)` of length (?:([<>]=?) )?(\d+)(?:, got \d+)?\Z")
-_ENUM = re.compile(r"Invalid enum value (.+)\Z", re.DOTALL)
+_ENUM = re.compile(r"Invalid (?:enum )?value (.+)\Z", re.DOTALL)
 _UNKNOWN = re.compile(r"Object contains unknown field (`.*`)\Z", re.DOTALL)
 _MISSING = re.compile(r"Object missing required field (`.+`)\Z", re.DOTALL)
 
 
-def in_plain_words(problem: str) -> str:
+def in_plain_words(problem: str, kind: type) -> str:
     """What msgspec says is wrong, and with which field: `` `name`: text is needed, not a list ``.
 
     What has no plain words stays as it is.
+
+    Args:
+        problem: msgspec's words.
+        kind: what the value was to be.
     """
     text, _, where = problem.partition(" - at `$")
     name = where.rstrip("`").lstrip(".")
-    words = plain_words(text)
+    words = plain_words(text, _choices(kind, where))
     return f"`{name}`: {words}" if name else words
 
 
-def in_words_of_a_file(problem: str, table: str = "") -> str:
+def in_words_of_a_file(problem: str, kind: type, table: str = "") -> str:
     """What msgspec says is wrong with a file of tables: `[planner.speed] a number is needed`.
 
     Args:
         problem: msgspec's words.
+        kind: what was to be read.
         table: what was read of the file, such as `base.lidar.settings`; "" for all of it.
     """
     text, _, where = problem.partition(" - at `$")
     key = f"{table}{where.rstrip('`')}".lstrip(".")
-    words = plain_words(text, field="key")
+    words = plain_words(text, _choices(kind, where), field="key")
     return f"[{key}] {words}" if key else words
 
 
-def plain_words(text: str, field: str = "field") -> str:
-    """What is wrong, without where; `field` is what one entry is called there."""
+def plain_words(text: str, choices: list[str], field: str = "field") -> str:
+    """What is wrong, without where.
+
+    Args:
+        text: msgspec's words.
+        choices: the words that are allowed there, if it is one of some.
+        field: what one entry is called there.
+    """
     if found := _PATTERN.match(text):
         pattern = found[1].replace(r"\\", "\\")
         return _PATTERNS.get(pattern, f"it must match {pattern}")
@@ -76,6 +99,8 @@ def plain_words(text: str, field: str = "field") -> str:
         )
         return f"{needed} is needed, not {got}"
     if found := _BOUND.match(text):
+        if abs(float(found[2])) >= _LARGE:
+            return "it must be a finite number"
         return f"it must be {_BOUNDS[found[1]]} {found[2]}"
     if found := _LENGTH.match(text):
         kind, bound, count = found.groups()
@@ -83,9 +108,44 @@ def plain_words(text: str, field: str = "field") -> str:
         how_many = f"{count} {item if count == '1' else _MANY[item]}"
         return f"it must have {_BOUNDS[bound]} {how_many}" if bound else f"it must have {how_many}"
     if found := _ENUM.match(text):
-        return f"{found[1]} is not among the values that it may have"
+        if not 0 < len(choices) <= _MOST_CHOICES:
+            return f"{found[1]} is not among the values that it may have"
+        *others, last = (f"`{choice}`" for choice in choices)
+        allowed = f"{', '.join(others)} or {last}" if others else last
+        return f"it may be {allowed}, not {found[1]}"
     if found := _UNKNOWN.match(text):
         return f"unknown {field} {found[1]}"
     if found := _MISSING.match(text):
         return f"missing {field} {found[1]}" if field == "key" else f"{found[1]} is missing"
-    return text
+    return _SENTENCES.get(text, text)
+
+
+def _choices(kind: type, where: str) -> list[str]:
+    """The words that are allowed at msgspec's path into a type, [] where there are no such."""
+    found = _options([shapes.type_info(kind)])
+    for step in re.findall(r"\w+|\.{3}", where):  # fields, numbers of items, `...` for any key
+        inner: list[shapes.Type] = []
+        for shape in found:
+            match shape:
+                case shapes.StructType():
+                    inner += [one.type for one in shape.fields if one.encode_name == step]
+                    if shape.tag_field == step:
+                        inner.append(shapes.LiteralType((shape.tag,)))
+                case shapes.ListType() | shapes.VarTupleType():
+                    inner.append(shape.item_type)
+                case shapes.DictType():
+                    inner.append(shape.value_type)
+                case _:
+                    pass
+        found = _options(inner)
+    literals = (shape for shape in found if isinstance(shape, shapes.LiteralType))
+    return [str(value) for literal in literals for value in literal.values]
+
+
+def _options(types: list[shapes.Type]) -> list[shapes.Type]:
+    """The same types, with what a union is of in place of each union."""
+    return [
+        option
+        for one in types
+        for option in (one.types if isinstance(one, shapes.UnionType) else (one,))
+    ]

@@ -238,7 +238,7 @@ def _start_of(world: Path, start: dict[str, Any]) -> Pose2D:
     try:
         return msgspec.convert(turned, PoseConfig).as_pose()
     except msgspec.ValidationError as error:
-        why = in_words_of_a_file(str(error), "start")
+        why = in_words_of_a_file(str(error), PoseConfig, "start")
         raise ConfigError(f"--world: {world}: {why}") from error
 
 

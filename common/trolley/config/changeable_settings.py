@@ -141,7 +141,7 @@ def with_values(config: RobotConfig, section: str, values: Values) -> RobotConfi
     try:
         return msgspec.convert(plain, type=RobotConfig)
     except msgspec.ValidationError as error:
-        raise ConfigError(in_words_of_a_file(str(error))) from error
+        raise ConfigError(in_words_of_a_file(str(error), RobotConfig)) from error
 
 
 def with_changes(

@@ -21,7 +21,7 @@ def in_words_of_robot_toml(problem: str, file: type[Struct]) -> str:
         problem: msgspec's words.
         file: all that may stand in it.
     """
-    words, unknown = in_words_of_a_file(problem), UNKNOWN_KEY.match(problem)
+    words, unknown = in_words_of_a_file(problem, file), UNKNOWN_KEY.match(problem)
     if unknown is None:
         return words
     key, table, tables = unknown[1], unknown[2] or "", dict(_tables(file))

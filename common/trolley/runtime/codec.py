@@ -6,6 +6,7 @@ Broken input of any kind (truncated, wrong type, out of range, nested too deeply
 
 import functools
 import json
+import math
 from typing import Any, Literal, TypeVar, cast
 from urllib.parse import unquote
 
@@ -58,8 +59,12 @@ def decode(kind: type[T], payload: bytes, encoding: str = "") -> T:
         if detect_format(payload, encoding) == "json":
             return msgspec.json.decode(payload, type=kind)
         return _msgpack_decoder(kind).decode(payload)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise BadPayload(str(error) or type(error).__name__) from error
+    except msgspec.MsgspecError as error:
+        raise BadPayload(str(error)) from error
+    except UnicodeDecodeError as error:
+        raise BadPayload("it is not UTF-8 text") from error
+    except RecursionError as error:
+        raise BadPayload("it is nested too deeply") from error
 
 
 def decode_strict(kind: type[T], payload: bytes, encoding: str = "") -> T:
@@ -70,8 +75,12 @@ def decode_strict(kind: type[T], payload: bytes, encoding: str = "") -> T:
     """
     if not payload.strip(_BLANK):
         payload, encoding = b"{}", MIME["json"]
-    raw = decode(cast("type[Any]", Any), payload, encoding)
-    _refuse_unknown(raw, kind)
+    try:
+        raw = decode(cast("type[Any]", Any), payload, encoding)
+    except BadPayload:
+        decode(kind, payload, encoding)  # names the field
+        raise
+    _refuse_wrong(raw, kind)
     return decode(kind, payload, encoding)
 
 
@@ -85,7 +94,7 @@ def decode_parameters(kind: type[T], parameters: dict[str, str]) -> T:
     values: dict[str, Any] = dict(parameters)
     if "pose" in fields and any(name in values for name in _POSE_FIELDS):
         values["pose"] = {name: values.pop(name) for name in _POSE_FIELDS if name in values}
-    _refuse_unknown(values, kind)
+    _refuse_wrong(values, kind)
     try:
         return msgspec.convert(values, type=kind, strict=False)
     except (msgspec.ValidationError, RecursionError) as error:
@@ -113,33 +122,39 @@ def to_plain(message: Any) -> Any:
     return json.loads(_JSON_ENCODER.encode(message))
 
 
-def _refuse_unknown(raw: Any, kind: Any, path: str = "") -> None:
-    """Raise BadPayload at the first field that the struct `kind` does not have, at any depth."""
-    shape = msgspec.inspect.type_info(kind)
-    problem = _unknown_field(raw, shape, path)
+def _refuse_wrong(raw: Any, kind: Any) -> None:
+    """Raise BadPayload at the first field that `kind` does not have or that is NaN, at any depth.
+
+    Of NaN msgspec says that it is too small wherever a number has a lower bound.
+    """
+    problem = _problem(raw, msgspec.inspect.type_info(kind), "")
     if problem is not None:
-        raise BadPayload(f"unknown field `{problem}`")
+        raise BadPayload(problem)
 
 
-def _unknown_field(raw: Any, shape: msgspec.inspect.Type, path: str) -> str | None:
+def _problem(raw: Any, shape: msgspec.inspect.Type, path: str) -> str | None:
     if isinstance(shape, msgspec.inspect.UnionType):
         shapes = [
             one
             for one in shape.types
-            if isinstance(one, msgspec.inspect.StructType | msgspec.inspect.ListType)
+            if isinstance(
+                one,
+                msgspec.inspect.StructType | msgspec.inspect.ListType | msgspec.inspect.FloatType,
+            )
         ]
-        return _unknown_field(raw, shapes[0], path) if len(shapes) == 1 else None
+        return _problem(raw, shapes[0], path) if len(shapes) == 1 else None
+    if isinstance(shape, msgspec.inspect.FloatType) and isinstance(raw, float) and math.isnan(raw):
+        return f"`{path}`: it must be a finite number"
     if isinstance(shape, msgspec.inspect.ListType) and isinstance(raw, list):
         items = cast("list[Any]", raw)
-        problems = (
-            _unknown_field(item, shape.item_type, f"{path}[{i}]") for i, item in enumerate(items)
-        )
+        problems = (_problem(item, shape.item_type, f"{path}[{i}]") for i, item in enumerate(items))
         return next((problem for problem in problems if problem), None)
     if isinstance(shape, msgspec.inspect.StructType) and isinstance(raw, dict):
         known = {field.encode_name: field.type for field in shape.fields}
         for name, value in cast("dict[Any, Any]", raw).items():
             here = f"{path}.{name}".lstrip(".")
-            problem = here if name not in known else _unknown_field(value, known[name], here)
-            if problem:
+            if name not in known:
+                return f"unknown field `{here}`"
+            if problem := _problem(value, known[name], here):
                 return problem
     return None

@@ -313,5 +313,5 @@ def _parameters(query: Query, request: Request[Any, Any], parameters: dict[str, 
             return codec.decode_parameters(request.params, parameters)
         return codec.decode_strict(request.params, payload, query.encoding)
     except codec.BadPayload as problem:
-        words = in_plain_words(str(problem))
+        words = in_plain_words(str(problem), request.params)
         raise Refused(codes.BAD_REQUEST, f"{request.name}: {words}.") from problem

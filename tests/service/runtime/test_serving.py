@@ -153,7 +153,7 @@ def test_booleans_may_stand_in_the_selector(lockstep: Lockstep):
         ("@do/goal/send?x=1e999;y=0;yaw=0", b"", "pose"),
         ("@do/goal/send", {"name": "kitchen", "speed": -1.0}, "speed"),
         ("@do/goal/send", {"name": "kitchen", "id": "../etc"}, "id"),
-        ("@do/goal/send", b'{"name": "kit', "truncated"),
+        ("@do/goal/send", b'{"name": "kit', "cut short"),
         ("@do/goal/send", b"[" * 100_000, ""),
         ("@do/goal/send", b'{"via": ' + b"[" * 100_000, ""),
         ("@do/goal/send", b"[]", ""),

@@ -51,7 +51,7 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
         ("[planner]\nmax_speed_mps = -1.0", "[planner.max_speed_mps]"),
         ("[planner]\nmax_speed_mps = nan", "[planner.max_speed_mps]"),
         ("[planner]\nmax_speed_mps = inf", "[planner.max_speed_mps]"),
-        ('[planner]\nframe = "base"', "[planner.frame]"),
+        ('[planner]\nframe = "base"', "[planner.frame] it may be `map` or `odom`, not 'base'"),
         ("[zenoh]\nconnect = []", "[zenoh.connect]"),
         ("[zenoh]\nconnect = ['127.0.0.1:7447']", "not an endpoint"),
         ("[zenoh]\nuplink = ['tls/home.lan']", "not an endpoint"),
