@@ -1,5 +1,6 @@
 """Settings while the robot runs: answers what they are, checks and saves what is set."""
 
+import json
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -284,7 +285,8 @@ class SettingsKeeper:
 
 def _in_short(value: Any) -> str:
     """Return a value as people write it, if it is not too long for a sentence."""
-    text = msgspec.json.encode(value).decode()
+    # msgspec writes null for NaN.
+    text = json.dumps(msgspec.to_builtins(value), ensure_ascii=False)
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]} …"
 
 
