@@ -105,10 +105,12 @@ class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 def why_no_endpoint(text: str) -> str:
     """Why this is no endpoint in Zenoh's words, "" where it is one."""
     protocol, _, address = text.partition("/")
-    port = re.search(r":([0-9]{1,5})([?#].*)?\Z", address)
-    has_port = port is not None and 0 < int(port[1]) < 65536
-    if protocol in PROTOCOLS and (has_port or protocol in WITHOUT_PORT):
+    port = re.search(r":([0-9]{1,9})([?#].*)?\Z", address)
+    if protocol in WITHOUT_PORT:
         return ""
+    if protocol in PROTOCOLS and port is not None:
+        is_port = 0 < int(port[1]) < 65536
+        return "" if is_port else f"{text!r} is not an endpoint: its port must be from 1 to 65535"
     return (
         f"{text!r} is not an endpoint: write protocol/host:port, such as "
         f"tcp/127.0.0.1:{ROUTER_PORT}; the protocol is {', '.join(PROTOCOLS)}"

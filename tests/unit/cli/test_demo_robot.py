@@ -131,7 +131,7 @@ def test_a_world_or_map_that_is_none_is_refused_by_its_name(tmp_path: Path) -> N
     world, plan = tmp_path / "world.toml", tmp_path / "plan.yaml"
     for data, why in (
         (b"a = [1", "world.toml: is not valid TOML"),
-        (b"\xff\xfe", "world.toml: is not UTF-8 text"),
+        (b"\xff\xfe", "world.toml: line 1 is not UTF-8 text"),
         (b"[robot]\n", "world.toml: is not a world: it names no map"),
         (b'map = "apartment.yaml"\nstart = {y = 1.0}', r"world.toml: \[start\] missing key `x`"),
         (b'map = "apartment.yaml"\nstart = {x = "a", y = 1.0}', r"\[start.x\] a number is needed"),

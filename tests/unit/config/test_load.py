@@ -55,6 +55,8 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
         ("[zenoh]\nconnect = []", "[zenoh.connect]"),
         ("[zenoh]\nconnect = ['127.0.0.1:7447']", "not an endpoint"),
         ("[zenoh]\nuplink = ['tls/home.lan']", "not an endpoint"),
+        ("[zenoh]\nconnect = ['tcp/127.0.0.1:99999']", "its port must be from 1 to 65535"),
+        ("[zenoh]\nuplink = ['tls/home.lan:0']", "its port must be from 1 to 65535"),
         ("[zenoh]\nconnect = ['quic/127.0.0.1:7447']", "the protocol is tcp, tls"),
         ("[zenoh]\nconnect = ['tcp/0.0.0.0:7447']", "no router listens at 'tcp/0.0.0.0:7447'"),
         ("[zenoh]\nconnect = ['tcp/kiwi.local:7447']", "tls/home.local:7448"),
@@ -71,7 +73,7 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
         ("[start]\npose = {x = 1.0, y = 2.0, orientation = [1.0, 0.0, 0.0, 1.0]}", "tilted"),
         ("[robot]\n", "TOML"),
         ("a = ", "TOML"),
-        ("a = " + "[" * 100_000, "TOML"),
+        ("a = " + "[" * 100_000, "nested too deeply"),
         ("a = " + "9" * 5000, "TOML"),
     ],
 )
@@ -111,8 +113,8 @@ def test_a_file_that_cannot_be_read_says_why(tmp_path: Path):
         load_config(tmp_path / "absent.toml")
     with pytest.raises(ConfigError, match="directory"):
         load_config(tmp_path)
-    (tmp_path / "noise").write_bytes(b"\xff\xfe")
-    with pytest.raises(ConfigError, match="UTF-8"):
+    (tmp_path / "noise").write_bytes(b"[robot]\n\nname = 'caf\xe9'\n")
+    with pytest.raises(ConfigError, match="line 3 is not UTF-8 text; save it as UTF-8"):
         load_config(tmp_path / "noise")
 
 
