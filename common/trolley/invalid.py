@@ -25,6 +25,7 @@ _TYPES = {
     "int": "a whole number",
     "float": "a number",
     "str": "text",
+    "bytes": "base64",
     "bool": "true or false",
     "array": "a list",
     "object": "an object",

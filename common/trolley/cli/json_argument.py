@@ -8,22 +8,12 @@ import click
 import msgspec
 import numpy as np
 
+from trolley.invalid import in_plain_words
 from trolley.messages.arrays import ARRAY_FIELDS
 from trolley.runtime import codec
 from trolley.suggestions import did_you_mean
 
 T = TypeVar("T")
-_KINDS = {
-    "array": "a list",
-    "bool": "true or false",
-    "float": "a number",
-    "int": "a whole number",
-    "null": "null",
-    "object": "an object in {}",
-    "str": "a text",
-    "bytes": "base64, or a list of numbers",
-}
-"""What msgspec's names of types are called by people who write JSON."""
 
 
 def read_json(text: str, kind: type[T], name: str, preset: Mapping[str, Any] | None = None) -> T:
@@ -57,7 +47,7 @@ def read_json(text: str, kind: type[T], name: str, preset: Mapping[str, Any] | N
         payload = json.dumps(_with_arrays(complete, kind)).encode()
         return codec.decode_strict(kind, payload, codec.MIME["json"])
     except (ValueError, OverflowError) as problem:  # also what the decoder raises
-        raise click.BadParameter(f"{name}: {in_words(str(problem))}") from problem
+        raise click.BadParameter(f"{name}: {in_plain_words(str(problem), kind)}") from problem
 
 
 def _refuse_constant(word: str) -> None:
@@ -77,22 +67,3 @@ def _with_arrays(values: dict[str, Any], kind: type) -> dict[str, Any]:
                 numbers = np.where(np.isnan(numbers), np.inf, numbers)
             filled[field] = msgspec.to_builtins(numbers.astype(layout.dtype).tobytes())
     return filled
-
-
-def in_words(problem: str) -> str:
-    """Turn msgspec's words into a sentence: "`pose.x` must be a number, not a text"."""
-    text, _, where = problem.partition(" - at `$")
-    field = where.rstrip("`").lstrip(".")
-    if text.startswith("Expected `") and ", got `" in text:
-        wanted, _, got = text.removeprefix("Expected `").rstrip("`").partition("`, got `")
-        text = f"must be {_kinds(wanted)}, not {_kinds(got)}"
-        return f"`{field}` {text}" if field else f"it {text}"
-    missing = "Object missing required field `"
-    if text.startswith(missing):
-        name = text.removeprefix(missing).rstrip("`")
-        return f"`{field}.{name}` is missing" if field else f"`{name}` is missing"
-    return f"`{field}`: {text}" if field else text
-
-
-def _kinds(names: str) -> str:
-    return " or ".join(_KINDS.get(name.strip(), name.strip()) for name in names.split("|"))
