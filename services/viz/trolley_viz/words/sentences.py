@@ -1,7 +1,7 @@
 """Sentences for people: the state of robot, drive and trip in everyday words."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -238,6 +238,12 @@ def result_line(result: StopResult) -> StatusLine:
             return StatusLine(f"{name} skipped", "warn", why)
         case "failed":
             return StatusLine(f"{name} not reached", "bad", why)
+
+
+def stops_text(names: Sequence[str | None]) -> str:
+    """Name stops in order; what has no name is a point, and of many the first are named."""
+    stops = [name or "a point" for name in names]
+    return " → ".join(stops if len(stops) <= 5 else [*stops[:4], f"{len(stops) - 4} more"])
 
 
 def goal_name(goal: GoalStatus, places: list[SavedPose]) -> str:

@@ -8,7 +8,7 @@ from trolley_viz.controls.controls import Controls
 from trolley_viz.controls.markup import details, lead, note, photo, row
 from trolley_viz.robots.past_trips import PastTrips, has_failed
 from trolley_viz.words.plain_words import said
-from trolley_viz.words.sentences import StatusLine, Tone, duration, result_line
+from trolley_viz.words.sentences import StatusLine, Tone, duration, result_line, stops_text
 
 SHOWN_AT_ONCE = 20
 MAX_RESULTS = 50
@@ -135,11 +135,19 @@ def _trip(
     )
     if left_out > 0:
         results = note(f"{left_out} earlier stops are not shown.") + results
-    title = " · ".join(filter(None, [trip.name or UNNAMED, when_text(trip.started_at, time_zone)]))
+    names = [trip.name] if trip.name else [one.name for one in trip.results if one.name]
+    title = " · ".join(filter(None, [title_of(trip), when_text(trip.started_at, time_zone)]))
     words = StatusLine(title, tone_of(trip), summary(trip))
-    names = [trip.name] if trip.name else []
     look = lead(trip.trip, LOOK) if is_recorded else ""
     return details(words, look + (results or note("It had not reached a stop yet.")), names)
+
+
+def title_of(trip: PastTrip) -> str:
+    """The name of its tour, else the names of its stops, as of places that were driven in a row."""
+    if trip.name:
+        return trip.name
+    stops = [one.name for one in trip.results]
+    return stops_text(stops) if any(stops) else UNNAMED
 
 
 def tone_of(trip: PastTrip) -> Tone:

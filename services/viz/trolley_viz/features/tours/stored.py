@@ -9,6 +9,7 @@ from trolley_viz.controls.markup import card, note
 from trolley_viz.controls.shared import show_undo
 from trolley_viz.controls.undo import History
 from trolley_viz.features.tours.draft import days_text, stay_text
+from trolley_viz.words.sentences import stops_text
 
 MAX_CARDS = 40
 SEARCH_FROM = 8
@@ -106,9 +107,7 @@ class TourList:
 
 def summary(tour: Tour) -> str:
     """Say what a tour is in a line: its places, how often, when."""
-    names = [stop.name or "a point" for stop in tour.stops]
-    places = " → ".join(names if len(names) <= 5 else [*names[:4], f"{len(names) - 4} more"])
-    parts = [places]
+    parts = [stops_text([stop.name for stop in tour.stops])]
     if tour.there_and_back:
         parts.append("there and back")
     if tour.repeat != 1:

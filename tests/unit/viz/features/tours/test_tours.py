@@ -38,7 +38,7 @@ from trolley_viz.features.tours.layer import (
     trip_colours,
 )
 from trolley_viz.features.tours.past_trips import summary as trip_summary
-from trolley_viz.features.tours.past_trips import tone_of, trips_html, when_text
+from trolley_viz.features.tours.past_trips import title_of, tone_of, trips_html, when_text
 from trolley_viz.features.tours.point_editor import (
     FOR_EVER,
     GIVE_UP,
@@ -121,6 +121,18 @@ def test_names_on_a_trip_carry_no_markup() -> None:
     for page in (progress(status, tour), trips_html(past, past.trips)):
         assert "<img" not in page
         assert "&lt;img" in page
+
+
+def test_a_past_trip_without_a_name_is_called_after_its_stops() -> None:
+    reached = [
+        StopResult(stop=i, name=name, state="reached")
+        for i, name in enumerate(("corridor", None, "entrance"))
+    ]
+    assert title_of(PastTrip(trip="t", name=None, state="done", results=reached)) == (
+        "corridor → a point → entrance"
+    )
+    assert title_of(PastTrip(trip="t", name="round", state="done", results=reached)) == "round"
+    assert title_of(PastTrip(trip="t", name=None, state="done")) == "unnamed"
 
 
 # The list and the editor.
