@@ -18,7 +18,7 @@ from trolley_viz.features.map_editing.preview import MapPreview
 from trolley_viz.features.past.drawing import HIDDEN
 from trolley_viz.features.past.looking import Looking
 from trolley_viz.features.places.place_actions import PlaceActions
-from trolley_viz.features.touch.touched import Touched, touched
+from trolley_viz.features.touch.touched import Touched, place_at, touched
 from trolley_viz.features.touch.touching import Touching
 from trolley_viz.features.zones.editor import ZoneEditor, stored_zones
 from trolley_viz.features.zones.requests import ZoneRequests
@@ -92,7 +92,12 @@ class Session:
         """Whether it looks at what is, or at a moment of the past."""
         self.actions.before_ask = self.past.asks
         self.aiming = Aiming(
-            service, self.pointing, self.actions, lambda: self._robot, lambda: self.view
+            service,
+            self.pointing,
+            self.actions,
+            lambda: self._robot,
+            lambda: self.view,
+            self._place_at,
         )
         self.place_actions = PlaceActions(self.actions, self.aiming, lambda: self.view)
         self.touching = Touching(
@@ -344,6 +349,11 @@ class Session:
                 fn()
 
         self._hub.service.call_soon(call)
+
+    def _place_at(self, x: float, y: float) -> str | None:
+        """The name of the place that a finger at a point of the world [m] touches."""
+        eye = self.window.eye
+        return None if eye is None else place_at(self.view, eye, (x, y))
 
     def _map_name(self) -> str:
         grid = self.view.map

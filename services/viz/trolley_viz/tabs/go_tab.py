@@ -70,7 +70,7 @@ class GoTab:
         self._tours.show({one.name: "" for one in stored}, driven, can=view.can_tour)
         self._follow.disabled = not can_go
         self._find.disabled = self._set.disabled = view.is_away
-        self._point.disabled = not (can_go or is_collecting or self._aiming.armed == GO_TO)
+        self._point.disabled = not (can_go or self._aiming.armed == GO_TO)
         self._point.label = LEAVE if self._aiming.armed == GO_TO else POINT_GOAL
         self._set.label = LEAVE if self._aiming.armed == SET_POSE else POINT_POSE
         show_undo(self._undo, self._actions.history, "drive")

@@ -20,10 +20,11 @@ from trolley_viz.pointing.pointer import Pointed, Pointer, Tool
 from trolley_viz.robots.view import View
 from trolley_viz.words.sentences import duration, refusal
 
-GO_TO, SET_POSE = "go_to", "set_pose"
+GO_TO, SET_POSE, QUEUE_GOALS = "go_to", "set_pose", "queue_goals"
 POINT_GOAL, POINT_POSE, LEAVE = "Go to …", "Set pose …", "Press again to cancel"
 """What stands on the buttons of these tools, and on one whose tool is armed."""
 GOAL_HINT = "Press where it should go, drag the way it should face, and release."
+QUEUE_HINT = "Press the places in order, then press Start."
 POSE_HINT = "Press where the robot is, drag the way it faces, and release."
 PREVIEW_PERIOD_NS = 300_000_000
 ANY_HEADING = math.pi
@@ -32,7 +33,14 @@ UNSURE_XY, UNSURE_YAW = 0.25, math.radians(20.0)
 
 
 class Aiming:
-    """The tools of one browser that end with a place on the map, one at a time."""
+    """The tools of one browser that end with a place on the map, one at a time.
+
+    Args:
+        actions: ask the robot that is followed.
+        robot: the name of the robot that is followed.
+        view: what is known of it.
+        place_at: the name of the saved place at a point of the world [m], None for none.
+    """
 
     def __init__(
         self,
@@ -41,12 +49,14 @@ class Aiming:
         actions: RobotActions,
         robot: Callable[[], str],
         view: Callable[[], View],
+        place_at: Callable[[float, float], str | None],
     ) -> None:
         self._service = service
         self._pointing = pointing
         self._actions = actions
         self._robot = robot
         self._view = view
+        self._place_at = place_at
         self.hint = ""
         """What the armed tool waits for, or the length of its preview."""
         self.preview: Path | None = None
@@ -80,6 +90,10 @@ class Aiming:
     def point_goal(self) -> None:
         """Let the person point out where to go."""
         self.arm(Tool(GO_TO, self._preview_moved, self._go_to), GOAL_HINT)
+
+    def point_queue(self) -> None:
+        """Let the person point out the places of the queue, one after the other."""
+        self.arm(Tool(QUEUE_GOALS, ignore, self._line_up), QUEUE_HINT)
 
     def point_pose(self) -> None:
         """Let the person point out where the robot is."""
@@ -133,19 +147,24 @@ class Aiming:
 
     def _go_to(self, pointed: Pointed) -> None:
         self.put_away()
-        if not self._actions.goal_queue.is_collecting:
-            goal = self._goal(pointed, self._service.new_id())
-            self._actions.send_goal(goal, "a place on the map")
-            return
-        placement = self._view().placement
+        goal = self._goal(pointed, self._service.new_id())
+        self._actions.send_goal(goal, "a place on the map")
+
+    def _line_up(self, pointed: Pointed) -> None:
+        """Queue the saved place that was pressed, else the pose that was pointed out."""
+        placement, queue = self._view().placement, self._actions.goal_queue
         if placement.world != MAP:
+            self.put_away()
             self._actions.tell("Not added", "A row of places needs a map.", "warn")
             return
-        at = (pointed.x, pointed.y, pointed.yaw)
-        self._actions.line_up(
-            is_added=self._actions.goal_queue.add_point(*at, placement.world_T_base)
-        )
-        self.point_goal()  # the next one
+        # A heading that was dragged is another one than the place's.
+        name = self._place_at(pointed.x, pointed.y) if pointed.yaw is None else None
+        if name is not None:
+            self._actions.choose_place(name)
+        else:
+            at = (pointed.x, pointed.y, pointed.yaw)
+            self._actions.line_up(is_added=queue.add_point(*at, placement.world_T_base))
+        self.point_queue()  # the next one
 
     def set_pose(self, pointed: Pointed) -> None:
         """Tell the robot that this is where it is; it faces as it thinks where nothing is said."""

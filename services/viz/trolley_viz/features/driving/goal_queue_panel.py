@@ -3,7 +3,7 @@
 from trolley.messages import TourStatus
 from trolley_viz.controls.controls import Controls
 from trolley_viz.controls.markup import note, numbered
-from trolley_viz.features.driving.aiming import GO_TO, Aiming
+from trolley_viz.features.driving.aiming import QUEUE_GOALS, Aiming
 from trolley_viz.features.driving.robot_actions import RobotActions
 
 BEGIN, END = "Choose places …", "Done choosing"
@@ -43,8 +43,8 @@ class GoalQueuePanel:
         goal_queue = self._actions.goal_queue
         goal_queue.collect(is_on=not goal_queue.is_collecting)
         if goal_queue.is_collecting:
-            self._aiming.point_goal()
-        elif self._aiming.armed == GO_TO:
+            self._aiming.point_queue()
+        elif self._aiming.armed == QUEUE_GOALS:
             self._aiming.put_away()
 
     def _set_off(self) -> None:

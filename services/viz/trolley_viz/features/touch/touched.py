@@ -64,8 +64,7 @@ def touched(view: View, eye: Eye, at: Point) -> Touched | None:
     point = meet_floor(eye.position, eye.direction(at))
     if point is None:
         return None
-    depth = float((np.array([*point, 0.0]) - eye.position) @ eye.direction((0.5, 0.5)))
-    reach = REACH_PX * 2.0 * math.tan(0.5 * eye.fov) * depth / max(eye.size[1], 1.0)
+    reach = _reach(eye, point)
     finders: tuple[tuple[What, Iterator[tuple[str, float]]], ...] = (
         ("robot", _other_robots(view, point)),
         ("place", _places(view, point)),
@@ -73,10 +72,27 @@ def touched(view: View, eye: Eye, at: Point) -> Touched | None:
         ("zone", _zones_near(view, point)),
     )
     for what, found in finders:
-        distance, name = min(((metres, name) for name, metres in found), default=(math.inf, ""))
-        if distance <= reach:
+        name = _nearest(found, reach)
+        if name is not None:
             return Touched(what, name, *point)
     return Touched("floor", "", *point, room=room_at(_zones(view), *point) or "")
+
+
+def place_at(view: View, eye: Eye, point: Point) -> str | None:
+    """Return the name of the place that a finger at a point of the world [m] touches, or None."""
+    return _nearest(_places(view, point), _reach(eye, point))
+
+
+def _reach(eye: Eye, point: Point) -> float:
+    """How far a finger reaches on the floor around a point [m]."""
+    depth = float((np.array([*point, 0.0]) - eye.position) @ eye.direction((0.5, 0.5)))
+    return REACH_PX * 2.0 * math.tan(0.5 * eye.fov) * depth / max(eye.size[1], 1.0)
+
+
+def _nearest(found: Iterator[tuple[str, float]], reach: float) -> str | None:
+    """The nearest of what was found within reach [m], None for none."""
+    distance, name = min(((metres, name) for name, metres in found), default=(math.inf, ""))
+    return name if distance <= reach else None
 
 
 def _this_robot(view: View, point: Point) -> Iterator[tuple[str, float]]:

@@ -10,7 +10,7 @@ from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, SavedPose, SavedPoses, Stop, Tour, Tours, TourStatus
 from trolley_viz.controls.tiles import MAX_TILES
-from trolley_viz.features.driving.aiming import GO_TO
+from trolley_viz.features.driving.aiming import GO_TO, QUEUE_GOALS
 from trolley_viz.features.driving.robot_actions import what_is_under_way
 from trolley_viz.pages.known import robot_state, state_lines
 from trolley_viz.pointing.pointer import Pointed
@@ -113,10 +113,10 @@ def test_after_a_restart_of_the_base_there_is_no_way_back(stage: "Stage", sessio
 def test_several_places_are_driven_as_one_tour(stage: "Stage", session: Session) -> None:
     actions = session.actions
     actions.goal_queue.collect(is_on=True)
-    session.aiming.point_goal()
+    session.aiming.point_queue()
     actions.choose_place("kitchen")
-    session.aiming._go_to(Pointed(1.0, 1.0, 0.5))
-    assert session.aiming.armed == GO_TO  # for the next one
+    session.aiming._line_up(Pointed(1.0, 1.0, 0.5))
+    assert session.aiming.armed == QUEUE_GOALS  # for the next one
     stage.runtime.run(0.3)
     assert stage.robot.goals == []
     assert len(stage.drawn()._goal_pins._nodes) == 4  # an arrow and a number each

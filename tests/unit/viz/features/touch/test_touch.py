@@ -267,6 +267,26 @@ def test_what_is_pressed_after_a_tap_is_done_after_it(stage: "Stage", page: Page
     assert titles == ["x -1.0 m, y 0.5 m", "kitchen"]
 
 
+def test_places_that_are_pressed_in_a_row_keep_their_names(stage: "Stage", page: PageOf) -> None:
+    page.press("Choose places …")
+    for at in (KITCHEN, (-1.0, 0.5), (KITCHEN[0] + 0.3, KITCHEN[1])):
+        tap(stage, *at)
+        stage.runtime.run(1.0)
+    tour = stage.session.actions.goal_queue.tour()
+    assert tour is not None
+    assert [stop.name for stop in tour.stops] == ["kitchen", None, "kitchen"]
+
+
+def test_choosing_several_places_has_a_hint_of_its_own(stage: "Stage", page: PageOf) -> None:
+    page.press("Choose places …")
+    stage.runtime.run(0.5)
+    assert page.is_shown("Go to …")
+    assert stage.session.hint == "Press the places in order, then press Start."
+    page.press("Done choosing")
+    stage.runtime.run(0.5)
+    assert stage.session.hint == ""
+
+
 def test_a_tap_before_stop_is_forgotten(stage: "Stage", page: PageOf) -> None:
     page.press("Go to …")
     at = seen_at(eye_over(0.0, 0.0), -1.0, 0.5)
