@@ -168,3 +168,21 @@ def test_without_base_it_cannot_be_held(
     expect(page.locator(".hand-card")).not_to_have_class("hand-card hand-off")
     assert stands(driven.twist())  # still pressed, but nothing sets off by itself
     page.mouse.up()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1024, 768), (760, 900)])
+def test_what_became_of_stop_is_beside_the_panel(
+    shown: "Shown", open_pad: Callable[..., Page], width: int, height: int
+) -> None:
+    page = open_pad(width, height)
+    shown.robot.stop()
+    line = page.locator("#stop-line")
+    expect(line).to_contain_text("Stopped")
+    # In one go: the page soon writes again what it is told.
+    gap = line.evaluate("""(line) => {
+      line.textContent = "Stopped by the computer of the viewer";
+      const panel = document.getElementById("panel").getBoundingClientRect();
+      return panel.left - line.getBoundingClientRect().right;
+    }""")
+    shown.robot.resume()
+    assert gap >= 0
