@@ -123,6 +123,14 @@ def exploring(shown: "Shown") -> str:
     return "" if mapping is None else mapping.exploring
 
 
+def test_three_rows_of_lines_are_seen_without_scrolling(hand: Presser) -> None:
+    is_all_seen = """(lines) => {
+      lines.innerHTML = "<li>Paused on the way to kitchen</li>".repeat(3);
+      return lines.scrollHeight <= lines.clientHeight;
+    }"""
+    assert hand.page.locator("#lines").evaluate(is_all_seen)
+
+
 def test_where_it_is_is_seen_and_it_is_sent_stopped_and_sent_on_by_one_press_each(
     hand: Presser, shown: "Shown"
 ) -> None:
