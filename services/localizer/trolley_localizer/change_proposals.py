@@ -113,7 +113,8 @@ class ChangeProposals:
 
         def saved(error: OSError | None) -> None:
             if error is None:
-                self._publish(loaded)
+                if self._maps.current is loaded and not self._lease.is_held:
+                    self._publish(loaded)
                 reply.reply(message)
                 return
             changes.dismissed = [one for one in changes.dismissed if one.id != params.id]

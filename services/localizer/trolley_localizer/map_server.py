@@ -241,7 +241,8 @@ class MapServer:
         self._user.begin_on_map(result)
 
     def _use(self, loaded: LoadedMap) -> None:
-        """Put a map to use."""
+        """Put a map to use, by the settings of now."""
+        loaded.localizer.set_config(self._config.localizer)
         self.current = loaded
         self._user.use_map(loaded)
 

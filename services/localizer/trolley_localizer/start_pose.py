@@ -81,7 +81,15 @@ class LastPoseStore:
             map_T_odom=map_T_odom,
         )
         self._saved_ns = self._service.monotonic_ns
-        self._service.save(LAST_POSE_FILE, self.saved)
+        self._service.save(LAST_POSE_FILE, self.saved, self._written)
+
+    def _written(self, error: OSError | None) -> None:
+        """Try again the next time where it could not be written."""
+        if error is not None:
+            self.saved = None
+            self._service.count("state/not_saved")
+            why = error.strerror
+            self._service.log.limited(LAST_POSE_FILE, "Not saved", file=LAST_POSE_FILE, why=why)
 
 
 class StartPose:
@@ -121,7 +129,8 @@ class StartPose:
                 break
             log.warning("A start pose cannot be used", what=what, why=problem)
         # A saved pose that is named goes before everything else, but a known last pose.
-        if self._poses is not None and (self._section.always or self._last is None):
+        is_known = self._last is not None and self._last.map == loaded.name
+        if self._poses is not None and (self._section.always or not is_known):
             until_ns = self._service.monotonic_ns + int(WAIT_FOR_NAME_S * 1e9)
             self._waiting = loaded, until_ns
             self._poses_came(self._poses.latest)

@@ -31,7 +31,7 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import LoadMap, MapNamed
 from trolley_localizer.map_server import MapServer
-from trolley_mapper.edit import editor, map_switch
+from trolley_mapper.edit import editor, map_switch, map_versions
 from trolley_tour.stored import places, tours
 
 from .conftest import START, Stage, flat
@@ -357,4 +357,22 @@ def test_only_what_could_not_be_saved_is_tried_again_at_the_next_start(
     assert home.newest(home.zones).zones == [RUG]
     wanted = Pose2D(0.0, 0.0, 0.5) @ SOFA.pose
     assert home.newest(home.places).poses[0].pose.distance_to(wanted) < 1e-6
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+
+
+def test_an_edit_that_could_not_be_stored_leaves_no_plan(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home.edit(DrawWall(points=[(2.5, 3.0), (2.5, 3.5)], width=0.1))
+    write = map_versions.write_atomically
+
+    def fail(path: Path, *content: Any) -> None:
+        if path.suffix == ".pgm" and path.parent.name == "maps":
+            raise OSError(28, "No space left on device")
+        write(path, *content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(map_versions, "write_atomically", fail)
+        refused = home.refusal(requests.MAP_EDIT, EditMap(name="flat", ops=[Turn(angle=0.5)]))
+    assert refused.code == codes.NOT_SAVED
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))

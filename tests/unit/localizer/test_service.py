@@ -577,3 +577,36 @@ def test_a_stop_just_after_a_restart_of_base_does_not_mix_up_two_odometries(
     robot.drive(0.5)
     assert robot.last.state == "localized"
     assert robot.error_m() < 0.05
+
+
+def test_a_place_named_as_start_counts_where_the_last_pose_is_of_another_map(
+    make_robot: MakeRobot,
+) -> None:
+    robot = make_robot(start={"pose": "dock"})
+    robot.bus.close()
+    file = robot.folder / "state" / "trolley" / "last_pose.toml"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text('map = "elsewhere"\n[pose]\nx = 2.0\ny = 2.0\nyaw = 0.0\n')
+    robot.begin()
+    saved = SavedPose(name="dock", map=robot.grid.name, pose=robot.pose)
+    robot.bus.publish(topics.POSES, SavedPoses(stamp_ns=0, poses=[saved]))
+    robot.drive(0.1)
+    assert robot.last.pose is not None
+    assert robot.error_m() < 0.1
+
+
+def test_a_last_pose_that_could_not_be_written_is_written_once_there_is_room(
+    make_robot: MakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = make_robot()
+    robot.bus.ask(requests.POSE_SET, SetPose(pose=robot.pose))
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr("trolley.runtime.state.write_atomically", fail)
+        robot.drive(2.0)
+    assert robot.last.state == "localized"
+    robot.drive(30.0)
+    assert (robot.folder / "state" / "trolley" / "last_pose.toml").exists()

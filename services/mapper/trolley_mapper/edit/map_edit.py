@@ -4,6 +4,8 @@ All of it touches the disk or takes its time: call it through `Service.work`.
 """
 
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -21,7 +23,7 @@ from trolley.map_editing import apply, merge
 from trolley.messages import EditMap, MapEdited, Merge, SavedPose, TakeBack, Tour, Zone
 from trolley.state_file import Unreadable, parse
 from trolley.zones import ZoneFile
-from trolley_mapper.edit.map_switch import SwitchPlan, store_plan
+from trolley_mapper.edit.map_switch import SwitchPlan, forget_plan, store_plan
 from trolley_mapper.edit.map_transform import moved_place, moved_tour, moved_zones, renamed_zones
 from trolley_mapper.edit.map_versions import Change, MapVersions, Version
 
@@ -126,7 +128,8 @@ class _Edit:
             self._store.next_number(self._target), zones if is_moved else [], []
         )
         before = list(situation.zones) if not is_new else []
-        version = self._store.save(named, change, before, zones if is_moved else None)
+        with self._void_unless_stored(plan):
+            version = self._store.save(named, change, before, zones if is_moved else None)
         return Edited(self._done(version, ""), plan)
 
     def _take_back(self) -> Edited:
@@ -149,12 +152,13 @@ class _Edit:
             self._store.next_number(self._name), zones if is_moved else [], gone
         )
         try:
-            version = self._store.take_back(
-                self._name,
-                list(self._situation.zones),
-                zones if is_moved else None,
-                self._situation.now,
-            )
+            with self._void_unless_stored(plan):
+                version = self._store.take_back(
+                    self._name,
+                    list(self._situation.zones),
+                    zones if is_moved else None,
+                    self._situation.now,
+                )
         except LookupError as error:
             raise Refused(
                 codes.BAD_REQUEST, f"The previous version of {self._name} is no longer kept."
@@ -280,6 +284,16 @@ class _Edit:
                 codes.NOT_SAVED, f"The edit could not be written to disk: {error.strerror}."
             ) from error
         return plan
+
+    @contextmanager
+    def _void_unless_stored(self, plan: SwitchPlan | None) -> Iterator[None]:
+        """Forget a plan whose map was not stored: it would wait for the next map of that number."""
+        try:
+            yield
+        except Exception:
+            if plan is not None:
+                forget_plan(self._situation.state)
+            raise
 
     def _places(self) -> list[SavedPose]:
         """Return the places of the map as they are to be."""
