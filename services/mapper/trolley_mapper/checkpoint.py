@@ -53,6 +53,7 @@ class Checkpointer:
         self._service = service
         self._saved_ns = 0
         self._saved: tuple[object, ...] = ()
+        self._num_discarded = 0
 
     def restart(self) -> None:
         """Count the period until the next checkpoint from now on."""
@@ -78,15 +79,20 @@ class Checkpointer:
         make = None if revision == self._saved else snapshot()
         if make is not None:
             write = partial(_write, self._service.state.path, make)
-            self._service.work(write, partial(self._written, revision))
+            self._service.work(write, partial(self._written, self._num_discarded, revision))
 
     def discard(self) -> None:
         """Remove the checkpoint: its map was saved or canceled."""
         self._saved = ()
+        self._num_discarded += 1
         self._service.work(partial(_remove, self._service.state.path), self._removed)
         self._set_problem("")
 
-    def _written(self, revision: tuple[object, ...], problem: str | None) -> None:
+    def _written(
+        self, num_discarded: int, revision: tuple[object, ...], problem: str | None
+    ) -> None:
+        if num_discarded != self._num_discarded:
+            return  # its map was saved or canceled meanwhile
         self._saved = () if problem else revision
         self._set_problem(
             f"The map could not be backed up to disk ({problem}); mapping continues."

@@ -376,3 +376,15 @@ def test_an_edit_that_could_not_be_stored_leaves_no_plan(
         refused = home.refusal(requests.MAP_EDIT, EditMap(name="flat", ops=[Turn(angle=0.5)]))
     assert refused.code == codes.NOT_SAVED
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+
+
+def test_the_map_in_use_is_edited_though_the_lidar_is_off(home: Home) -> None:
+    home.put_map("attic")
+    home.base.silent = {"scan"}
+    home.ask(requests.MAP_LOAD, LoadMap(name="attic", pose=START))
+    home.bus.run(1.0)
+    before = len(home.maps)
+    home.ask(requests.MAP_EDIT, EditMap(name="attic", ops=[Turn(angle=0.5)]))
+    home.bus.run(3.0)
+    assert len(home.maps) > before
+    assert home.maps[-1].name == "attic"

@@ -184,6 +184,28 @@ def test_a_disk_that_is_full_while_mapping_is_said(
     assert health[-1].state == "ok"
 
 
+@pytest.mark.usefixtures("often")
+def test_a_backup_that_fails_as_the_map_is_canceled_is_no_trouble(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    health = stage.bus.record(topics.HEALTH, "mapper")
+    stage.map(seconds=2.0)
+    with monkeypatch.context() as patched:
+        patched.setattr(checkpoint, "write_atomically", fail)
+        with held_up(
+            monkeypatch, lambda work: getattr(work, "func", None) is checkpoint._write
+        ) as slow:
+            stage.drive(KEPT_S, 0.1)
+            stage.ask(requests.MAP_CANCEL)
+        finish(slow[-1:])
+    stage.bus.run(KEPT_S)
+    assert slow
+    assert health[-1].state == "ok"
+
+
 def test_a_name_that_is_taken_is_refused(stage: Stage) -> None:
     stage.map(seconds=2.0)
     stage.ask(requests.MAP_SAVE, SaveMap())

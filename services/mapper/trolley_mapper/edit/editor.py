@@ -143,7 +143,8 @@ class MapEditor:
     def _change(self, task: EditTask, facts: Facts) -> None:
         params = task.params
         estimate, zones, goal = facts["pose"], facts["zones"], facts["goal"]
-        is_on = estimate is not None and estimate.map == params.name
+        # Its zones are published with each map, a pose only once the lidar has seen something.
+        is_on = params.name in [one.map for one in (estimate, zones) if one is not None]
         if is_on and (zones is None or zones.map != params.name):
             why = "The zones of the map are not known yet."
             self._finish(task, Refused(codes.NOT_READY, why))
