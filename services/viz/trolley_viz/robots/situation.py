@@ -54,7 +54,7 @@ STOPPED_REASONS = {
 PAUSE_REASONS = {
     codes.TAKEN_OVER: "somebody drove it by hand",
     codes.STOPPED: "it was stopped",
-    codes.RESTARTED: "it was restarted",
+    codes.RESTARTED: "the base was restarted",
     codes.OTHER_GOAL: "somebody sent it elsewhere",
     codes.CANCELED: "the drive was canceled",
     codes.LOW_BATTERY: "the battery was low; charge it first",

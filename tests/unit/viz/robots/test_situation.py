@@ -207,6 +207,10 @@ CASES = [
         "It is paused on its way to kitchen: somebody drove it by hand. Press “Continue”.",
     ),
     (
+        known(goal=goal("paused", reason="restarted")),
+        "It is paused on its way to kitchen: the base was restarted. Press “Continue”.",
+    ),
+    (
         known(goal=goal("paused", reason="paused")),
         "It is paused on its way to kitchen. Press “Continue”.",
     ),
