@@ -31,8 +31,8 @@ from trolley_viz.words.sentences import (
     StatusLine,
     age_text,
     aged,
-    duration,
     no_contact,
+    remaining,
     where_to,
 )
 
@@ -388,8 +388,8 @@ def _age(age_s: float) -> str:
 
 
 def _left(goal: GoalStatus) -> str:
-    far = "" if goal.distance_remaining is None else f", {goal.distance_remaining:.1f} m to go"
-    return far + ("" if goal.eta is None else f", about {duration(goal.eta)}")
+    words = remaining(goal)
+    return words and f", {words}"
 
 
 def _stop_name(known: RobotState) -> str:

@@ -30,6 +30,8 @@ SPOT = "the place on the map"
 """What a goal is called that is none of the places."""
 SAME_PLACE_M = 0.1
 """A goal this near to a saved pose is called by its name."""
+NEARLY_THERE_M = 0.1
+"""From this near on, figures of how far and how long it still is would only flicker [m]."""
 
 DRIVING = ("planning", "driving", "recovering", "paused")
 """Goal states in which there is still somewhere to go."""
@@ -265,6 +267,18 @@ def where_to(goal: GoalStatus, places: list[SavedPose]) -> str:
     return SPOT if name.startswith("(") else name
 
 
+def remaining(goal: GoalStatus) -> str:
+    """Say how far it still is and how long that takes; "" where neither is known."""
+    parts: list[str] = []
+    if goal.distance_remaining is not None:
+        if goal.distance_remaining < NEARLY_THERE_M:
+            return "nearly there"
+        parts.append(f"{goal.distance_remaining:.1f} m to go")
+    if goal.eta is not None:
+        parts.append(estimate_text(goal.eta))
+    return ", ".join(parts)
+
+
 def pose_text(pose: Pose2D) -> str:
     """Write a pose for people: metres and degrees."""
     return f"x {pose.x:.2f} m, y {pose.y:.2f} m, {math.degrees(pose.yaw):.0f}°"
@@ -286,13 +300,23 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60} min"
 
 
+def estimate_text(seconds: float) -> str:
+    """Write how long something will take for people: not more exactly than anybody knows."""
+    return f"about {_whole(max(seconds, 1.0))}"
+
+
 def age_text(age_s: float | None, live_s: float = 1.5) -> str:
     """Write how old something is, coarsely, so that it does not change all the time."""
     if age_s is None:
         return "no data"
     if age_s < live_s:
         return "now"
-    return f"{round(age_s)} s" if age_s < 120.0 else duration(age_s)
+    return _whole(age_s)
+
+
+def _whole(seconds: float) -> str:
+    """Write a time span without parts of a second."""
+    return f"{round(seconds)} s" if seconds < 120.0 else duration(seconds)
 
 
 def _where(estimate: PoseEstimate) -> str:
@@ -305,12 +329,8 @@ def _where(estimate: PoseEstimate) -> str:
 
 
 def _remaining(goal: GoalStatus) -> str:
-    parts: list[str] = []
-    if goal.distance_remaining is not None:
-        parts.append(f"{goal.distance_remaining:.1f} m to go")
-    if goal.eta is not None:
-        parts.append(f"about {duration(goal.eta)}")
-    return ", ".join(parts)
+    words = remaining(goal)
+    return words[:1].upper() + words[1:]
 
 
 def _stop_text(trip: TourStatus, tour: Tour | None) -> str:

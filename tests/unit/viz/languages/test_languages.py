@@ -83,6 +83,7 @@ def every_state() -> Iterator[RobotState]:
     }
     idle = GoalStatus(stamp_ns=1, id=None, state="idle")
     far: dict[str, Any] = {"distance_remaining": 3.2, "eta": 75.0}
+    near: dict[str, Any] = {"distance_remaining": 0.05, "eta": 0.9}
     for state, turns in product(values_of(PoseEstimate, "state"), (False, True)):
         one = PoseEstimate(
             **at,
@@ -100,7 +101,7 @@ def every_state() -> Iterator[RobotState]:
         values_of(GoalStatus, "state"),
         REASONS,
         (None, KITCHEN.pose, Pose2D(9.0, 9.0, 0.0)),
-        ({}, far, person),
+        ({}, far, near, person),
     ):
         goal = GoalStatus(stamp_ns=1, id="a", state=state, reason=reason, pose=pose, **more)
         yield RobotState(**known, goal=goal)

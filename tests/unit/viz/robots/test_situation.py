@@ -187,6 +187,18 @@ CASES = [
     (known(goal=goal("planning")), "Looking for a path to kitchen."),
     (known(goal=DRIVING), "It is on its way to kitchen, 3.2 m to go, about 12 s."),
     (
+        known(goal=goal("driving", distance_remaining=0.6, eta=2.04)),
+        "It is on its way to kitchen, 0.6 m to go, about 2 s.",
+    ),
+    (
+        known(goal=goal("driving", distance_remaining=0.5, eta=0.2)),
+        "It is on its way to kitchen, 0.5 m to go, about 1 s.",
+    ),
+    (
+        known(goal=goal("driving", distance_remaining=0.04, eta=2.0)),
+        "It is on its way to kitchen, nearly there.",
+    ),
+    (
         known(goal=goal("driving"), at="unsure"),
         "It is on its way to kitchen, slowly.",
     ),

@@ -98,14 +98,16 @@ def test_a_goal_is_called_by_its_place() -> None:
         eta=8.2,
     )
     assert goal_line(goal, [KITCHEN]) == StatusLine(
-        "Driving to kitchen", "busy", "2.3 m to go, about 8.2 s"
+        "Driving to kitchen", "busy", "2.3 m to go, about 8 s"
     )
     assert goal_line(goal, []).headline == "Driving to the place on the map"
     careful = msgspec.structs.replace(goal, warning="in_passage")
     assert goal_line(careful, [KITCHEN]).detail == (
-        "2.3 m to go, about 8.2 s. That is a narrow passage: while the robot stands there, nobody "
+        "2.3 m to go, about 8 s. That is a narrow passage: while the robot stands there, nobody "
         "gets past it."
     )
+    near = msgspec.structs.replace(goal, distance_remaining=0.04, eta=0.9)
+    assert goal_line(near, [KITCHEN]).detail == "Nearly there"
 
 
 def test_a_failed_goal_says_why() -> None:

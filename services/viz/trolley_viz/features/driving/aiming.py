@@ -18,7 +18,7 @@ from trolley_viz.features.driving.correction import Correction
 from trolley_viz.features.driving.robot_actions import RobotActions
 from trolley_viz.pointing.pointer import Pointed, Pointer, Tool
 from trolley_viz.robots.view import View
-from trolley_viz.words.sentences import duration, refusal
+from trolley_viz.words.sentences import estimate_text, refusal
 
 GO_TO, SET_POSE, QUEUE_GOALS = "go_to", "set_pose", "queue_goals"
 POINT_GOAL, POINT_POSE, LEAVE = "Go to …", "Set pose …", "Press again to cancel"
@@ -245,5 +245,5 @@ def preview_text(path: Path) -> str:
     """Say how long a path is and how long driving it takes."""
     poses = floats_from_bytes(path.poses, 3)
     length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
-    eta = f", about {duration((len(poses) - 1) * path.dt)}" if path.dt > 0.0 else ""
+    eta = f", {estimate_text((len(poses) - 1) * path.dt)}" if path.dt > 0.0 else ""
     return f"{length:.1f} m{eta}"
