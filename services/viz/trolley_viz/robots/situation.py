@@ -24,6 +24,7 @@ from trolley_viz.words.plain_words import said
 from trolley_viz.words.sentences import (
     DRIVING,
     EXPLORES_WELL,
+    NO_CONTACT,
     SPOT,
     STALE_S,
     UNCONFIRMED,
@@ -36,7 +37,6 @@ from trolley_viz.words.sentences import (
     where_to,
 )
 
-AWAY = StatusLine("No contact with the robot. It is switched off or out of range.", "bad")
 LOST = StatusLine(
     "The robot does not know where it is. Show it with “Set pose …”, or let it search.", "bad"
 )
@@ -112,7 +112,7 @@ def _setup(known: RobotState) -> StatusLine | None:
 def _away(known: RobotState) -> StatusLine | None:
     if not known.is_away:
         return None
-    return AWAY if known.away_s is None else StatusLine(no_contact(known.away_s), "bad")
+    return StatusLine(NO_CONTACT if known.away_s is None else no_contact(known.away_s), "bad")
 
 
 def _base(known: RobotState) -> StatusLine | None:
@@ -208,9 +208,10 @@ def _position(known: RobotState) -> StatusLine | None:
     if known.estimate is None:
         return StatusLine("The robot does not know where it is yet.", "busy")
     if known.estimate_age_s is None or known.estimate_age_s > STALE_S:
+        # Of a lidar that is silent base has told before this.
         age_s = known.ages.get(topics.POSE.name)
         since = "sends nothing new" if age_s is None else f"has sent nothing for {_age(age_s)}"
-        return StatusLine(f"The robot does not know where it is: its lidar {since}.", "bad")
+        return StatusLine(f"The robot does not know where it is: the localizer {since}.", "bad")
     match known.estimate.state:
         case "lost":
             return LOST

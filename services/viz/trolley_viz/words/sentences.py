@@ -74,7 +74,8 @@ def refusal(reply: Refused) -> str:
 
 UNCONFIRMED = "The robot was told to stop, but the motor board is silent: it may still be moving."
 STOPPED = "The robot is stopped. Press “Drive on” first."
-AWAY = StatusLine("Away", "bad", "No contact with the robot. It is switched off or out of range.")
+NO_CONTACT = "No contact with the robot. It may be switched off or out of range."
+AWAY = StatusLine("Away", "bad", NO_CONTACT)
 
 
 def away_line(age_s: float | None) -> StatusLine:
@@ -83,10 +84,10 @@ def away_line(age_s: float | None) -> StatusLine:
 
 
 def no_contact(age_s: float) -> str:
-    """Say for how long [s] nothing has been heard of a robot."""
-    return (
-        f"No contact with the robot for {age_text(age_s, 0.0)}. It is switched off or out of range."
-    )
+    """Say for how long [s] nothing has been heard of a robot, once that is a second."""
+    if round(age_s) < 1:
+        return NO_CONTACT
+    return f"No contact with the robot for {_whole(age_s)}. It may be switched off or out of range."
 
 
 def aged(words: StatusLine, age_s: float | None) -> StatusLine:

@@ -90,7 +90,7 @@ CASES = [
         known(at="unsure", off_map=3.0, goal=goal("paused", reason="off_map")),
         "The map ends here, so it waits. Send it to a place on the map, or bring it back.",
     ),
-    (known(is_away=True), "No contact with the robot. It is switched off or out of range."),
+    (known(is_away=True), "No contact with the robot. It may be switched off or out of range."),
     (known(base=base("stopped", "button")), "Stopped. Press “Drive on” to let it drive again."),
     (
         known(base=base("stopped", "bumper")),
@@ -141,7 +141,7 @@ CASES = [
     ),
     (
         known(estimate_age_s=1.5),
-        "The robot does not know where it is: its lidar sends nothing new.",
+        "The robot does not know where it is: the localizer sends nothing new.",
     ),
     (
         known(at="lost", goal=DRIVING),
@@ -332,11 +332,19 @@ def test_a_robot_that_does_not_stop_is_not_called_stopped() -> None:
     [
         (
             known(is_away=True, away_s=12.0),
-            "No contact with the robot for 12 s. It is switched off or out of range.",
+            "No contact with the robot for 12 s. It may be switched off or out of range.",
+        ),
+        (
+            known(is_away=True, away_s=0.3),
+            "No contact with the robot. It may be switched off or out of range.",
+        ),
+        (
+            known(estimate_age_s=5.0, ages={"pose": 5.0}, base=base("held", "scan_lost")),
+            "Waiting: the lidar is silent. It will continue by itself.",
         ),
         (
             known(estimate_age_s=5.0, ages={"pose": 5.0}),
-            "The robot does not know where it is: its lidar has sent nothing for 5 s.",
+            "The robot does not know where it is: the localizer has sent nothing for 5 s.",
         ),
         (
             known(goal=goal("driving"), ages={"goal": 200.0}),
