@@ -290,7 +290,7 @@ class _Edit:
         """Forget a plan whose map was not stored: it would wait for the next map of that number."""
         try:
             yield
-        except Exception:
+        except (MapError, LookupError):
             if plan is not None:
                 forget_plan(self._situation.state)
             raise
