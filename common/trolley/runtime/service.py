@@ -288,10 +288,11 @@ class Service:
         A value that was superseded while it waited is not written; its `then` hears of the newer.
         Without `then` a failure is counted as `state/not_saved` and logged.
         """
-        heard = then or partial(self._say_not_saved, name)
+        heard = then or partial(self.say_not_saved, name)
         self._saves.save(name, value, heard, is_secret=is_secret)
 
-    def _say_not_saved(self, name: str, error: OSError | None) -> None:
+    def say_not_saved(self, name: str, error: OSError | None) -> None:
+        """Count and log that a state file was not written, if so: for a `then` of `save`."""
         if error is not None:
             self.count("state/not_saved")
             self.log.limited(name, "Not saved", file=name, why=error.strerror)

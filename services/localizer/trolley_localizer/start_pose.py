@@ -85,11 +85,9 @@ class LastPoseStore:
 
     def _written(self, error: OSError | None) -> None:
         """Try again the next time where it could not be written."""
+        self._service.say_not_saved(LAST_POSE_FILE, error)
         if error is not None:
             self.saved = None
-            self._service.count("state/not_saved")
-            why = error.strerror
-            self._service.log.limited(LAST_POSE_FILE, "Not saved", file=LAST_POSE_FILE, why=why)
 
 
 class StartPose:
