@@ -195,3 +195,33 @@ def test_a_speed_zone_of_an_absurd_speed_limits_nothing_and_ends_nothing(ride) -
     drive.send(Pose2D(4.0, 3.0, 0.0))
     drive.step(40)
     assert world.twist.vx == pytest.approx(0.5, abs=0.05)
+
+
+def cropped(low_y: float, high_y: float) -> OccupancyGrid:
+    """A strip of the room, whose floor is free up to where the map ends."""
+    room = empty_room()
+    rows = slice(round(low_y / room.resolution), round(high_y / room.resolution))
+    strip = GridMap(room.name, room.resolution, Pose2D(0.0, low_y, 0.0), room.cells[rows].copy())
+    return Flatland(strip, START).map()
+
+
+@pytest.mark.parametrize("controller", ["mppi", "pursuit"])
+def test_the_robot_does_not_drive_around_a_thing_over_the_end_of_the_map(ride, controller) -> None:
+    world = Flatland(empty_room(), START, truth=with_block(empty_room(), 3.9, 1.5, 0.3, 2.5))
+    drive = ride(world, PlannerConfig(controller=controller, give_up_s=10.0))
+    drive.navigator.inputs.map = cropped(2.0, 4.0)
+    drive.send(Pose2D(6.5, 3.0, 0.0))
+    highest = START.y
+    for _ in range(600):
+        drive.step()
+        highest = max(highest, world.pose.transform_points(np.array(world.footprint))[:, 1].max())
+    assert highest < 4.03  # three quarters of a cell
+
+
+def test_a_place_where_the_robot_would_reach_over_the_end_of_the_map_is_refused(ride) -> None:
+    long = [(0.6, 0.2), (-0.1, 0.2), (-0.1, -0.2), (0.6, -0.2)]
+    drive = ride(Flatland(empty_room(), START, footprint=long))
+    drive.navigator.inputs.map = cropped(2.0, 4.0)
+    drive.step(4)
+    assert refused(drive, Pose2D(5.0, 3.7, math.pi / 2)).code == codes.IN_OBSTACLE
+    drive.send(Pose2D(5.0, 3.2, math.pi / 2))

@@ -76,13 +76,22 @@ class PlanningContext:
         )
 
     def map_clearance(self, pose_grid: Pose2D, enough_m: float) -> float:
-        """Return how far the footprint at a pose is from map and zones [m], at most `enough_m`."""
+        """Return how far the footprint at a pose is from map and zones [m], at most `enough_m`.
+
+        The end of the map is an obstacle, too, unless what nobody has seen is free.
+        """
         costmap = self.costmap
         edge = costmap.resolution_m
         field = Field(costmap.static.distance_m, NO_LIMITS, NO_LIMITS, 0.0, 0.0, edge, edge, edge)
-        return clearance_at(
+        found = clearance_at(
             field, self.local_costmap.body, pose_grid.x, pose_grid.y, pose_grid.yaw, enough_m
         )
+        if costmap.unknown_is_free:
+            return found
+        corners = pose_grid.transform_points(self.footprint.polygon)
+        rows, cols = costmap.shape
+        inside = np.minimum(corners, edge * np.array([cols, rows]) - corners)
+        return min(found, float(inside.min()))
 
     def seen_clearance(self, pose_grid: Pose2D, enough_m: float) -> float:
         """Return the clearance of a pose in the local costmap from all obstacles in it."""

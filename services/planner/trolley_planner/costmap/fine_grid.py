@@ -113,7 +113,8 @@ def fill_window(
     """Write 1 where something stands: what was seen as the point seen, walls but for their rims.
 
     A wall fills the cells at its surface only in part; where they end, the lidar sees. Where it
-    does not look, they count as filled.
+    does not look, they count as filled, and so does all beyond the costmap if what nobody has seen
+    does.
 
     Args:
         out_mask: (rows * parts, cols * parts) fine cells, overwritten.
@@ -137,6 +138,9 @@ def fill_window(
         for window_col in range(fine_cols // parts):
             row, col = first[0] + window_row, first[1] + window_col
             if not (0 <= row < rows and 0 <= col < cols):
+                if unknown_blocks:
+                    top, left = window_row * parts, window_col * parts
+                    out_mask[top : top + parts, left : left + parts] = 1
                 continue
             unseen = kinds[row, col] == UNKNOWN and observed[row, col] == 0
             is_filled = keepout[row, col] != 0 or (unknown_blocks and unseen)

@@ -36,6 +36,8 @@ class GivingWayParams:
     """Distance that it must move within `idle_s`."""
     turn_s: float = 15.0
     """Time for which the other robot has the right of way instead."""
+    again_s: float = 30.0
+    """Time within which coming upon a robot again that has not moved continues the wait for it."""
     look_s: float = 1.0
     """Time between two searches for a better place to wait."""
     standing_mps: float = 0.03
@@ -60,6 +62,8 @@ class WaitForRobot:
     where: str
     """In words: at which narrow place, or "to pass" if they face each other."""
     since_ns: int
+    """Since when, with what it drove in between and came upon that one again."""
+    began_ns: int
     place: Pose2D
     """Where the other robot was when it last moved."""
     moved_ns: int
@@ -70,6 +74,15 @@ class WaitForRobot:
     def sentence(self) -> str:
         """The sentence for people."""
         return f"Waiting for robot {self.name} {self.where}."
+
+    def goes_on(self, other: Neighbour, now_ns: int) -> bool:
+        """Say whether a wait that is over was for nothing: that robot is still where it was."""
+        return (
+            self.name == other.name
+            and self.place.distance_to(other.pose) <= GIVING_WAY.idle_m
+            and self.free_ns is not None
+            and now_ns - self.free_ns < GIVING_WAY.again_s * 1e9
+        )
 
 
 class GivingWay:
@@ -91,6 +104,7 @@ class GivingWay:
         """The other robots, in `grid`."""
         self.wait: WaitForRobot | None = None
         """Which robot it waits for now."""
+        self._last_wait: WaitForRobot | None = None
 
     def set_config(self, config: PlannerConfig) -> None:
         """Apply other settings from now on."""
@@ -115,7 +129,7 @@ class GivingWay:
     def forget(self) -> None:
         """Stop waiting, as with a new goal."""
         self.wait, self._waiting_execution, self._stood_ns, self._waited_ns = None, None, None, 0
-        self._looked_ns = 0
+        self._last_wait, self._looked_ns = None, 0
         self._left_to.clear()
 
     def decide(self, name: str, execution: GoalExecution, motion: Motion, now_ns: int) -> None:
@@ -222,10 +236,14 @@ class GivingWay:
         )
 
     def _wait_for(self, other: Neighbour, where: str, now_ns: int) -> None:
-        wait = self.wait
-        if wait is None or wait.name != other.name:
-            since_ns = now_ns if wait is None else wait.since_ns
-            self.wait = WaitForRobot(other.name, where, since_ns, other.pose, now_ns)
+        wait, last = self.wait, self._last_wait
+        if wait is None and last is not None and last.goes_on(other, now_ns):
+            wait = self.wait = replace(last, where=where, began_ns=now_ns)
+        elif wait is None or wait.name != other.name:
+            since_ns, began_ns = (
+                (now_ns, now_ns) if wait is None else (wait.since_ns, wait.began_ns)
+            )
+            self.wait = WaitForRobot(other.name, where, since_ns, began_ns, other.pose, now_ns)
             return
         wait.free_ns = None
         if wait.place.distance_to(other.pose) > GIVING_WAY.idle_m:
@@ -240,8 +258,8 @@ class GivingWay:
         if self.wait.free_ns is None:
             self.wait.free_ns = now_ns
         if now_ns - self.wait.free_ns > GIVING_WAY.passed_s * 1e9:
-            self._waited_ns = now_ns - self.wait.since_ns
-            self.wait, self._waiting_execution = None, None
+            self._waited_ns = now_ns - self.wait.began_ns
+            self._last_wait, self.wait, self._waiting_execution = self.wait, None, None
 
     def _look_for_waiting_pose(
         self, execution: GoalExecution, pose: Pose2D, passages: Passages, now_ns: int

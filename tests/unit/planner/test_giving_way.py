@@ -1,0 +1,44 @@
+"""Another robot on the way that does not go on, though it says that it has a goal."""
+
+import msgspec
+import numpy as np
+import pytest
+from support.flatland import Flatland, two_rooms, with_block
+
+from trolley import codes
+from trolley.config import PlannerConfig
+from trolley.geometry import Pose2D
+from trolley.messages import GoalStatus, Path
+from trolley.messages.types import floats_to_bytes
+
+START = Pose2D(1.2, 3.0, 0.0)
+IN_DOOR = Pose2D(4.0, 3.0, np.pi)
+BACK = np.array([(4.0, 3.0, 0.0), (1.0, 3.0, 0.0)])
+
+
+@pytest.mark.parametrize("own_name", ["b", "0"])
+def test_the_goal_ends_while_a_robot_with_a_goal_stands_in_the_door_for_ever(
+    ride, own_name
+) -> None:
+    grid = two_rooms(0.7)
+    world = Flatland(grid, START, truth=with_block(grid, 3.85, 2.88, 0.3, 0.25))
+    drive = ride(world, PlannerConfig(give_up_s=6.0))
+    neighbours = drive.navigator.neighbours
+    neighbours.own_name = own_name
+    path = Path(stamp_ns=0, frame="map", poses=floats_to_bytes(BACK), dt=0.0)
+
+    def hear_of_it() -> bool:
+        now_ns = drive.now_ns
+        pose = msgspec.structs.replace(world.estimate(now_ns), pose=IN_DOOR)
+        neighbours.update_robot(world.robot(), "a")
+        neighbours.update_pose(pose, "a", now_ns)
+        status = GoalStatus(stamp_ns=now_ns, id="x", state="driving", frame="map")
+        neighbours.update_goal(status, "a", now_ns)
+        neighbours.update_path(msgspec.structs.replace(path, stamp_ns=now_ns), "a")
+        return not drive.navigator.current.board.is_active
+
+    hear_of_it()
+    drive.send(Pose2D(6.5, 3.0, 0.0))
+    status = drive.until(hear_of_it, 120.0)
+    assert (status.state, status.reason) == ("failed", codes.BLOCKED)
+    assert "Robot a" in status.message
