@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -570,6 +571,56 @@ def test_after_a_change_of_map_a_change_of_its_zones_is_not_taken_for_another_ma
     drive.step(10)
     status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.message) == ("driving", "")
+
+
+def test_a_map_that_was_turned_under_its_name_is_another_map(ride) -> None:
+    world = Flatland(empty_room(), START)
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.step(20)
+    turn = Pose2D(0.0, 0.0, math.radians(10.0))
+    world.grid = dataclasses.replace(world.grid, origin=turn @ world.grid.origin)
+    drive.navigator.inputs.map = world.map()
+    drive.step(4)
+    status = drive.navigator.current.status(drive.now_ns)
+    assert (status.state, status.reason) == ("failed", codes.WRONG_MAP)
+
+
+def test_a_paused_goal_of_another_map_is_not_resumed(ride) -> None:
+    drive = ride(Flatland(empty_room(), START))
+    navigator, inputs = drive.navigator, drive.navigator.inputs
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.step(20)
+    navigator.requests.pause(WhichGoal(), drive.now_ns)
+    drive.step(20)
+    # The scan that would end it has not come yet.
+    inputs.map = msgspec.structs.replace(inputs.map, name="upstairs")
+    inputs.zones = msgspec.structs.replace(inputs.zones, map="upstairs")
+    inputs.pose = msgspec.structs.replace(inputs.pose, map="upstairs")
+    with pytest.raises(Refused) as refusal:
+        navigator.requests.resume(WhichGoal(), drive.now_ns)
+    assert refusal.value.code == codes.NOT_CURRENT
+    status = navigator.current.status(drive.now_ns)
+    assert (status.state, status.reason) == ("failed", codes.WRONG_MAP)
+
+
+@pytest.mark.parametrize("asks", ["send", "preview"])
+def test_what_is_refused_for_its_distance_leaves_the_goal_in_frame_odom(ride, asks: str) -> None:
+    world = Flatland(empty_room(44.0, 6.0), START)
+    drive = ride(world, PlannerConfig(frame="odom"))
+    requests, way = drive.navigator.requests, world.odom_T_base
+    requests.send(SendGoal(pose=way @ Pose2D(38.0, 0.0, 0.0)), "first", drive.now_ns)
+    drive.step(4)
+    far = SendGoal(pose=way @ Pose2D(100.0, 0.0, 0.0))
+    ask = (
+        partial(requests.send, far, "second") if asks == "send" else partial(requests.preview, far)
+    )
+    with pytest.raises(Refused) as refusal:
+        ask(drive.now_ns)
+    assert refusal.value.code == codes.OUTSIDE_MAP
+    drive.step(4)
+    status = drive.navigator.current.status(drive.now_ns)
+    assert (status.id, status.state) == ("first", "driving")
 
 
 @pytest.mark.parametrize("tolerance", [3.0, 1e308])

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 from support.flatland import Flatland, empty_room, two_rooms, with_block
 
@@ -9,6 +10,7 @@ from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
+from trolley.messages import Zone
 from trolley_planner.driving.recovery import RECOVERY_SEQUENCE, Recovery, RecoveryAction
 
 START = Pose2D(1.0, 3.0, 0.0)
@@ -63,6 +65,26 @@ def test_a_blocked_way_fails_after_bounded_tries(ride) -> None:
     assert world.touches == 0
     drive.step(20)
     assert world.twist.is_zero
+
+
+@pytest.mark.parametrize("changes", ["zones", "map"])
+def test_a_blocked_way_fails_though_map_or_zones_change_again_and_again(ride, changes) -> None:
+    drive = ride(Flatland(two_rooms(), START), PlannerConfig(give_up_s=10.0))
+    drive.send(Pose2D(6.5, 4.5, 1.5))
+    drive.step(20)
+    drive.world.set_truth(with_block(two_rooms(), 3.9, 2.4, 0.2, 1.2))
+    inputs, counts = drive.navigator.inputs, []
+    for edit in range(8):
+        corners = [(7.0, 1.0), (7.5, 1.0), (7.5, 1.5 + 0.01 * edit)]
+        room = Zone(name="pantry", kind="room", points=corners)
+        if changes == "zones":
+            inputs.zones = msgspec.structs.replace(inputs.zones, zones=[room])
+        else:
+            inputs.map = drive.world.map()
+        status = drive.until_over(15.0)
+        counts.append(status.recoveries)
+    assert (status.state, status.reason) == ("failed", codes.BLOCKED)
+    assert counts == sorted(counts)
 
 
 def test_the_other_door_is_taken_when_one_stays_blocked(ride) -> None:

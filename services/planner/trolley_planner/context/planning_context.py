@@ -230,7 +230,7 @@ class CostmapManager:
         self._inputs = inputs
         self.context: PlanningContext | None = None
         self.is_other_map = False
-        """Whether the last rebuild was for a map of another name."""
+        """Whether the last rebuild was for a map of another name, or one that was turned."""
         self._robot: Robot | None = None
         self._map: OccupancyGrid | None = None
         self._zones: Zones | None = None
@@ -298,7 +298,9 @@ class CostmapManager:
             return self._rebuild_around(self._footprint, robot, goals)
         if self._is_outdated or grid is not self._map or self.context is None:
             self.is_other_map = (
-                self._map is not None and grid is not None and grid.name != self._map.name
+                self._map is not None
+                and grid is not None
+                and (grid.name, grid.origin.yaw) != (self._map.name, self._map.origin.yaw)
             )
             self._map, self._zones, self._is_outdated = grid, None, False
             before = self.context
@@ -393,8 +395,12 @@ class CostmapManager:
             return False
         config, before = self._config, self.context
         edge = MANAGER.edge_share * config.odom_size_m
-        centre, size_m = _square_around([here, *goals], edge, config)
-        if before is not None and not self._is_outdated:
+        is_fit = before is not None and not self._is_outdated
+        square = _square_around([here, *goals], edge, config)
+        if square is None and is_fit:
+            return False
+        centre, size_m = square or (here, config.odom_size_m)
+        if before is not None and is_fit:
             is_needed = goals or before.grid.cols <= round(size_m / config.odom_resolution_m)
             if is_needed and all(_is_within(before, pose, edge) for pose in (here, *goals)):
                 return False
@@ -411,16 +417,16 @@ class CostmapManager:
 
 def _square_around(
     poses: Sequence[Pose2D], edge_m: float, config: PlannerConfig
-) -> tuple[Pose2D, float]:
+) -> tuple[Pose2D, float] | None:
     """Return middle and size [m] of a square that holds poses, at least the usual one.
 
-    One that would be too large is around the first pose only.
+    None if it would be too large.
     """
     xs, ys = [pose.x for pose in poses], [pose.y for pose in poses]
     extent = max(max(xs) - min(xs), max(ys) - min(ys))
     size = max(config.odom_size_m, extent + 2.0 * edge_m + 1.0)
     if size > max(MANAGER.largest_m, config.odom_size_m):
-        return poses[0], config.odom_size_m
+        return None
     return Pose2D(0.5 * (min(xs) + max(xs)), 0.5 * (min(ys) + max(ys)), 0.0), size
 
 

@@ -274,6 +274,20 @@ class GoalExecution:
         self.route.replan_soon()
         self.outcome = None
 
+    def continue_from(self, before: "GoalExecution", here: Pose2D) -> None:
+        """Count on from the same goal on another costmap: it has been held up for as long.
+
+        Args:
+            before: which is over.
+            here: where the robot is, in `grid`.
+        """
+        sequence = self.recovery.sequence = before.recovery.sequence
+        sequence.set_config(self._config)
+        sequence.end()
+        sequence.update_path_length(self.route.remaining_m(here))
+        progress = before._progress  # noqa: SLF001
+        self._progress.at_goal, self._progress.on_way = progress.at_goal, progress.on_way
+
     def replan_soon(self) -> None:
         """Look for a path the next time, however good the present one is."""
         self.route.replan_soon()

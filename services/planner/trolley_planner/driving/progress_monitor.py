@@ -68,7 +68,10 @@ class ProgressMonitor:
         self._contact_hold = ContactHold(context.footprint, config.patience_s)
         self._no_path_s = 0.0
         self._held_s = 0.0
-        self._at_goal, self._on_way = Patience(), Patience()
+        self.at_goal = Patience()
+        """With what stands on the goal."""
+        self.on_way = Patience()
+        """With what stands on the only path."""
         self.is_waiting_at_goal = False
         """Whether the robot waits before an occupied goal."""
         self.is_waiting_on_way = False
@@ -136,7 +139,7 @@ class ProgressMonitor:
     def wait_at_goal(self, elapsed_s: float, *, waits: bool) -> bool:
         """Record whether it waits there; False when it has waited for long enough."""
         most_s = PATIENCE.goal_patience * self._patience_s
-        is_patient = self._at_goal.lasts(elapsed_s, most_s, waits=waits)
+        is_patient = self.at_goal.lasts(elapsed_s, most_s, waits=waits)
         self.is_waiting_at_goal = waits or not is_patient
         if is_patient and waits:
             self._checker.reset()
@@ -151,7 +154,7 @@ class ProgressMonitor:
         """
         reach_m = self._context.footprint.circumscribed_m + PATIENCE.wait_on_way_m
         waits, most_s = free_m < reach_m, PATIENCE.way_patience * self._patience_s
-        self.is_waiting_on_way = self._on_way.lasts(elapsed_s, most_s, waits=waits) and waits
+        self.is_waiting_on_way = self.on_way.lasts(elapsed_s, most_s, waits=waits) and waits
         if self.is_waiting_on_way:
             self._checker.reset()
         return self.is_waiting_on_way

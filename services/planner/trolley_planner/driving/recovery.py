@@ -59,8 +59,7 @@ class Recovery:
     """Which recovery behaviour comes next, and when to give up."""
 
     def __init__(self, config: PlannerConfig) -> None:
-        self._give_up_ns = round(config.give_up_s * 1e9)
-        self._patience_ns = round(config.patience_s * 1e9)
+        self.set_config(config)
         self._step = -1
         self._since_ns: int | None = None
         self._excused_ns = 0
@@ -73,6 +72,11 @@ class Recovery:
         """Actions since the goal was sent, waits included."""
         self.current: RecoveryAction | None = None
         """What is being tried."""
+
+    def set_config(self, config: PlannerConfig) -> None:
+        """Apply other settings from now on."""
+        self._give_up_ns = round(config.give_up_s * 1e9)
+        self._patience_ns = round(config.patience_s * 1e9)
 
     def update_remaining(self, remaining_m: float) -> None:
         """Record the remaining length of the path: progress ends recovery."""

@@ -63,12 +63,27 @@ class CurrentGoal:
         self.board.set("planning", "", now_ns)
         self.following = following
 
-    def execute(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
-        """Begin to execute the goal; its first look at the costmap must not wait for a scan."""
+    def execute(
+        self,
+        validated: ValidatedGoal,
+        context: PlanningContext,
+        now_ns: int,
+        before: GoalExecution | None = None,
+    ) -> None:
+        """Begin to execute the goal; its first look at the costmap must not wait for a scan.
+
+        Args:
+            validated: with its first path.
+            context: costmap and planners.
+            now_ns: robot time.
+            before: how the same goal was driven to on another costmap.
+        """
         execution = GoalExecution(validated.goal, context, self._config, validated.path, now_ns)
         self.execution = execution
         motion = self._motion_state.motion()
         if motion is not None:
+            if before is not None:
+                execution.continue_from(before, motion.pose)
             execution.update(motion, now_ns)
 
     def drop_execution(self) -> None:

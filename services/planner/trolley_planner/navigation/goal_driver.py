@@ -38,10 +38,16 @@ class GoalDriver:
         self._blindness.forget()
         self._current.set_off(now_ns)
 
-    def begin(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
-        """Begin to execute a goal, maybe the same on another costmap; nobody is waited for."""
+    def begin(
+        self,
+        validated: ValidatedGoal,
+        context: PlanningContext,
+        now_ns: int,
+        before: GoalExecution | None = None,
+    ) -> None:
+        """Begin to execute a goal, `before` on another costmap; nobody is waited for."""
         self._yielding.forget()
-        self._current.execute(validated, context, now_ns)
+        self._current.execute(validated, context, now_ns, before)
 
     def update_base(self, base: BaseState, now_ns: int) -> None:
         """Take in the base's state, which is in the inputs already."""

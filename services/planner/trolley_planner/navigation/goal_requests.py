@@ -162,6 +162,7 @@ class GoalRequests:
             raise Refused(codes.PERSON_LOST)
         left = goal if self._current.execution is None else self._current.execution.remaining_goal()
         context, here = self._replanner.context_for((*left.vias, left.pose), now)
+        self._current.board.check_current(params.id)  # on another map it has ended
         self._set_off(validate(left, context, here, self._config), context, now)
         return self._current.status(now)
 
@@ -170,7 +171,8 @@ class GoalRequests:
         try:
             self.resume(WhichGoal(), now_ns)
         except Refused as refusal:
-            self._current.end("failed", refusal.code, now_ns, refusal.message)
+            if self._current.board.is_active:
+                self._current.end("failed", refusal.code, now_ns, refusal.message)
 
     def _validate(
         self, params: SendGoal, new_id: str, now_ns: int

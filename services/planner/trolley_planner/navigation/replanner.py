@@ -79,7 +79,7 @@ class Replanner:
         return self._costmap_manager.require_context(), here
 
     def _plan_anew(self, execution: GoalExecution, context: PlanningContext, now_ns: int) -> None:
-        """Drive to the same goal on another costmap, or fail if that is not possible."""
+        """Drive on to the same goal on a costmap that has changed; fail if that is not possible."""
         here = self._inputs.base_pose()
         if here is None:
             return
@@ -88,5 +88,8 @@ class Replanner:
         except Refused as refusal:
             blocked = refusal.details.get("blocked", [])
             self._current.end("failed", refusal.code, now_ns, refusal.message, blocked)
+            return
+        if context is execution.context:  # only zones have changed
+            execution.replan_soon()
         else:
-            self._driver.begin(validated, context, now_ns)
+            self._driver.begin(validated, context, now_ns, execution)
