@@ -257,6 +257,29 @@ def test_it_stands_while_its_sensors_are_silent(stage, far_side, silent, reason)
     assert stage.world.touches == 0
 
 
+@pytest.mark.parametrize(
+    ("silent", "reason"),
+    [("pose", codes.STALE), ("scan", codes.SCAN_LOST), ("odom", codes.LINK_LOST)],
+)
+def test_a_message_of_the_future_does_not_hide_that_no_other_follows(
+    stage: Stage, far_side: Pose2D, silent: str, reason: str
+) -> None:
+    stage.send(far_side)
+    stage.lockstep.run(2.0)
+    stage.robot.silent.add(silent)
+    in_an_hour_ns = stage.robot.robot_ns + 3_600_000_000_000
+    if silent == "pose":
+        stage.robot.publish(topics.POSE, stage.world.estimate(in_an_hour_ns, "localized"))
+    elif silent == "scan":
+        stage.lockstep.run(0.1)  # one that comes at once after the last is skipped
+        stage.robot.publish(topics.SCAN, stage.world.scan(in_an_hour_ns))
+    else:
+        stage.robot.publish(topics.ODOM, stage.world.odometry(in_an_hour_ns))
+    stage.lockstep.run(2.0)
+    assert stage.world.twist.is_zero
+    assert (stage.goals[-1].state, stage.goals[-1].reason) == ("recovering", reason)
+
+
 @pytest.mark.parametrize("clock", [set(), {"clock"}])
 def test_after_a_long_silence_of_base_nothing_sets_off_by_itself(
     stage: Stage, far_side: Pose2D, clock: set[str]

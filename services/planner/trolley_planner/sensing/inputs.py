@@ -33,9 +33,10 @@ class InputParams:
     """When inputs are old, and how the pose is smoothed; by hand."""
 
     stale_s: float = 1.0
-    """A pose estimate older than this is stale."""
+    """A pose estimate older than this is stale, as is one stamped this far ahead."""
     silent_s: float = 0.5
-    """Without a scan or odometry for this long the robot is blind."""
+    """Without a scan or odometry for this long the robot is blind. One that is stamped this far
+    ahead does not count: it would hide that none follows."""
     most_extrapolation_s: float = 0.2
     """Odometry is extrapolated for no longer than this."""
     smoothing: float = 0.25
@@ -160,7 +161,7 @@ class Inputs:
         # After another map was loaded, its first pose may come before the map itself.
         if self.map is not None and self.pose.map not in (None, self.map.name):
             return "stale"
-        return "stale" if now_ns - self.pose.stamp_ns > INPUTS.stale_s * 1e9 else None
+        return "stale" if abs(now_ns - self.pose.stamp_ns) > INPUTS.stale_s * 1e9 else None
 
     def silence(self, now_ns: int) -> str | None:
         """Return the code of what fell silent: the lidar, or the wheels' odometry; None if neither.
@@ -168,7 +169,7 @@ class Inputs:
         The robot's own `base` sends both, so the odometry is silent when its motor board is.
         """
         for message, code in ((self.scan, codes.SCAN_LOST), (self.odometry, codes.LINK_LOST)):
-            if message is None or now_ns - message.stamp_ns > INPUTS.silent_s * 1e9:
+            if message is None or abs(now_ns - message.stamp_ns) > INPUTS.silent_s * 1e9:
                 return code
         return None
 
