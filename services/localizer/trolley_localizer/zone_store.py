@@ -24,13 +24,13 @@ class ZoneStore:
         self._maps = maps
         self._lease = lease
         self.zones: list[Zone] = []
-        """Sorted by name."""
-        self._stored: list[Zone] = []
-        """What the file holds: those that hold where newer ones cannot be saved."""
+        """What the file holds, sorted by name."""
+        self._wanted: list[Zone] = []
+        """The same with the changes that are still being written."""
 
     def open(self, loaded: LoadedMap) -> None:
         """Change to the zones of another map: saved ones, else those that came with the map."""
-        self.zones = self._stored = self._read(loaded)
+        self.zones = self._wanted = self._read(loaded)
         loaded.localizer.set_mirrors(mirror_lines(self.zones))
 
     def publish(self) -> None:
@@ -76,7 +76,7 @@ class ZoneStore:
             self._service.request(requests.MAP_ZONES_PUT, zone, partial(self._answered, reply))
             return
         loaded = self._maps.ready()
-        self._change(loaded, with_zone(self.zones, zone), zone, reply)
+        self._change(loaded, with_zone(self._wanted, zone), zone, reply)
 
     def _delete(self, name: str, reply: Later[Zone] | None) -> None:
         if self._lease.is_held:
@@ -84,7 +84,7 @@ class ZoneStore:
             self._service.request(requests.MAP_ZONES_DELETE, named, partial(self._answered, reply))
             return
         loaded = self._maps.ready()
-        zones, zone = without_zone(self.zones, name)
+        zones, zone = without_zone(self._wanted, name)
         self._change(loaded, zones, zone, reply)
 
     def _answered(self, reply: Later[Zone] | None, result: Zone | Refused) -> None:
@@ -100,30 +100,25 @@ class ZoneStore:
         self, loaded: LoadedMap, zones: list[Zone], zone: Zone, reply: Later[Zone] | None
     ) -> None:
         """Save changed zones, then publish them; what is not saved does not hold."""
-        self.zones = zones
+        self._wanted = zones
 
         def saved(error: OSError | None) -> None:
             if error is None:
                 if self._maps.current is loaded:
-                    self._stored = zones
-                self._apply()
+                    self.zones = zones
+                    loaded.localizer.set_mirrors(mirror_lines(zones))
+                    self.publish()
                 if reply is not None:
                     reply.reply(zone)
                 return
-            if self.zones is zones:
-                self.zones = self._stored
+            if self._wanted is zones:
+                self._wanted = self.zones
             why = f"The zone could not be written to disk: {error.strerror}."
             self._service.log.error("A zone was not saved", zone=zone.name, why=error.strerror)
             if reply is not None:
                 reply.refuse(Refused(codes.NOT_SAVED, why))
 
         self._service.save(state_file(loaded.name), ZoneFile(zones=zones), saved)
-
-    def _apply(self) -> None:
-        """Let the zones count from now on."""
-        if self._maps.current is not None:
-            self._maps.current.localizer.set_mirrors(mirror_lines(self.zones))
-        self.publish()
 
     def _read(self, loaded: LoadedMap) -> list[Zone]:
         service = self._service

@@ -386,6 +386,29 @@ def test_zones_that_no_write_has_saved_do_not_hold(
     assert [zone.name for zone in robot.zones[-1].zones] == ["a", "d"]
 
 
+def test_a_zone_that_is_still_being_written_does_not_hold(
+    make_robot: MakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = make_robot()
+    service = robot.bus.nodes["localizer"].service
+    jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
+    monkeypatch.setattr(service, "work", lambda fn, then: jobs.append((fn, then)))
+
+    def put(name: str) -> None:
+        body = json.dumps({"name": name, "kind": "mirror", "points": [[6.0, 1.0], [6.0, 2.0]]})
+        robot.bus.put(topics.ZONE.key("trolley", name), body.encode(), "application/json")
+        robot.bus.run(0.1)
+
+    put("a")
+    (write, tell) = jobs[0]
+    outcome = write()
+    put("b")  # while the outcome of the first is on its way
+    tell(outcome)
+    robot.bus.run(0.1)
+    assert [zone.name for zone in robot.zones[-1].zones] == ["a"]
+    assert len(robot.bus.get(topics.ZONE.key("trolley", "*"))) == 1
+
+
 def test_a_refused_zone_changes_nothing_and_is_counted(make_robot: MakeRobot) -> None:
     robot = make_robot()
     body = json.dumps({"name": "other", "kind": "mirror", "points": [[6.0, 1.0], [6.0, 2.0]]})
