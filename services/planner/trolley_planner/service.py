@@ -32,8 +32,10 @@ from trolley_planner.warmup import warm_up
 
 R = TypeVar("R")
 VALID_S = 0.15
-"""Time for which a command is valid [s]: three control periods, and short enough that a robot whose
-planner dies stands within half a second, braking from full speed included."""
+"""Time for which a command is valid [s]: short enough that a robot whose planner dies stands within
+half a second, braking from full speed included. Below 10 commands a second it is longer."""
+VALID_PERIODS = 1.5
+"""Least time for which a command is valid, in control periods: the next one comes before."""
 STATUS_S = 0.2
 """Period of the goal's status [s]."""
 COSTMAP_S = 0.5
@@ -58,6 +60,11 @@ def command_period_ns(config: PlannerConfig) -> int:
     return round(0.8e9 / config.control_rate_hz)
 
 
+def command_valid_s(config: PlannerConfig) -> float:
+    """Return the time for which a command is valid [s]."""
+    return max(VALID_S, VALID_PERIODS / config.control_rate_hz)
+
+
 class PlannerService(Service):
     """Owns the costmap, the path, the trajectory and the current goal."""
 
@@ -68,6 +75,7 @@ class PlannerService(Service):
         self.navigator = Navigator(config.planner)
         self.navigator.inputs.extra_sensors = ExtraSensors(config.base.scans, "mark")
         self._command_ns = command_period_ns(config.planner)
+        self._valid_s = command_valid_s(config.planner)
         self.parts = (LiveConfig(self, config, self._use),)
         self._commanded_ns = 0
         self._scan_ns = 0
@@ -80,6 +88,7 @@ class PlannerService(Service):
     def _use(self, config: RobotConfig) -> None:
         """Apply changed settings."""
         self._command_ns = command_period_ns(config.planner)
+        self._valid_s = command_valid_s(config.planner)
         self.navigator.set_config(config.planner)
         self.log.info("Settings changed")
 
@@ -201,7 +210,7 @@ class PlannerService(Service):
         stamp_ns = max(now_ns, self._commanded_ns + 1)
         self._commanded_ns = stamp_ns
         command = VelocityCommand(
-            stamp_ns=stamp_ns, twist=twist, valid_for=VALID_S, scan_ns=scan_ns
+            stamp_ns=stamp_ns, twist=twist, valid_for=self._valid_s, scan_ns=scan_ns
         )
         self.publish(topics.COMMAND, command, OWN_SOURCE)
 

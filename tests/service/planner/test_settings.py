@@ -1,5 +1,6 @@
 """Settings that are changed while the robot drives."""
 
+import itertools
 from typing import Any
 
 import pytest
@@ -74,6 +75,19 @@ def test_a_goal_stays_the_goal_and_is_reached(
     assert stage.until("arrived").id == "go-1"
     assert stage.world.touches == 0
     assert {(goal.id, goal.reason) for goal in stage.goals} == {(None, ""), ("go-1", "")}
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 20.0])
+def test_a_command_is_valid_until_the_next_one_comes(
+    stage: Stage, far_side: Pose2D, rate_hz: float
+) -> None:
+    change(stage, control_rate_hz=rate_hz)
+    stage.send(far_side)
+    stage.lockstep.run(1.0)
+    first = len(stage.commands)
+    stage.lockstep.run(2.0)
+    for command, following in itertools.pairwise(stage.commands[first:]):
+        assert following.stamp_ns - command.stamp_ns < command.valid_for * 1e9
 
 
 def test_without_a_goal_nothing_moves(stage: Stage) -> None:
