@@ -14,7 +14,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import UNKNOWN, GridMap
 from trolley.messages import OccupancyGrid, PoseEstimate, Scan, Zone
 from trolley.messages.request_params import SendGoal
-from trolley.messages.types import floats_to_bytes
+from trolley.messages.types import floats_from_bytes, floats_to_bytes
 
 START = Pose2D(1.0, 3.0, 0.0)
 CROSSED = [(0.2, 0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, -0.2)]
@@ -116,6 +116,28 @@ def test_a_look_round_ends_whether_the_robot_turns_or_not(ride, turns: bool) -> 
     seconds = sum(rate > 0.0 for rate in rates) / 20
     assert seconds > 8.0 if turns else 0.0 < seconds < 2.0
     assert rates[-1] == 0.0
+
+
+@pytest.mark.parametrize(("x", "turns"), [(-0.1, True), (-0.2, False)])
+def test_what_the_lidar_sees_of_the_robot_itself_leaves_room_to_look_round(
+    ride, x: float, turns: bool
+) -> None:
+    world = LostWorld(empty_room(), START)
+    post = world.base_T_laser.inverse() @ Pose2D(x, 0.05, 0.0)
+    plain = world.scan
+
+    def scan(stamp_ns: int) -> Scan:
+        seen = plain(stamp_ns)
+        ranges = floats_from_bytes(seen.ranges).copy()
+        angle = math.atan2(post.y, post.x) - seen.angle_min
+        ranges[round(angle / seen.angle_increment) % len(ranges)] = math.hypot(post.x, post.y)
+        return msgspec.structs.replace(seen, ranges=floats_to_bytes(ranges))
+
+    world.scan = scan
+    drive = ride(world, PlannerConfig(turn_to_find=True))
+    drive.pose_state = "lost"
+    drive.step(40)
+    assert any(one is not None and one.wz > 0.0 for one in drive.commands) == turns
 
 
 def test_a_lidar_that_sees_nothing_far_and_wide_lets_it_drive(ride) -> None:

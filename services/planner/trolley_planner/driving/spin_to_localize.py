@@ -3,9 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D, Twist2D, circumscribed_radius, footprint_from_polygon
+from trolley.geometry import (
+    Pose2D,
+    Twist2D,
+    circumscribed_radius,
+    footprint_from_polygon,
+    polygon_contains,
+)
 from trolley.messages import Scan
 from trolley.messages.types import floats_from_bytes
 from trolley_planner.control.robot_motion import Limits
@@ -98,12 +105,13 @@ class SpinToLocalize:
         robot, scan, mounting = inputs.robot, inputs.scan, inputs.base_T_laser
         if robot is None or scan is None or mounting is None:
             return False
-        radius = circumscribed_radius(footprint_from_polygon(robot.footprint))
-        return _is_free(scan, mounting, radius + SPIN.room_m)
+        footprint = footprint_from_polygon(robot.footprint)
+        radius_m = circumscribed_radius(footprint) + SPIN.room_m
+        return _is_free(scan, mounting, footprint, radius_m)
 
 
-def _is_free(scan: Scan, base_T_laser: Pose2D, radius_m: float) -> bool:
-    """Say whether nothing that a scan sees stands within a circle about the robot's centre.
+def _is_free(scan: Scan, base_T_laser: Pose2D, body: NDArray[np.float64], radius_m: float) -> bool:
+    """Say whether nothing but the robot itself is seen within a circle about its centre.
 
     Where the lidar does not look, `base` keeps the robot from what it remembers, and lets it
     turn at a creep into what it has not seen.
@@ -112,5 +120,6 @@ def _is_free(scan: Scan, base_T_laser: Pose2D, radius_m: float) -> bool:
     angles = scan.angle_min + np.arange(len(ranges)) * scan.angle_increment
     is_echo = np.isfinite(ranges) & (ranges > max(scan.range_min, 0.0))
     points = (ranges[is_echo] * np.stack([np.cos(angles[is_echo]), np.sin(angles[is_echo])])).T
-    distances = np.hypot(*base_T_laser.transform_points(points).T)
-    return bool((distances > radius_m).all())
+    points = base_T_laser.transform_points(points)
+    near = points[np.hypot(*points.T) <= radius_m]
+    return bool(polygon_contains(body, near).all())
