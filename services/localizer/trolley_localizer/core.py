@@ -100,6 +100,7 @@ class Localizer:
         """Locate by other thresholds from the next scan on; field, noise and counts stay."""
         self._config = config
         self._estimator.set_config(config)
+        self._reporter.set_config(config)
         if isinstance(self._state, Following):
             self._state.monitor.set_config(config)
 

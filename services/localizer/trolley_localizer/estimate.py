@@ -85,6 +85,10 @@ class EstimateReporter:
         self.said: Estimate | None = None
         """The newest estimate."""
 
+    def set_config(self, config: LocalizerConfig) -> None:
+        """Judge by other thresholds from the next scan on."""
+        self._config = config
+
     def restart_odometry(self) -> None:
         """Take it that the odometry begins at zero where the robot was last."""
         if self.said is not None and self.said.map_T_base is not None:

@@ -74,6 +74,16 @@ def test_a_robot_that_was_carried_off_is_found_within_three_seconds(make_drive: 
     assert wrong[-1].state == "localized"
 
 
+def test_why_a_pose_is_unsure_is_judged_by_changed_settings(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    drive.localizer.set_pose(drive.pose)
+    assert settle(drive).state == "localized"
+    drive.localizer.set_config(LocalizerConfig(max_spread_m=0.005))
+    estimate = settle(drive, 30)
+    assert estimate.state == "unsure"
+    assert estimate.message == "the hypotheses lie far apart"
+
+
 def test_a_robot_that_stands_does_not_wander(make_drive: MakeDrive) -> None:
     drive = make_drive()
     drive.localizer.set_pose(drive.pose)
