@@ -581,8 +581,9 @@ class Robot:
             timeout: how long to wait [s]; None: as long as it takes.
             speed: at most this fast [m/s].
             via: poses on the way, in this order.
-            xy_tolerance: how far from the place it may end [m]; None: 0.05.
-            yaw_tolerance: how far from the heading it may end [rad]; None: 0.05, pi: any heading.
+            xy_tolerance: how far from the place it may end [m], at least 0.005; None: 0.05.
+            yaw_tolerance: how far from the heading it may end [rad], at least 0.01; None: 0.05, pi:
+                any heading.
             frame: the frame of the coordinates; None: the planner's, the only one that it takes.
 
         Returns:

@@ -42,13 +42,13 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
 )
 @click.option(
     "--xy-tolerance",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=click.FloatRange(min=0.005),
     metavar="METRES",
     help="How near is near enough [default: 0.05].",
 )
 @click.option(
     "--yaw-tolerance",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=click.FloatRange(min=0.01),
     metavar="RADIANS",
     help="How near the heading has to be [default: 0.05].",
 )

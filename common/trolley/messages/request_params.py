@@ -44,8 +44,9 @@ class SendGoal(Struct, frozen=True, kw_only=True):
     name: str | None = None
     frame: str | None = None
     via: Annotated[list[Pose2D], Meta(max_length=1000)] = []
-    xy_tolerance: Positive = 0.05
-    yaw_tolerance: Positive = 0.05
+    # No finer than a robot can stand: one that never stood right would say that it cannot get on.
+    xy_tolerance: Annotated[float, Meta(ge=0.005, le=1e308)] = 0.05
+    yaw_tolerance: Annotated[float, Meta(ge=0.01, le=1e308)] = 0.05
     speed: Positive | None = None
 
     def __post_init__(self) -> None:

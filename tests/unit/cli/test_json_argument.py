@@ -38,7 +38,10 @@ def test_arrays_are_lists_as_echo_prints_them() -> None:
             "goal/send: `pose.x`: a number is needed, not text",
         ),
         ('{"pose": {"x": 1, "y": 2}}', "goal/send: `pose`: `yaw` is missing"),
-        ('{"name": "a", "xy_tolerance": 0}', "goal/send: `xy_tolerance`: it must be more than 0.0"),
+        (
+            '{"name": "a", "xy_tolerance": 0}',
+            "goal/send: `xy_tolerance`: it must be at least 0.005",
+        ),
         ('{"pose": {"x": NaN, "y": 2, "yaw": 0}}', "NaN is not a number there"),
         ("{}", "goal/send: give either pose or name"),
         ("[" * 100_000, "is not JSON"),
