@@ -7,6 +7,8 @@ connection that had stalled, or in this process, is known to be too old to be ca
 
 MAX_AGE_S = 3.0
 """A command that may be older than this is dropped."""
+SILENCE_S = 5.0
+"""A broker from which no mark has come back for so long passes nothing on."""
 MAX_UNDER_WAY = 64
 """Marks that are remembered until they come back."""
 
@@ -19,15 +21,17 @@ class Freshness:
         self._number = 0
         self._sent_ns: dict[bytes, int] = {}
         self._proof_ns: int | None = None
+        self._since_ns = 0
 
     def start(self, run: str) -> None:
         """Name the run, which tells its marks from those of others."""
         self._run = run
 
-    def renew(self) -> None:
+    def renew(self, now_ns: int) -> None:
         """Start over on a new connection."""
         self._sent_ns.clear()
         self._proof_ns = None
+        self._since_ns = now_ns
 
     def mark(self, now_ns: int) -> bytes:
         """The next mark to send."""
@@ -54,3 +58,7 @@ class Freshness:
         """Whether what arrives now is surely new enough to be carried out."""
         age_s = self.age_s(now_ns)
         return age_s is not None and age_s <= MAX_AGE_S
+
+    def is_cut_off(self, now_ns: int) -> bool:
+        """Whether nothing that is sent has come back for a while."""
+        return now_ns - (self._proof_ns or self._since_ns) > SILENCE_S * 1e9

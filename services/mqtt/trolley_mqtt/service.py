@@ -127,6 +127,10 @@ class MqttService(Service):
         problems = [one for one in (self._broker_problem, *self._webhook_problems) if one]
         self.set_health("degraded" if problems else "ok", " ".join(problems))
 
+    def _update_broker(self, problem: str) -> None:
+        self._broker_problem = problem
+        self._say_health()
+
     def _hear(self, index: int, report: Report) -> None:
         """What became of a notification; on the webhook's thread."""
         self.call_soon(lambda: self._update_webhook(index, report))
@@ -146,8 +150,7 @@ class MqttService(Service):
                     self._greet()
                 case Lost(why):
                     self._outbox.is_open = False
-                    self._broker_problem = why
-                    self._say_health()
+                    self._update_broker(why)
                     self.log.limited("lost", "No connection to the MQTT broker", why=why)
                 case Arrived():
                     self._update(event)
@@ -158,9 +161,8 @@ class MqttService(Service):
 
     def _greet(self) -> None:
         """Say everything on a new connection."""
-        self._broker_problem = ""
-        self._say_health()
-        self._freshness.renew()
+        self._update_broker("")
+        self._freshness.renew(self.monotonic_ns)
         self._outbox.open()
         self._home_assistant.repeat()
         self._map_image.repeat()
@@ -183,9 +185,22 @@ class MqttService(Service):
         self._remote.begin_second()
         self._take_events()
         if self._outbox.is_open:
+            self._check_echo()
             self._speak()
             self._map_image.update()
         self._tell_news()
+
+    def _check_echo(self) -> None:
+        """Notice a broker that lets the robot in, but not hear: mostly an account's rights."""
+        problem = ""
+        if self._freshness.is_cut_off(self.monotonic_ns):
+            problem = (
+                "Commands from the MQTT broker do not arrive: may this account read and write "
+                f"{self._outbox.base_topic}/#?"
+            )
+            if not self._broker_problem:
+                self.log.warning(problem)
+        self._update_broker(problem)
 
     def _tell_news(self) -> None:
         """Say what has just happened."""

@@ -209,3 +209,14 @@ def test_a_lost_broker_is_reported_and_found_again(make_bridge: "Callable[..., B
     bridge.run(1.5)
     assert bridge.announced
     assert bridge.state["activity"] == "ready"
+
+
+def test_a_broker_that_passes_no_commands_on_is_reported(bridge: "Bridge") -> None:
+    health = bridge.lockstep.record(topics.HEALTH, "mqtt")
+    bridge.broker.is_stalled = True
+    bridge.run(7.0)
+    assert health[-1].state == "degraded"
+    assert "may this account read and write trolley/robby/#?" in health[-1].message
+    bridge.broker.flow_again()
+    bridge.run(1.5)
+    assert health[-1].state == "ok"

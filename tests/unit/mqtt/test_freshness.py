@@ -12,7 +12,7 @@ def test_freshness_is_the_age_of_the_newest_mark_that_came_back() -> None:
     assert not freshness.update(first)
     assert freshness.is_fresh(4_000_000_000)
     assert not freshness.is_fresh(4_100_000_000)
-    freshness.renew()
+    freshness.renew(4_100_000_000)
     assert freshness.age_s(4_100_000_000) is None
 
 
@@ -21,3 +21,14 @@ def test_marks_without_an_answer_are_bounded() -> None:
     marks = [freshness.mark(index) for index in range(1000)]
     assert not freshness.update(marks[0])
     assert freshness.update(marks[-1])
+
+
+def test_a_broker_from_which_no_mark_comes_back_passes_nothing_on() -> None:
+    freshness = Freshness()
+    freshness.renew(1_000_000_000)
+    mark = freshness.mark(2_000_000_000)
+    assert not freshness.is_cut_off(6_000_000_000)
+    assert freshness.is_cut_off(6_100_000_000)
+    freshness.update(mark)
+    assert not freshness.is_cut_off(7_000_000_000)
+    assert freshness.is_cut_off(7_100_000_000)
