@@ -2,14 +2,17 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import anyio
+import pytest
 from mcp import Client, StdioServerParameters
 from support.waiting import PATIENCE_S, wait_until
 
@@ -90,34 +93,61 @@ def test_without_a_robot_it_says_so(trolley: Callable, endpoint: str) -> None:
     assert "no robot is on the network" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGTERM, 0), (signal.SIGHUP, 0), (signal.SIGINT, 130)]
+)
+def test_a_session_that_is_asked_to_end_leaves_no_drive_behind(
+    add_robot: Callable[..., "ScriptedRobot"], endpoint: str, number: signal.Signals, code: int
+) -> None:
+    robot = add_robot(script=())
+    with session(endpoint) as (process, tell):
+        tell({"method": "notifications/initialized"})
+        go = {"name": "go", "arguments": {"place": "kitchen"}}
+        tell({"id": 2, "method": "tools/call", "params": go})
+        wait_until(lambda: robot.sent, "the robot is sent")
+        process.send_signal(number)
+        assert process.wait(PATIENCE_S) == code
+        assert process.stderr is not None
+        assert b"Traceback" not in process.stderr.read()
+    assert robot.canceled == [robot.sent[0].id]
+
+
 def test_a_client_that_reads_no_more_ends_the_session_and_aborts_nothing(
     add_robot: Callable[..., "ScriptedRobot"], endpoint: str
 ) -> None:
     add_robot()
-    trolley = str(Path(sys.executable).with_name("trolley"))
-    about = {"protocolVersion": "2025-06-18", "capabilities": {}}
-    begin = {"id": 1, "method": "initialize", "params": {**about, "clientInfo": CLIENT}}
-    ask = {"id": 2, "method": "tools/list"}
-    with subprocess.Popen(
-        [trolley, "mcp", "--connect", endpoint],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as session:
-        assert session.stdin is not None
-        assert session.stdout is not None
-        assert session.stderr is not None
-        session.stdin.write(_line(begin))
-        session.stdin.flush()
-        assert b"result" in session.stdout.readline()
-        session.stdout.close()
-        session.stdin.write(_line(ask))
-        session.stdin.flush()
-        assert session.wait(PATIENCE_S) == 0  # while stdin is still open
-        said = session.stderr.read().decode()
+    with session(endpoint) as (process, tell):
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        tell({"id": 2, "method": "tools/list"})
+        assert process.wait(PATIENCE_S) == 0  # while stdin is still open
+        said = process.stderr.read().decode()
         assert "The assistant reads no more" in said
         assert "Traceback" not in said
 
 
-def _line(message: Mapping[str, object]) -> bytes:
-    return json.dumps({"jsonrpc": "2.0", **message}).encode() + b"\n"
+@contextmanager
+def session(
+    endpoint: str, *options: str
+) -> Iterator[tuple[subprocess.Popen[bytes], Callable[[Mapping[str, object]], None]]]:
+    """A session that has begun, and what tells it something."""
+    trolley = str(Path(sys.executable).with_name("trolley"))
+    with subprocess.Popen(
+        [trolley, "mcp", "--connect", endpoint, *options],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        stdin = process.stdin
+
+        def tell(message: Mapping[str, object]) -> None:
+            stdin.write(json.dumps({"jsonrpc": "2.0", **message}).encode() + b"\n")
+            stdin.flush()
+
+        about = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": CLIENT}
+        tell({"id": 1, "method": "initialize", "params": about})
+        assert b"result" in process.stdout.readline()
+        yield process, tell

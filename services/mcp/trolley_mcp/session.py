@@ -1,8 +1,10 @@
 """A session over stdin and stdout, from the first word to the last."""
 
+import asyncio
 import os
+import signal
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from io import FileIO, RawIOBase
 from typing import Any
@@ -20,7 +22,7 @@ from trolley_mcp.service import AssistantService
 
 
 def talk(robot: str, target: Target, settings: McpConfig) -> None:
-    """Serve the assistant until it closes stdin.
+    """Serve the assistant until it closes stdin, or asks the program to end.
 
     Raises:
         NotConnected: No router answers.
@@ -34,14 +36,26 @@ def talk(robot: str, target: Target, settings: McpConfig) -> None:
             answers: Any = Written(stdout)
             # Of a file it wants nothing but its lines, and of the other two methods.
             lines: Any = Lines(FileIO(0, closefd=False), service.robot_link.stop_now)
-            async with stdio_server(stdin=lines, stdout=answers) as (reading, writing):
-                await server.run(reading, writing, server.create_initialization_options())
+            with anyio.CancelScope() as session:
+                _on_signal(session.cancel)
+                async with stdio_server(stdin=lines, stdout=answers) as (reading, writing):
+                    await server.run(reading, writing, server.create_initialization_options())
 
         with _stdout() as stdout:
             try:
                 anyio.run(serve)
             except* BrokenPipeError:
                 Log(service.name).info("The assistant reads no more: the session ends")
+
+
+def _on_signal(end: Callable[[], None]) -> None:
+    """Call it when asked to end other than by Ctrl-C, which cancels what is under way by itself.
+
+    Signals that are ignored stay so, as under `nohup`.
+    """
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            asyncio.get_running_loop().add_signal_handler(number, end)
 
 
 @contextmanager
