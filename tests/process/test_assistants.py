@@ -112,6 +112,17 @@ def test_a_session_that_is_asked_to_end_leaves_no_drive_behind(
     assert robot.canceled == [robot.sent[0].id]
 
 
+def test_the_robot_toml_of_a_host_without_a_robot_counts(
+    trolley: Callable, endpoint: str, tmp_path: Path
+) -> None:
+    config = tmp_path / "robot.toml"
+    config.write_text(f'[zenoh]\nconnect = ["{endpoint}"]\n\n[mcp]\nrole = "viewer"\n')
+    done = trolley("mcp", "--config", str(config))
+    assert "no robot is on the network" in done.stderr
+    done = trolley("mcp", "--config", str(config), "--role", "operator")
+    assert 'robot.toml says role = "viewer"' in done.stderr
+
+
 def test_a_client_that_reads_no_more_ends_the_session_and_aborts_nothing(
     add_robot: Callable[..., "ScriptedRobot"], endpoint: str
 ) -> None:

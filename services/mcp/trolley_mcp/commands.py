@@ -7,7 +7,7 @@ import click
 
 from trolley.cli.options import given, where_options
 from trolley.cli.robots import one_robot, reports_errors
-from trolley.config import find_config, load_config
+from trolley.config import find_config, load_host_config
 from trolley.config.mcp import McpConfig
 from trolley.connection import RobotUnreachable, find_target
 from trolley.runtime.zenoh_bus import NotConnected
@@ -58,4 +58,4 @@ def narrowed(settings: McpConfig, role: Literal["viewer", "operator"] | None) ->
 
 
 def _settings(path: Path | None) -> McpConfig:
-    return McpConfig() if path is None else load_config(path).mcp
+    return McpConfig() if path is None else load_host_config(path).mcp
