@@ -342,10 +342,8 @@ class Robot:
         Raises:
             Refused: `not_ready` without a localizer, `stale` if the estimate is over 1 s old.
         """
-        estimate = self.latest(topics.POSE)
+        estimate = self._have(topics.POSE, "There is no pose: the localizer is not running.")
         now_ns = self._open().robot_now_ns(self.name)
-        if estimate is None:
-            raise Refused(codes.NOT_READY, "There is no pose: the localizer is not running.")
         if now_ns is None:
             raise Refused(codes.STALE, "The pose has no age: base is not running.")
         age_s = (now_ns - estimate.stamp_ns) * 1e-9
@@ -842,6 +840,9 @@ class Robot:
     def _have(self, topic: Topic[M], missing: str) -> M:
         message = self.latest(topic)
         if message is None:
+            connection = self._open()
+            if not connection.services(self.name):
+                raise connection.unknown_robot(self.name)
             raise Refused(codes.NOT_READY, missing, service=topic.first_owner)
         return message
 

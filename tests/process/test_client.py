@@ -19,6 +19,7 @@ from trolley import (
     topics,
 )
 from trolley.cli import cli, exits
+from trolley.connection import Connection
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Marker, Overlay, TourStatus, request_params
 from trolley.runtime import codec
@@ -195,6 +196,18 @@ def test_without_a_router_or_a_robot_it_is_unreachable(endpoint: str) -> None:
         Robot(connect="tcp/127.0.0.1:1")
     with pytest.raises(RobotUnreachable, match="no robot called nobody is at"):
         Robot("nobody", connect=endpoint, connect_timeout=2.0)
+
+
+@pytest.mark.parametrize(
+    "read",
+    [Robot.pose, Robot.scan, Robot.battery, Robot.map, Robot.zones, Robot.places, Robot.tours],
+)
+def test_a_robot_that_is_gone_is_unreachable(read: Callable, endpoint: str) -> None:
+    with (
+        Connection([endpoint]) as connection,
+        pytest.raises(RobotUnreachable, match="no robot called one is at"),
+    ):
+        read(Robot.over(connection, "one"))
 
 
 @pytest.mark.parametrize("place", ["kitchen", Pose2D(1.0, 2.0, 0.3), (1.0, 2.0, 0.3), [1.0, 2.0]])
