@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 from trolley.cli import SuggestingGroup
-from trolley.cli.options import json_option, where_options
+from trolley.cli.options import NumbersCommand, json_option, where_options
 from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import print_json, print_table
@@ -64,7 +64,7 @@ def get(name: str | None, as_json: bool) -> None:
         print_table(("SETTING", "VALUE", "UNIT", "FROM", "A CHANGE COUNTS"), rows)
 
 
-@config_command.command(name="set")
+@config_command.command(name="set", cls=NumbersCommand)
 @click.argument("name")
 @click.argument("value")
 @click.option("--no-save", is_flag=True, help="Do not save it.")

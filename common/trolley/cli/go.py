@@ -56,7 +56,12 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
 @click.option("--any", "anyone", is_flag=True, help="Send the nearest free robot.")
 @click.option("--preview", is_flag=True, help="Only say how long it would take.")
 @click.option("--no-wait", is_flag=True, help="Send the goal and return.")
-@click.option("--timeout", type=float, metavar="SECONDS", help="When to give up and cancel.")
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="When to give up and cancel.",
+)
 @where_options
 @json_option
 @reports_errors
@@ -178,7 +183,12 @@ def _ending(status: GoalStatus) -> str:
 )
 @click.option("--frame", metavar="NAME", help="The frame of X and Y [default: the planner's].")
 @click.option("--no-wait", is_flag=True, help="Begin to follow and return.")
-@click.option("--timeout", type=float, metavar="SECONDS", help="When to stop following.")
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="When to stop following.",
+)
 @where_options
 @json_option
 @reports_errors

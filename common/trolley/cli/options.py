@@ -109,11 +109,13 @@ class NumbersCommand(click.Command):
         """Keep click from taking a negative number for an option."""
         ctx.ignore_unknown_options = True
         rest = super().parse_args(ctx, args)
-        values = cast("list[str | tuple[str, ...]]", list(ctx.params.values()))
-        for several in values:
-            for value in several if isinstance(several, tuple) else ():
-                if value.startswith("-") and not _NUMBER.match(value):
-                    raise click.NoSuchOption(value, ctx=ctx)
+        for parameter in self.params:
+            value = ctx.params.get(parameter.name or "")
+            if not isinstance(parameter, click.Argument) or value is None:
+                continue
+            for word in value if isinstance(value, tuple) else (value,):
+                if word.startswith("-") and not _NUMBER.match(word):
+                    raise click.NoSuchOption(word, ctx=ctx)
         return rest
 
 

@@ -100,6 +100,8 @@ def test_names_are_completed_in_the_shell(runner: CliRunner) -> None:
         (["1", "nan"], "Y must be a number"),
         (["1", "--wiat", "2"], "No such option"),
         (["-1", "-x"], "No such option"),
+        (["kitchen", "--timeout", "0"], "--timeout"),
+        (["kitchen", "--timeout", "-3"], "--timeout"),
         ([], "Missing argument"),
     ],
 )
