@@ -874,7 +874,10 @@ class Robot:
             if message is not None:
                 return message
             self._pause(ASK_AGAIN_S)
-        raise RobotUnreachable(f"{service} of {self.name} is silent")
+        raise RobotUnreachable(
+            f"{service} of {self.name} is silent; "
+            "if only the connection is lost, the robot drives on"
+        )
 
 
 class _Hand:

@@ -14,6 +14,7 @@ from trolley import (
     Robot,
     RobotUnreachable,
     SeveralRobots,
+    client,
     codes,
     requests,
     topics,
@@ -268,6 +269,20 @@ def test_a_goal_that_a_restarted_planner_forgot_is_over(add_robot: Callable, end
         with pytest.raises(Refused) as refused:
             list(follow)
         assert refused.value.code == "restarted"
+
+
+def test_a_lost_connection_says_that_the_robot_drives_on(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(client, "SILENCE_S", 0.1)
+    monkeypatch.setattr(client, "ASK_AGAIN_FOR_S", 0.1)
+    with (
+        Connection([endpoint]) as connection,
+        pytest.raises(
+            RobotUnreachable, match="if only the connection is lost, the robot drives on"
+        ),
+    ):
+        list(Robot.over(connection, "one").follow("goal"))
 
 
 def test_stop_and_resume(add_robot: Callable, endpoint: str) -> None:
