@@ -55,6 +55,8 @@ class ScriptedRobot(Service):
         self.current = GoalStatus(stamp_ns=0, id=None, state="idle")
         self.stopped = False
         self.is_blind = False
+        self.clock_every = 1
+        self._num_ticks = 0
         self.sent: list[SendGoal] = []
         self.canceled: list[str | None] = []
         self.is_up = threading.Event()
@@ -89,7 +91,9 @@ class ScriptedRobot(Service):
     @every(0.1, clock="local")
     def tick(self) -> None:
         stamp_ns = time.time_ns()
-        self.publish(topics.CLOCK, Clock(stamp_ns=stamp_ns, rate=1.0, epoch=0))
+        self._num_ticks += 1
+        if self._num_ticks % self.clock_every == 0:
+            self.publish(topics.CLOCK, Clock(stamp_ns=stamp_ns, rate=1.0, epoch=0))
         pose = Pose2D(1.0, 0.0, 0.5)
         odometry = Odometry(stamp_ns=stamp_ns, pose=pose, twist=Twist2D.zero())
         self.publish(topics.ODOM, odometry)

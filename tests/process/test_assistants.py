@@ -112,6 +112,20 @@ def test_a_session_that_is_asked_to_end_leaves_no_drive_behind(
     assert robot.canceled == [robot.sent[0].id]
 
 
+def test_the_first_answer_knows_the_robot(
+    add_robot: Callable[..., "ScriptedRobot"], endpoint: str
+) -> None:
+    add_robot().clock_every = 8
+    with session(endpoint) as (process, tell):
+        tell({"method": "notifications/initialized"})
+        tell({"id": 2, "method": "tools/call", "params": {"name": "status", "arguments": {}}})
+        assert process.stdout is not None
+        status = json.loads(process.stdout.readline())["result"]["structuredContent"]
+        assert process.stdin is not None
+        process.stdin.close()
+    assert (status["mode"], status["position"]) == ("ok", "localized")
+
+
 def test_the_robot_toml_of_a_host_without_a_robot_counts(
     trolley: Callable, endpoint: str, tmp_path: Path
 ) -> None:

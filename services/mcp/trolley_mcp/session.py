@@ -20,6 +20,9 @@ from trolley_mcp.lines import Lines, Written
 from trolley_mcp.server import make_server
 from trolley_mcp.service import AssistantService
 
+FIRST_CLOCK_S = 1.0
+"""How long the first answer waits for the robot's clock; without it the robot seems to be away."""
+
 
 def talk(robot: str, target: Target, settings: McpConfig) -> None:
     """Serve the assistant until it closes stdin, or asks the program to end.
@@ -38,6 +41,9 @@ def talk(robot: str, target: Target, settings: McpConfig) -> None:
             lines: Any = Lines(FileIO(0, closefd=False), service.robot_link.stop_now)
             with anyio.CancelScope() as session:
                 _on_signal(session.cancel)
+                with anyio.move_on_after(FIRST_CLOCK_S):
+                    while service.robot_link.now_ns is None:
+                        await anyio.sleep(0.02)
                 async with stdio_server(stdin=lines, stdout=answers) as (reading, writing):
                     await server.run(reading, writing, server.create_initialization_options())
 
