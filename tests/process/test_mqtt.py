@@ -408,11 +408,21 @@ def test_tls_with_a_certificate_authority_of_ones_own(
     )
     broker = Mosquitto(tmp_path, f"certfile {certificate}", f"keyfile {key}")
     plain = run_bridge(broker.port)
-    wait_until(lambda: "No connection" in plain.log, "without TLS it is not let in")
+    wait_until(lambda: "is it a port for TLS?" in plain.log, "without TLS it is not let in")
     plain.terminate()
+    wary = run_bridge(broker.port, "tls = true\n")
+    wait_until(lambda: "certificate that is not trusted" in wary.log, "the authority is unknown")
+    wary.terminate()
     bridge = run_bridge(broker.port, f'tls_ca = "{certificate}"\n')
     wait_until(lambda: "Connected to the MQTT broker" in bridge.log, "the connection")
     broker.stop()
+
+
+def test_a_broker_without_tls_is_told_from_one_that_is_away(
+    broker: Mosquitto, run_bridge: Callable[..., Process]
+) -> None:
+    bridge = run_bridge(broker.port, "tls = true\n")
+    wait_until(lambda: "is this its port without TLS?" in bridge.log, "the reason in the log")
 
 
 @pytest.mark.parametrize(
@@ -436,6 +446,6 @@ def test_killing_the_bridge_by_signal_is_clean(
     robot: "ScriptedRobot", run_bridge: Callable[..., Process]
 ) -> None:
     bridge = run_bridge(find_free_port())  # nobody answers there
-    wait_until(lambda: "Nothing answers" in bridge.log, "the reason in the log")
+    wait_until(lambda: "nothing listens there" in bridge.log, "the reason in the log")
     bridge.send(signal.SIGINT)
     assert bridge.wait() == 0

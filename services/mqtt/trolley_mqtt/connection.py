@@ -1,6 +1,7 @@
 """The connection to the broker. Its thread only stores what arrives, and wakes."""
 
 import ssl
+import sys
 import threading
 import time
 from collections import deque
@@ -17,6 +18,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from trolley.config import RobotConfig
 from trolley_mqtt.credentials import read_secret, trust
+from trolley_mqtt.unreachable import why_unreachable
 
 KEEP_ALIVE_S = 10
 """A broker that is silent for this long, or half as long again, is taken for lost."""
@@ -138,7 +140,7 @@ class BrokerConnection:
         self._events: deque[Event] = deque()
         self._num_arrived = 0
         self._num_dropped = 0
-        self._was_refused = False
+        self._is_accepted: bool | None = None
         self._wake: Callable[[], None] = lambda: None
         self._subscriptions: Sequence[Subscription] = ()
         client = self._client = Client(
@@ -202,6 +204,10 @@ class BrokerConnection:
         self._client.disconnect()
         self._client.loop_stop()
 
+    @property
+    def _where(self) -> str:
+        return f"{self._broker.host}:{self._broker.port}"
+
     # On the thread of paho.
     def _on_connect(
         self,
@@ -211,7 +217,7 @@ class BrokerConnection:
         reason: ReasonCode,
         _properties: Properties | None,
     ) -> None:
-        self._was_refused = reason.is_failure
+        self._is_accepted = not reason.is_failure
         if reason.is_failure:
             self._store(Lost(f"The MQTT broker refuses the connection: {reason}."))
             return
@@ -226,8 +232,15 @@ class BrokerConnection:
             client.subscribe(subscription.topics, options=options)
 
     def _on_connect_fail(self, _client: Client, _data: Any) -> None:
-        self._was_refused = False
-        self._store(Lost(f"Nothing answers at {self._broker.host}:{self._broker.port}."))
+        error = sys.exc_info()[1]  # paho calls this while it handles it
+        if self._broker.tls and isinstance(error, ConnectionResetError):
+            error = ssl.SSLError()  # Mosquitto hangs up on a TLS greeting at a plain port
+        why = why_unreachable(
+            error if isinstance(error, OSError) else OSError(),
+            self._client.connect_timeout,
+            "is this its port without TLS?",
+        )
+        self._store(Lost(f"The MQTT broker at {self._where} {why}."))
 
     def _on_disconnect(
         self,
@@ -237,8 +250,13 @@ class BrokerConnection:
         reason: ReasonCode,
         _properties: Properties | None,
     ) -> None:
-        if not self._was_refused:  # else the better reason has been said
+        accepted, self._is_accepted = self._is_accepted, None
+        if accepted:
             self._store(Lost(f"The connection to the MQTT broker was lost: {reason}."))
+        elif accepted is None:  # else its reason has been said
+            hint = "" if self._broker.tls else "; is it a port for TLS? Then set [mqtt] tls = true"
+            why = f"What listens at {self._where} does not answer as an MQTT 5 broker does{hint}."
+            self._store(Lost(why))
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         try:

@@ -17,6 +17,7 @@ from msgspec import Struct
 from trolley.config import ConfigError, RobotConfig
 from trolley_mqtt.credentials import read_secret, trust
 from trolley_mqtt.events import Happened
+from trolley_mqtt.unreachable import why_unreachable
 
 VERSION = 1
 """Of the body. Fields may be added to it; where one changes its meaning, this number grows."""
@@ -268,21 +269,9 @@ def _post(
 
 
 def _words_of(error: OSError | http.client.HTTPException, limit_s: float) -> str:
-    match error:
-        case TimeoutError():
-            return f"did not answer within {limit_s:g} s"
-        case ssl.SSLCertVerificationError():
-            return f"has a certificate that is not trusted: {error.verify_message}"
-        case ssl.SSLError():
-            return "does not speak TLS as expected; is it http:// instead of https://?"
-        case ConnectionRefusedError():
-            return "does not answer: nothing listens there"
-        case ConnectionError():
-            return "closed the connection without an answer"
-        case OSError():
-            return f"cannot be reached: {error.strerror or 'the network is down'}"
-        case _:
-            return "does not answer as a web server does"
+    if isinstance(error, OSError):
+        return why_unreachable(error, limit_s, "is it http:// instead of https://?")
+    return "does not answer as a web server does"
 
 
 def endpoints_of(config: RobotConfig) -> list[Endpoint]:

@@ -1,0 +1,26 @@
+"""Why a connection could not be made, in words."""
+
+import ssl
+
+
+def why_unreachable(error: OSError, limit_s: float, no_tls_hint: str) -> str:
+    """What the other end does or does not do, to stand after its name in a sentence.
+
+    Args:
+        error: What connecting raised.
+        limit_s: How long was waited for it [s].
+        no_tls_hint: What to check where it does not speak TLS.
+    """
+    match error:
+        case TimeoutError():
+            return f"did not answer within {limit_s:g} s"
+        case ssl.SSLCertVerificationError():
+            return f"has a certificate that is not trusted: {error.verify_message}"
+        case ssl.SSLError():
+            return f"does not speak TLS as expected; {no_tls_hint}"
+        case ConnectionRefusedError():
+            return "does not answer: nothing listens there"
+        case ConnectionError():
+            return "closed the connection without an answer"
+        case _:
+            return f"cannot be reached: {error.strerror or 'the network is down'}"
