@@ -128,7 +128,8 @@ class Teleop:
 
 def _obstacle(view: View) -> StatusLine | None:
     """What keeps the robot from driving."""
-    words, goal = base_line(view.streams.latest(topics.BASE)), view.streams.latest(topics.GOAL)
+    base, goal = view.streams.latest(topics.BASE), view.streams.latest(topics.GOAL)
+    words = base_line(base, goes_on=True)
     if words is not None:
         return aged(words, view.overdue_s(topics.BASE))
     if goal is not None and goal.state == "paused":

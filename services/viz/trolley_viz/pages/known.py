@@ -10,7 +10,7 @@ from trolley.zones import room_of
 from trolley_viz.features.driving.robot_actions import what_is_under_way
 from trolley_viz.features.tours.layer import tour_of
 from trolley_viz.robots.ages import WATCHED, Ages
-from trolley_viz.robots.situation import RobotState, has_left
+from trolley_viz.robots.situation import RobotState, has_left, will_continue
 from trolley_viz.robots.view import View
 from trolley_viz.words.sentences import (
     STALE_S,
@@ -41,6 +41,7 @@ def robot_state(view: View) -> RobotState:
         estimate=estimate,
         estimate_age_s=age_s,
         goal=streams.latest(topics.GOAL),
+        lost_goal=view.lost_goal,
         trip=trip,
         tour=None if trip is None else tour_of(trip, view),
         places=[] if saved is None else saved.poses,
@@ -90,7 +91,7 @@ def state_lines(known: RobotState, sender: str = "") -> list[StatusLine]:
 
     lines = [
         position_line(known.estimate, known.estimate_age_s),
-        _aged(topics.BASE, base_line(known.base)),
+        _aged(topics.BASE, base_line(known.base, goes_on=will_continue(known))),
         NO_PLANNER if is_alone else None,
         # Without a planner there is nothing to say of a robot that was not going anywhere.
         None if is_alone and not is_sent else _aged(topics.GOAL, goal_line(goal, places)),

@@ -24,6 +24,7 @@ from trolley_viz.words.plain_words import said
 from trolley_viz.words.sentences import (
     DRIVING,
     EXPLORES_WELL,
+    GOES_ON,
     NO_CONTACT,
     SPOT,
     STALE_S,
@@ -72,6 +73,8 @@ class RobotState:
     estimate_age_s: float | None = None
     """Age of the estimate [s], None while unknown."""
     goal: GoalStatus | None = None
+    lost_goal: GoalStatus | None = None
+    """The goal that a restart of the planner has lost."""
     trip: TourStatus | None = None
     tour: Tour | None = None
     """The stored tour that is driven."""
@@ -153,7 +156,8 @@ def _held(known: RobotState) -> StatusLine | None:
     base = known.base
     if base is None or base.mode != "held":
         return None
-    return StatusLine(f"Waiting: {_reason_of(base)}. It will continue by itself.", "warn")
+    then = f" {GOES_ON}" if will_continue(known) else ""
+    return StatusLine(f"Waiting: {_reason_of(base)}.{then}", "warn")
 
 
 def _planner(known: RobotState) -> StatusLine | None:
@@ -306,6 +310,13 @@ def _goal(known: RobotState) -> StatusLine | None:
             return StatusLine("Canceled. Ready.", "good")
 
 
+def _lost_drive(known: RobotState) -> StatusLine | None:
+    if known.lost_goal is None:
+        return None
+    to = where_to(known.lost_goal, list(known.places))
+    return StatusLine(f"The planner was restarted; the drive to {to} was lost.", "bad")
+
+
 def _idle(known: RobotState) -> StatusLine | None:
     if known.trip is not None and known.trip.reason == codes.LOW_BATTERY:
         return StatusLine(said(known.trip.message, known.trip.reason), "warn")
@@ -341,6 +352,7 @@ RULES: Sequence[Rule] = (
     _tour_service,
     _of(topics.TOUR, _trip),
     _of(topics.GOAL, _goal),
+    _lost_drive,
     _idle,
 )
 """The first that has something to say wins; the last one always has."""
@@ -360,6 +372,19 @@ _ASKED_FOR = re.compile(
 def is_asked_for(sentence: str) -> bool:
     """Whether a sentence tells of a stop or pause that somebody wanted: nothing went wrong."""
     return _ASKED_FOR.fullmatch(sentence) is not None
+
+
+def will_continue(known: RobotState) -> bool:
+    """Whether a robot that base holds is certain to drive on by itself once it may."""
+    base, goal, trip = known.base, known.goal, known.trip
+    if "planner" in known.silent or topics.GOAL.name in known.ages:
+        return False
+    if trip is not None and trip.state in UNDER_WAY and trip.state != "paused":
+        return "tour" not in known.silent
+    # Without commands the planner may be gone, and a single goal with it.
+    is_commanded = base is None or base.reason != codes.COMMAND_LOST
+    is_going = goal is not None and goal.state in DRIVING and goal.state != "paused"
+    return is_commanded and is_going
 
 
 def has_left(known: RobotState) -> bool:

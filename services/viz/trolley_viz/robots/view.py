@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from trolley import topics
-from trolley.messages import OccupancyGrid, Robot, SetupState
+from trolley.messages import GoalStatus, OccupancyGrid, Robot, SetupState
 from trolley.topics import Topic
 from trolley_viz.robots.ages import overdue_s
 from trolley_viz.robots.fleet import Member
@@ -39,6 +39,8 @@ class View:
     """Services that have fallen silent, or were never heard although they should have been."""
     away_s: float | None = None
     """For how long nothing has been heard of it [s]; None while it is heard, or never was."""
+    lost_goal: GoalStatus | None = None
+    """The goal that a restart of its planner has lost, None if none was."""
 
     @property
     def is_away(self) -> bool:

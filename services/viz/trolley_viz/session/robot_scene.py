@@ -16,6 +16,7 @@ from trolley_viz.overlays.overlay_set import OverlaySet
 from trolley_viz.overlays.readings import Readings
 from trolley_viz.robots.ages import LastHeard
 from trolley_viz.robots.fleet import Member, Robots
+from trolley_viz.robots.lost_drive import LastDrive
 from trolley_viz.robots.past_trips import Answered, PastTrips
 from trolley_viz.robots.placement import Placement
 from trolley_viz.robots.silence import SilentServices
@@ -48,6 +49,7 @@ class RobotScene:
         self.scene = Scene(server, robot)
         self.overlays = OverlaySet(follow_values(service, robot))
         self._last_heard = LastHeard()
+        self._last_drive = LastDrive()
         self._silence = SilentServices()
         self._silent_due_ns = 0
         self._followed: Set[str] | None = None
@@ -109,6 +111,7 @@ class RobotScene:
             fleet=fleet,
             silent=self._silent(now_ns),
             away_s=self._last_heard.update(robot_ns, now_ns),
+            lost_goal=self._last_drive.update(self.streams.latest(topics.GOAL)),
         )
         self.view.place_frames()
         self.scene.update(self.view, shown)

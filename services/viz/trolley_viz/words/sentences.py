@@ -73,6 +73,7 @@ def refusal(reply: Refused) -> str:
 
 
 UNCONFIRMED = "The robot was told to stop, but the motor board is silent: it may still be moving."
+GOES_ON = "It will continue by itself."
 STOPPED = "The robot is stopped. Press “Drive on” first."
 NO_CONTACT = "No contact with the robot. It may be switched off or out of range."
 AWAY = StatusLine("Away", "bad", NO_CONTACT)
@@ -156,8 +157,13 @@ def mapping_line(mapping: MappingStatus | None) -> StatusLine | None:
             return StatusLine(what, tone, _join(detail, why))
 
 
-def base_line(base: BaseState | None) -> StatusLine | None:
-    """Say what keeps the robot from driving; None where nothing does."""
+def base_line(base: BaseState | None, *, goes_on: bool = False) -> StatusLine | None:
+    """Say what keeps the robot from driving; None where nothing does.
+
+    Args:
+        base: its state.
+        goes_on: whether it is certain to drive on by itself once it may.
+    """
     if base is None or (base.mode == "ok" and not base.reason):
         return None
     why = said(base.message, base.reason)
@@ -170,7 +176,7 @@ def base_line(base: BaseState | None) -> StatusLine | None:
             remedy = "" if "“Drive on”" in why else "Press “Drive on” to let it drive again."
             return StatusLine("Stopped", "bad", _join(why.removeprefix("Stopped. "), remedy))
         case "held":
-            return StatusLine("Held", "warn", _join(why, "It will continue by itself."))
+            return StatusLine("Held", "warn", _join(why, GOES_ON if goes_on else ""))
         case _:
             return StatusLine("NOT STOPPED" if base.not_stopped else "Fault", "bad", why)
 

@@ -96,6 +96,7 @@ def every_state() -> Iterator[RobotState]:
     for mode, reason, source in product(values_of(BaseState, "mode"), REASONS, (None, "teleop")):
         base = BaseState(stamp_ns=1, mode=mode, reason=reason, source=source)
         yield RobotState(**known, base=base, goal=idle)
+        yield RobotState(**known, base=base, goal=GoalStatus(stamp_ns=1, id="a", state="driving"))
     person: dict[str, Any] = {"person": (3.0, 1.0)}
     for state, reason, pose, more in product(
         values_of(GoalStatus, "state"),
@@ -105,6 +106,8 @@ def every_state() -> Iterator[RobotState]:
     ):
         goal = GoalStatus(stamp_ns=1, id="a", state=state, reason=reason, pose=pose, **more)
         yield RobotState(**known, goal=goal)
+        if not reason:
+            yield RobotState(**known, goal=idle, lost_goal=goal)
     for state, reason, stop, name in product(
         values_of(TourStatus, "state"), REASONS, (None, 1, 2, 5), ("round", None)
     ):

@@ -17,7 +17,9 @@ from trolley.messages import (
     TourStatus,
 )
 from trolley_viz.features.past.record import LATELY, Record
+from trolley_viz.pages.known import state_lines
 from trolley_viz.robots.situation import RobotState, situation
+from trolley_viz.words.sentences import GOES_ON
 
 KITCHEN = SavedPose(name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.0))
 TOUR = Tour(name="round", stops=[Stop(name="hall"), Stop(name="kitchen"), Stop(name="door")])
@@ -123,6 +125,30 @@ CASES = [
     (
         known(base=base("held", "stop_field"), goal=DRIVING),
         "Waiting: something is too close in the direction of travel. It will continue by itself.",
+    ),
+    (
+        known(base=base("held", "stop_field")),
+        "Waiting: something is too close in the direction of travel.",
+    ),
+    (
+        known(base=base("held", "stop_field"), goal=goal("paused", reason="paused")),
+        "Waiting: something is too close in the direction of travel.",
+    ),
+    (
+        known(base=base("held", "scan_lost"), goal=DRIVING, ages={"goal": 3.5}),
+        "Waiting: the lidar is silent.",
+    ),
+    (
+        known(base=base("held", "command_lost"), goal=DRIVING),
+        "Waiting: velocity commands stopped arriving.",
+    ),
+    (
+        known(base=base("held", "command_lost"), goal=TOUR_GOAL, trip=trip("driving")),
+        "Waiting: velocity commands stopped arriving. It will continue by itself.",
+    ),
+    (
+        known(lost_goal=DRIVING),
+        "The planner was restarted; the drive to kitchen was lost.",
     ),
     (known(goal=None), "Asking the robot what it is doing …"),
     (
@@ -340,7 +366,7 @@ def test_a_robot_that_does_not_stop_is_not_called_stopped() -> None:
         ),
         (
             known(estimate_age_s=5.0, ages={"pose": 5.0}, base=base("held", "scan_lost")),
-            "Waiting: the lidar is silent. It will continue by itself.",
+            "Waiting: the lidar is silent.",
         ),
         (
             known(estimate_age_s=5.0, ages={"pose": 5.0}),
@@ -358,6 +384,16 @@ def test_a_robot_that_does_not_stop_is_not_called_stopped() -> None:
 )
 def test_what_is_old_is_said_with_its_age(case: RobotState, sentence: str) -> None:
     assert situation(case).headline == sentence
+
+
+@pytest.mark.parametrize(("status", "goes_on"), [(IDLE, False), (DRIVING, True)])
+def test_sentence_and_line_of_a_held_robot_promise_the_same(
+    status: GoalStatus, *, goes_on: bool
+) -> None:
+    held = known(base=base("held", "scan_lost"), goal=status)
+    details = [line.detail for line in state_lines(held) if line.headline == "Held"]
+    assert situation(held).headline.endswith(GOES_ON) == goes_on
+    assert details == ["The lidar is silent. " + GOES_ON if goes_on else "The lidar is silent."]
 
 
 PAUSED = ("stopped", "taken_over", "other_goal", "canceled", "")

@@ -31,6 +31,7 @@ from trolley.teleop import SOURCE as BY_HAND
 from trolley.topics import Topic
 from trolley.zones import room_of
 from trolley_viz.features.past.record import LATELY, TRIP, Failure, Record
+from trolley_viz.robots.lost_drive import LastDrive
 from trolley_viz.robots.past_trips import has_failed
 from trolley_viz.robots.placement import poses_between, seen_from
 from trolley_viz.robots.silence import SILENT_NS, SilentServices
@@ -112,6 +113,7 @@ class Recorder:
         self._epoch: int = 0
         """The run of the robot's base."""
         self._estimate: PoseEstimate | None = None
+        self._last_drive = LastDrive()
         self._silence = SilentServices(HEALTH_PERIOD_NS + SILENT_NS)
         self._health: dict[str, Health] = {}
         """What each service answered last."""
@@ -174,7 +176,7 @@ class Recorder:
     def _known(self, robot_ns: int | None) -> RobotState:
         streams, estimate = self._streams, self._estimate
         saved, trip = streams.latest(topics.POSES), streams.latest(topics.TOUR)
-        age_s = None
+        goal, age_s = streams.latest(topics.GOAL), None
         if robot_ns is not None and estimate is not None:
             age_s = max((robot_ns - estimate.stamp_ns) * 1e-9 - READ_BEFORE_S, 0.0)
         return RobotState(
@@ -183,7 +185,8 @@ class Recorder:
             has_map=estimate is None or estimate.map is not None,
             estimate=estimate,
             estimate_age_s=age_s,
-            goal=_without_figures(streams.latest(topics.GOAL)),
+            goal=_without_figures(goal),
+            lost_goal=self._last_drive.update(goal),
             trip=trip,
             tour=None if trip is None else trip.tour,
             places=[] if saved is None else saved.poses,

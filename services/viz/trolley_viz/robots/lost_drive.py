@@ -1,0 +1,27 @@
+"""Whether a restart of the planner has lost a drive that nobody sends again."""
+
+from trolley.messages import GoalStatus
+from trolley_viz.words.sentences import DRIVING
+
+SENT_AGAIN = ("tour-", "map-")
+"""How the ids of goals begin that belong to a tour, or to a robot that explores by itself."""
+
+
+class LastDrive:
+    """The goal that the robot was driving to when it was last heard of one."""
+
+    def __init__(self) -> None:
+        self._goal: GoalStatus | None = None
+
+    def update(self, goal: GoalStatus | None) -> GoalStatus | None:
+        """Take the newest status; return the goal that was lost, None if none was.
+
+        Only a planner that has just started is idle: every goal that it was given ends otherwise.
+        """
+        if goal is None:
+            return None
+        if goal.state == "idle":
+            return self._goal
+        is_single = goal.state in DRIVING and not (goal.id or "").startswith(SENT_AGAIN)
+        self._goal = goal if is_single else None
+        return None
