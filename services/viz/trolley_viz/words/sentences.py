@@ -35,6 +35,16 @@ NEARLY_THERE_M = 0.1
 
 DRIVING = ("planning", "driving", "recovering", "paused")
 """Goal states in which there is still somewhere to go."""
+WAITS = (
+    codes.WAITING,
+    codes.SCAN_LOST,
+    codes.LINK_LOST,
+    codes.STALE,
+    codes.LOST,
+    codes.NOT_READY,
+    codes.OUTSIDE_MAP,
+)
+"""Reasons of `recovering` for which the robot waits: for others that pass, or for its inputs."""
 EXPLORES_WELL = ("exploring", "homing", "done")
 """States of exploring that need nobody."""
 UNDER_WAY = ("driving", "dwelling", "waiting", "paused")
@@ -197,9 +207,8 @@ def goal_line(goal: GoalStatus | None, places: list[SavedPose]) -> StatusLine:
             rest = _join(_remaining(goal), said(goal.message), careful)
             return StatusLine(f"Driving to {to}", "busy", rest)
         case "recovering":
-            return StatusLine(
-                f"Freeing itself on the way to {to}", "warn", _join(why, _remaining(goal))
-            )
+            does = "Waiting" if goal.reason in WAITS else "Freeing itself"
+            return StatusLine(f"{does} on the way to {to}", "warn", _join(why, _remaining(goal)))
         case "paused":
             return StatusLine(f"Paused on the way to {to}", "warn", why)
         case "arrived":

@@ -110,6 +110,20 @@ def test_a_goal_is_called_by_its_place() -> None:
     assert goal_line(near, [KITCHEN]).detail == "Nearly there"
 
 
+@pytest.mark.parametrize(
+    ("reason", "headline"),
+    [
+        ("waiting", "Waiting on the way to kitchen"),
+        ("scan_lost", "Waiting on the way to kitchen"),
+        ("stale", "Waiting on the way to kitchen"),
+        ("slip", "Freeing itself on the way to kitchen"),
+    ],
+)
+def test_a_robot_that_waits_is_not_said_to_free_itself(reason: str, headline: str) -> None:
+    goal = GoalStatus(stamp_ns=1, id="a", state="recovering", reason=reason, pose=KITCHEN.pose)
+    assert goal_line(goal, [KITCHEN]).headline == headline
+
+
 def test_a_failed_goal_says_why() -> None:
     goal = GoalStatus(stamp_ns=1, id="a", state="failed", reason="blocked", pose=KITCHEN.pose)
     assert goal_line(goal, [KITCHEN]) == StatusLine(
