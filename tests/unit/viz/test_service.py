@@ -386,12 +386,20 @@ def test_broken_settings_are_kept_aside_and_the_viewer_starts(stage: "Stage") ->
     assert list(path.parent.glob("viewer.toml.broken-*"))
 
 
-def test_a_new_epoch_draws_everything_anew(stage: "Stage") -> None:
+def test_what_base_has_not_measured_stays_in_the_picture_when_it_is_restarted(
+    stage: "Stage",
+) -> None:
     stage.browse()
-    drawn = stage.layer("map")._drawn
+    streams = stage.scenes["trolley"].streams
+    places, (grid, *_) = streams.latest(topics.POSES), stage.layer("map")._drawn
+    assert places is not None
+    assert grid is not None
     stage.robot.epoch = 10**18
-    stage.runtime.run(2.0)
-    assert stage.layer("map")._drawn[0] is not drawn[0]
+    stage.runtime.run(0.5)
+    assert streams.latest(topics.POSES) is places
+    assert stage.layer("map")._drawn[0] is grid
+    assert min(one.stamp_ns for one in streams.history(topics.ODOM)) >= 10**18
+    assert min(one.stamp_ns for one in streams.history(topics.SCAN)) >= 10**18
     assert stage.layer("robot")._frame.visible
 
 

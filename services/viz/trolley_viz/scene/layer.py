@@ -53,11 +53,6 @@ class Layer:
             self._due_ns = view.now_ns + int(self.period_s * 1e9)
             self.draw(view)
 
-    def forget(self) -> None:
-        """Draw everything again the next time, as after a restart of the robot."""
-        self._drawn = ()
-        self._due_ns = 0
-
     def draw(self, view: View) -> None:
         """Bring the scene nodes up to date; `changed` keeps it from sending what is there."""
         raise NotImplementedError

@@ -89,16 +89,13 @@ class RobotScene:
             shown: the keys of the layers that somebody wants to see.
             now_ns: local monotonic time [ns].
             robot_ns: the robot's time [ns], None while its clock is silent.
-            epoch: the run of its base; what an earlier one measured is dropped.
+            epoch: the run of its base.
             fleet: all robots, where there are several.
         """
         if epoch != self._epoch:
             self._epoch = epoch
             self._silence = SilentServices()
             self._silent_due_ns = 0
-            self._followed = None
-            self.streams.drop_all()
-            self.scene.forget()
             self.overlays.drop_all()
         if shown != self._followed:
             self._followed = frozenset(shown)

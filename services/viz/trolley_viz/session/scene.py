@@ -86,11 +86,6 @@ class Scene:
             if layer.key in shown:
                 layer.update(view)
 
-    def forget(self) -> None:
-        """Draw everything again."""
-        for layer in self._layers:
-            layer.forget()
-
     def remove(self) -> None:
         """Take everything out of the scene."""
         self._frame.remove()

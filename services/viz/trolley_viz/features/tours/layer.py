@@ -192,11 +192,6 @@ class TripLayer(Layer):
         self._drawing = TourDrawing(lambda: self.scene, self.root)
         self._ended: tuple[str | None, int] = (None, 0)
 
-    def forget(self) -> None:
-        """Forget a trip that has ended."""
-        super().forget()
-        self._ended = (None, 0)
-
     def draw(self, view: View) -> None:
         """Draw the trip while it is under way, and a while longer."""
         trip = view.streams.latest(topics.TOUR)

@@ -78,11 +78,6 @@ class Grouping:
                     self._remove(name)
                     self._join(name, drawn.marker, drawn.since_ns, drawn.marker.kind)
 
-    def clear(self) -> None:
-        """Draw none."""
-        for name in [*self._drawn, *self.left_out]:
-            self._remove(name)
-
     def take_dirty(self) -> dict[Group, list[Drawn]]:
         """The groups that have to be drawn anew, with their markers; asked for once."""
         dirty = {group: list(self.members[group].values()) for group in self.dirty}

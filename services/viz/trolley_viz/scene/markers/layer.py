@@ -68,11 +68,6 @@ class MarkerLayer(Layer):
         self.icons = self._place_icons(found, view.now_ns)
         self.notes = self._say(found, is_full=watch.is_full)
 
-    def forget(self) -> None:
-        """Draw everything again the next time."""
-        super().forget()
-        self._grouping.clear()
-
     def _place_frames(self, found: Found) -> None:
         """Move the node of each frame; markers of a frame that has no place are hidden."""
         for frame in self._frames.keys() - found.keys():
