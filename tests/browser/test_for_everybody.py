@@ -41,6 +41,15 @@ def check(page: Page, where: str) -> None:
     assert page.evaluate(SMALL_TARGETS, SMALLEST_PX) == [], where
 
 
+COLOURS = """(buttons) => buttons.filter((one) => one.checkVisibility()).map(
+  (one) => getComputedStyle(one).backgroundColor)"""
+
+
+def colours(page: Page, selector: str) -> set[str]:
+    """The colours of the buttons that are seen."""
+    return set(page.eval_on_selector_all(selector, COLOURS))
+
+
 def open_folders(page: Page) -> None:
     """Unfold everything that can be seen, also what comes into sight by that."""
     while closed := page.locator("details:not([open]) > summary:visible").all():
@@ -69,6 +78,16 @@ def test_axe_finds_nothing_on_a_card_and_beside_the_joystick(page: Page) -> None
     check(page, "no connection")
     page.context.set_offline(False)
     expect(page.locator("#lost")).to_be_hidden()
+
+
+def test_what_cannot_be_pressed_is_of_one_colour_that_nothing_else_has(page: Page) -> None:
+    for look in ("light", "dark"):
+        page.emulate_media(color_scheme=look)
+        expect(page.locator("html")).to_have_attribute("data-look", look)
+        off = colours(page, "#bar button:disabled, #controls button:disabled")
+        assert len(off) == 1, look
+        assert not off & colours(page, "#bar button:enabled, .control.button:enabled"), look
+    page.emulate_media(color_scheme=None)
 
 
 def test_all_is_done_without_a_mouse(page: Page, shown: "Shown", pictures: Path) -> None:
