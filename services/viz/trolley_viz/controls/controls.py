@@ -391,6 +391,12 @@ class Card(Container):
 class Tabs(Control):
     """Folders of which one is seen at a time, at first the first."""
 
+    _act: Act | None = None
+
+    def on_open(self, act: Act) -> None:
+        """Call `act` when a person opens another of them."""
+        self._act = act
+
     def add_tab(self, title: str, icon: str) -> Container:
         """Add a tab, to be filled while it is entered."""
         tab = Container(self._tree, Look(kind="tab", parent=self.id, label=title, icon=icon))
@@ -411,6 +417,8 @@ class Tabs(Control):
         if isinstance(value, bool) or value not in self._tree.inside(self.id):
             raise BadValue("none of the tabs")
         self._look = structs.replace(self._look, value=value)
+        if self._act is not None:
+            self._act()
 
 
 class Controls:

@@ -23,9 +23,12 @@ const joystick = new Joystick(document.getElementById("hand"), line);
 const overlays = new Overlays(document.getElementById("overlays"), line);
 const keys = new Keys(status, controls, joystick);
 new Sheet(document.getElementById("panel"), document.getElementById("handle"));
-new Room(...["map", "over", "stop-line"].map((id) => document.getElementById(id)));
+const room = new Room(
+  ...["map", "scene", "over", "stop-line"].map((id) => document.getElementById(id)),
+);
 keys.listenTo(document);
 scene.opened = (frame) => keys.listenTo(frame.document);
+scene.tapped = (x, y) => room.touch(x, y);
 speakNow(likelyLanguage());
 
 document.getElementById("stop").addEventListener("click", () => status.stop());

@@ -1,8 +1,15 @@
-// On a phone, cards lie over the sheet and may reach up over the map: its buttons go up by as much.
+// Keeps cards off the spot of the map that was touched: beside the map they go into another corner
+// of it. On a phone they lie over the sheet and may reach up over the map: its buttons go up by as
+// much, and the picture as far as it takes to see the spot.
+const CORNERS = ["bottom-right", "top-right", "top-left"];
+const AROUND_PX = 24, ABOVE_PX = 70; // the ring around the spot; with the buttons, too
+
 export class Room {
-  constructor(map, over, stopLine) {
+  constructor(map, scene, over, stopLine) {
     this.map = map;
+    this.scene = scene;
     this.over = over;
+    this.spot = null; // that was touched, in the picture
     const watch = new ResizeObserver(() => this.make());
     for (const one of [map, stopLine]) watch.observe(one);
     new MutationObserver((changes) => {
@@ -10,12 +17,31 @@ export class Room {
     }).observe(over, { childList: true });
   }
 
+  touch(x, y) {
+    this.spot = { x, y };
+    this.make();
+  }
+
   make() {
-    const { bottom } = this.map.getBoundingClientRect();
-    const tops = [...this.over.children]
-      .filter((one) => !one.hidden && getComputedStyle(one).position === "fixed")
-      .map((one) => one.getBoundingClientRect().top);
-    const covered = bottom - Math.min(bottom, ...tops);
+    const map = this.map.getBoundingClientRect();
+    const shown = [...this.over.children].filter((one) => !one.hidden);
+    const low = shown.filter((one) => getComputedStyle(one).position === "fixed");
+    const tops = low.map((one) => one.getBoundingClientRect().top);
+    const covered = map.bottom - Math.min(map.bottom, ...tops);
     this.over.style.setProperty("--covered", `${covered}px`);
+    const card = this.spot && shown.find((one) => one.matches(".card"));
+    let up = 0;
+    if (low.includes(card)) up = this.spot.y + ABOVE_PX - (map.height - covered);
+    else if (card) this.moveAway(card, map.left + this.spot.x, map.top + this.spot.y);
+    this.scene.style.translate = `0 ${-Math.min(Math.max(up, 0), covered)}px`;
+  }
+
+  moveAway(card, x, y) {
+    for (const corner of CORNERS) {
+      card.dataset.corner = corner;
+      const { left, right, top, bottom } = card.getBoundingClientRect();
+      const isBeside = x < left - AROUND_PX || x > right + AROUND_PX;
+      if (isBeside || y < top - AROUND_PX || y > bottom + AROUND_PX) return;
+    }
   }
 }

@@ -17,6 +17,7 @@ export class Scene {
     this.told = "";
     this.held = null; // the pointer that presses: its id and kind
     this.opened = () => {};
+    this.tapped = () => {};
     frame.addEventListener("load", () => this.loaded());
     new ResizeObserver(() => this.tellSize()).observe(frame);
     setInterval(() => this.look(), LOOK_MS);
@@ -98,7 +99,9 @@ export class Scene {
     const u = (event.clientX - box.left + 0.5) / canvas.clientWidth;
     const v = (event.clientY - box.top + 0.5) / canvas.clientHeight;
     const isNear = Math.hypot(event.clientX - x, event.clientY - y) < TAP_PX;
-    this.say({ released: [u, v], is_tap: isNear && event.timeStamp - ms < TAP_MS });
+    const isTap = isNear && event.timeStamp - ms < TAP_MS;
+    if (isTap) this.tapped(event.clientX, event.clientY);
+    this.say({ released: [u, v], is_tap: isTap });
   }
 
   cancel() {

@@ -45,6 +45,7 @@ class Console:
             may_answer=session.may_drive,
         )
         tabs = self._tabs = gui.add_tabs()
+        tabs.on_open(session.touching.close)
         self._unseen_due_ns = 0
         if session.may_drive:
             with tabs.add_tab("Go", "steering-wheel") as tab:

@@ -330,6 +330,13 @@ def test_another_touch_and_escape_and_the_cross_close_it(stage: "Stage", page: P
     assert not page.is_shown("Look closer")
 
 
+def test_another_tab_closes_it(stage: "Stage", page: PageOf) -> None:
+    tap(stage, *KITCHEN)
+    assert page.is_shown("Look closer")
+    page.within("More")
+    assert not page.is_shown("Look closer")
+
+
 def test_a_tour_is_made_by_touching_places_in_order(stage: "Stage", page: PageOf) -> None:
     bath = SavedPose(name="bath", map="room", pose=Pose2D(-1.0, 1.0, 0.0))
     kitchen = SavedPose(name="kitchen", map="room", pose=Pose2D(*KITCHEN, 0.0))

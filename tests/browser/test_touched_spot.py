@@ -1,0 +1,59 @@
+"""The card of a touched spot, which leaves the spot in sight."""
+
+from typing import TYPE_CHECKING
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from .conftest import open_page, open_viewer
+from .seeing import canvas, poll, scene, undrawn
+
+if TYPE_CHECKING:
+    from .conftest import Shown
+
+pytestmark = pytest.mark.browser
+
+CARD = "#over > .card:not([hidden])"
+SPOTS = [(0.2, 0.2), (0.8, 0.3), (0.5, 0.5), (0.8, 0.6), (0.45, 0.8)]
+"""Shares of the map's width and height."""
+
+
+def sees(page: Page, x: float, y: float) -> bool:
+    """Whether the picture is seen at a point of it, and neither a card nor a button over it."""
+    box = canvas(page).bounding_box()
+    assert box is not None
+    at = [box["x"] + x, box["y"] + y]
+    return page.evaluate("([x, y]) => document.elementFromPoint(x, y)?.id", at) == "scene"
+
+
+def touch(page: Page, x: float, y: float) -> None:
+    """Touch a point of the picture until its card is open: a busy page takes a tap for a drag."""
+
+    def is_open() -> bool:
+        if not page.locator(CARD).is_visible():
+            canvas(page).click(position={"x": x, "y": y})
+            page.wait_for_timeout(1500)
+        return page.locator(CARD).is_visible()
+
+    poll(page, is_open, "the card is open")
+
+
+@pytest.mark.parametrize(("width", "height"), [(1024, 768), (390, 844)])
+def test_a_card_leaves_the_touched_spot_in_sight(
+    shown: "Shown", browser: Browser, width: int, height: int
+) -> None:
+    is_phone = width < 737
+    page = open_page(browser, width, height, has_touch=is_phone, is_mobile=is_phone)
+    open_viewer(page, shown.url)
+    if is_phone:
+        page.locator("#handle").press("ArrowDown")
+    page.wait_for_timeout(500)
+    size = scene(page).evaluate("[innerWidth, innerHeight]")
+    with undrawn(page):
+        for across, down in SPOTS:
+            x, y = across * size[0], down * size[1]
+            touch(page, x, y)
+            poll(page, lambda x=x, y=y: sees(page, x, y), f"{across}, {down} is seen")
+            page.keyboard.press("Escape")
+            page.locator(CARD).wait_for(state="hidden")
+    page.context.close()
