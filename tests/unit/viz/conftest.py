@@ -135,21 +135,21 @@ class PretendRobot(Service):
         still = Twist2D(0.0, 0.0, 0.0)
         pose = Pose2D(0.5 + self.driven_m, 0.0, 0.0)
         self.publish(topics.ODOM, Odometry(stamp_ns=stamp, pose=pose, twist=still))
-        self.publish(
-            topics.POSE,
-            PoseEstimate(
-                stamp_ns=stamp,
-                map="room",
-                pose=Pose2D(1.5 + self.driven_m, 0.0, 0.0),
-                covariance=None,
-                state=self.pose_state,
-                match=0.93,
-                spread=0.05,
-            ),
-        )
+        self.publish(topics.POSE, self.estimate())
         self.publish(topics.BASE, BaseState(stamp_ns=stamp, mode=self.mode))  # type: ignore[arg-type]
         ranges = floats_to_bytes(np.array([1.0, np.inf, 0.0, 2.0]))
         self.publish(topics.SCAN, scan(stamp, ranges))
+
+    def estimate(self) -> PoseEstimate:
+        return PoseEstimate(
+            stamp_ns=self.epoch + self.monotonic_ns,
+            map="room",
+            pose=Pose2D(1.5 + self.driven_m, 0.0, 0.0),
+            covariance=None,
+            state=self.pose_state,
+            match=0.93,
+            spread=0.05,
+        )
 
     @answers(requests.BASE_STOP)
     def stop_now(self, params: Nothing) -> BaseState:
@@ -206,6 +206,11 @@ class PretendRobot(Service):
             match=0.9,
             spread=0.1,
         )
+
+    @answers(requests.POSE_FIND)
+    def find_pose(self, _: Nothing) -> PoseEstimate:
+        self.pose_state = "searching"
+        return self.estimate()
 
     @answers(requests.TOUR_START)
     def start_tour(self, params: StartTour) -> TourStatus:

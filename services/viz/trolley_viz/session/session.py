@@ -262,6 +262,7 @@ class Session:
         self.drags.tick()
         self._tick_past()
         self.aiming.tick()
+        self.actions.search.update(self.view)
         scene, eye = self.window.scene, self.window.eye
         if scene is not None and eye is not None:
             hidden = {MapLayer.key} if self.drawing.map_editor.hides_map else set[str]()

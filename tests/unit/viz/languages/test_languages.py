@@ -326,7 +326,7 @@ def is_ambiguous(name: str) -> bool:
             r"|(the place|a place|a point) on the map",
             name,
         )
-        or re.search(r"\. [A-Z]\S* ", name)
+        or re.search(r"\. [A-Z\d]\S* ", name)
     ) is not None
 
 

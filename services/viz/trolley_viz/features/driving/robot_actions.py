@@ -5,12 +5,13 @@ from typing import Any, Literal
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
-from trolley.messages import GoalStatus, TourStatus
+from trolley.messages import GoalStatus, PoseEstimate, TourStatus
 from trolley.messages.request_params import FollowPerson, Nothing, SendGoal, StartTour, WhichGoal
 from trolley.requests import Request
 from trolley.runtime.service import Service
 from trolley_viz.controls.undo import History, Step
 from trolley_viz.features.driving.goal_queue import MAX_STOPS, GoalQueue
+from trolley_viz.features.driving.search import Search
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
 from trolley_viz.words.sentences import DRIVING, UNDER_WAY, Tell, refusal
@@ -50,12 +51,15 @@ class RobotActions:
         """What the person did and can undo."""
         self.goal_queue = GoalQueue()
         """The goals that the person has queued."""
+        self.search = Search(tell)
+        """What the person waits for after *Find position*."""
 
     def forget(self) -> None:
         """Forget what was done and queued, as when another robot is followed."""
         self.history.clear()
         self.goal_queue.collect(is_on=False)
         self.goal_queue.clear()
+        self.search.forget()
 
     # Goals.
     def choose_place(self, name: str) -> None:
@@ -120,7 +124,11 @@ class RobotActions:
     # The pose.
     def find(self) -> None:
         """Let the robot search for itself on the whole map."""
-        self.ask(requests.POSE_FIND, Nothing(), "The robot cannot search")
+
+        def begun(estimate: PoseEstimate) -> None:
+            self.search.begin(estimate.stamp_ns, self._service.monotonic_ns)
+
+        self.ask(requests.POSE_FIND, Nothing(), "The robot cannot search", begun)
 
     # Tours.
     def start_tour(self, name: str) -> None:

@@ -8,10 +8,22 @@ from support.pages import page_of
 
 from trolley import topics
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, SavedPose, SavedPoses, Stop, Tour, Tours, TourStatus
+from trolley.messages import (
+    GoalStatus,
+    SavedPose,
+    SavedPoses,
+    Stop,
+    Tour,
+    Tours,
+    TourStatus,
+    Zone,
+    Zones,
+)
+from trolley.messages.mapping import PoseState
 from trolley_viz.controls.tiles import MAX_TILES
 from trolley_viz.features.driving.aiming import GO_TO, QUEUE_GOALS
 from trolley_viz.features.driving.robot_actions import what_is_under_way
+from trolley_viz.features.driving.search import ADVICE
 from trolley_viz.pages.known import robot_state, state_lines
 from trolley_viz.pointing.pointer import Pointed
 from trolley_viz.robots.silence import SILENT_NS, SilentServices
@@ -99,6 +111,50 @@ def test_how_a_pose_was_corrected_is_told_once(stage: "Stage") -> None:
     ((title, text),) = browser.notices
     assert title == "It knows where it is"
     assert re.fullmatch(r"It took 0\.\d s\. It is 50 cm and 0° from where you set it\.", text)
+
+
+FOUND = r"It took 0\.\d s\. It is 1\.1 m from kitchen\."
+
+
+@pytest.mark.parametrize(
+    ("state", "title", "text"),
+    [
+        ("localized", "It knows where it is", FOUND),
+        ("lost", "Not found", re.escape(ADVICE)),
+        ("searching", "Not sure yet", re.escape(ADVICE)),
+    ],
+)
+def test_it_is_told_that_a_search_has_begun_and_once_what_came_of_it(
+    stage: "Stage", state: PoseState, title: str, text: str
+) -> None:
+    browser = stage.browse()
+    stage.session.actions.find()
+    stage.runtime.run(0.5)
+    assert [one for one, _ in browser.notices] == ["Searching"]
+    stage.robot.pose_state = state
+    stage.runtime.run(25.0)
+    _, (said_title, said_text) = browser.notices
+    assert said_title == title
+    assert re.fullmatch(text, said_text)
+
+
+def test_a_robot_found_at_a_place_or_in_a_room_is_said_to_be_there(stage: "Stage") -> None:
+    browser = stage.browse()
+    here = SavedPose(name="dock", map="room", pose=Pose2D(1.6, 0.1, 0.0))
+    stage.robot.publish(topics.POSES, SavedPoses(stamp_ns=1, poses=[here]))
+    stage.session.actions.find()
+    stage.runtime.run(0.3)
+    stage.robot.pose_state = "localized"
+    stage.runtime.run(0.5)
+    assert browser.notices[-1][1].endswith("It is at dock.")
+    corners = [(-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0)]
+    hall = Zone(name="hall", kind="room", points=corners)
+    stage.robot.publish(topics.ZONES, Zones(stamp_ns=0, map="room", zones=[hall]))
+    stage.session.actions.find()
+    stage.runtime.run(0.3)
+    stage.robot.pose_state = "localized"
+    stage.runtime.run(0.5)
+    assert browser.notices[-1][1].endswith("It is in “hall”.")
 
 
 def test_after_a_restart_of_the_base_there_is_no_way_back(stage: "Stage", session: Session) -> None:
