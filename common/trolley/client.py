@@ -478,7 +478,7 @@ class Robot:
         raise Refused(codes.TIMEOUT, f"The map {name} is not in use yet; see `trolley status`.")
 
     def zones(self) -> list[Zone]:
-        """The zones of the map: mirrors, glass, keep-out and speed zones, rooms.
+        """The zones of the map: mirrors, glass, no-go and slow areas, rooms.
 
         Raises:
             Refused: `not_ready` if there is no map.

@@ -103,7 +103,7 @@ SENTENCES: dict[str, str] = {
     NOT_LOOSE: "What the robot maps is joined to the map already.",
     NO_MATCH: "The walls of the two maps match nowhere; say where the other map lies.",
     AMBIGUOUS: "The walls of the two maps match in several ways; say where the other map lies.",
-    KEEPOUT: "That place lies in a keep-out zone.",
+    KEEPOUT: "That place lies in a no-go area.",
     NO_PATH: "There is no path there for a robot of this size.",
     NOT_LOCALIZED: "The robot does not know where it is yet; set its pose or let it search.",
     WRONG_FRAME: "Goals are accepted only in the planner's own frame.",

@@ -47,7 +47,7 @@ SECTIONS = {
         "top": ("trolley.cli.top", "Watch services and topics live: rates, processor, memory."),
         "pose": ("trolley.cli.pose", "Show where the robot is; manage saved places."),
         "map": ("trolley.cli.maps", "Show, make, edit and switch maps."),
-        "zones": ("trolley.cli.maps", "List mirrors, glass, keep-out and speed zones."),
+        "zones": ("trolley.cli.maps", "List mirrors, glass, no-go and slow areas."),
         "topic": ("trolley.cli.topic", "Show what is published; publish something."),
         "tf": ("trolley.cli.tf", "Show where one frame is in another."),
     },

@@ -115,7 +115,7 @@ def load_map(name: str, at: tuple[float, float, float] | None, as_json: bool) ->
 @json_option
 @reports_errors
 def zones_command(as_json: bool) -> None:
-    """List the zones of the map: mirrors, glass, keep-out and speed zones, rooms."""
+    """List the zones of the map: mirrors, glass, no-go and slow areas, rooms."""
     with one_robot() as robot:
         missing = "There are no zones: the localizer has loaded no map."
         zones = known(robot, topics.ZONES, missing)

@@ -32,7 +32,7 @@ REMEDIES: dict[str, str] = {
     codes.WRONG_MAP: "Choose a place on the robot's present map: `places` lists them.",
     codes.MAPPING: "Call `finish_map` or `cancel_map` first.",
     codes.NOT_MAPPING: "Call `start_map` first.",
-    codes.KEEPOUT: "Choose a place outside the keep-out zones: `zones` lists them.",
+    codes.KEEPOUT: "Choose a place outside the no-go areas: `zones` lists them.",
     codes.NO_PATH: "Ask a person whether a door is closed, or choose another place.",
     codes.NOT_LOCALIZED: "Ask a person to set the robot's pose in the viewer.",
     codes.STOPPED: "Ask a person to let it drive again: `trolley resume`, or the viewer.",

@@ -476,7 +476,7 @@ _TABLE = (
     Tool("places", "List the saved places that the robot can drive to.", NoParams, _places),
     Tool("where_is", "Where the robot or a saved place is.", WhereParams, _where_is),
     Tool("tours", "List the stored tours.", NoParams, _tours),
-    Tool("zones", "List rooms, keep-out zones, mirrors and the like.", NoParams, _zones),
+    Tool("zones", "List rooms, no-go areas, mirrors and the like.", NoParams, _zones),
     Tool(
         "history", "The trips that were driven last, and how they ended.", HistoryParams, _history
     ),

@@ -109,7 +109,7 @@ class PlaceLayer(Layer):
 
 
 class ZoneLayer(Layer):
-    """Mirrors, glass, keep-outs, speed zones and rooms."""
+    """Mirrors, glass, no-go and slow areas, and rooms."""
 
     key, title = "zones", "Zones"
     group = "Map"
