@@ -120,7 +120,7 @@ def test_one_browser_drives_and_the_other_is_told(
     shown: "Shown", driven: HandDriven, open_pad: Callable[..., Page]
 ) -> None:
     one, other = open_pad(), open_pad()
-    told = other.get_by_text(re.compile("^Driven by .*Let go"))
+    told = other.get_by_text(re.compile("^Driven from .*Let go"))
     press(one, LEFT)
     wait_until(lambda: driven.twist().wz > 0.5, "it turns left")
     expect(told).to_be_visible()
@@ -180,7 +180,7 @@ def test_what_became_of_stop_is_beside_the_panel(
     expect(line).to_contain_text("Stopped")
     # In one go: the page soon writes again what it is told.
     gap = line.evaluate("""(line) => {
-      line.textContent = "Stopped by the computer of the viewer";
+      line.textContent = "Stopped from the computer that runs this page";
       const panel = document.getElementById("panel").getBoundingClientRect();
       return panel.left - line.getBoundingClientRect().right;
     }""")

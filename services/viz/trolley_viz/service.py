@@ -77,7 +77,7 @@ class VizService(Service):
         """Open the web page."""
         browsers = BrowserStore(self)
         people = People(Names(browsers.names, browsers.save_names, self._robot_titles))
-        self.joystick = Teleop(self, self._robots, people.driver_name)
+        self.joystick = Teleop(self, self._robots, people.driven_by)
         tokens = self._tokens()
         self._scene = open_scene()
         lines = Lines(

@@ -42,13 +42,13 @@ class Teleop:
 
     Args:
         service: publishes, and knows the time.
-        name_of: what to call the browser of a page, "" where there is nothing to tell it by.
+        driven_by: by whom it is driven at a page, "" where there is nothing to tell it by.
     """
 
-    def __init__(self, service: Service, robots: Robots, name_of: Callable[[int], str]) -> None:
+    def __init__(self, service: Service, robots: Robots, driven_by: Callable[[int], str]) -> None:
         self._service = service
         self._robots = robots
-        self._name_of = name_of
+        self._driven_by = driven_by
         self._driven: dict[str, _DrivenRobot] = {}
         self._held: dict[int, str] = {}
         """The pages that hold their pad: for which robot they pressed it, "" once it was taken."""
@@ -119,8 +119,8 @@ class Teleop:
         return self._service.time_of(name).now(self._service.monotonic_ns)
 
     def _taken_by(self, holder: int) -> StatusLine:
-        name = self._name_of(holder)
-        return replace(SOMEBODY_ELSE, headline=f"Driven by {name}") if name else SOMEBODY_ELSE
+        who = self._driven_by(holder)
+        return replace(SOMEBODY_ELSE, headline=f"Driven {who}") if who else SOMEBODY_ELSE
 
     def _can_drive(self, name: str) -> bool:
         return self._robots.get(name) is not None and self._robot_ns(name) is not None

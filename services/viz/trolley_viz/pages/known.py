@@ -74,7 +74,7 @@ def under_way(known: RobotState) -> str | None:
             return None
 
 
-def state_lines(known: RobotState, sender: str = "") -> list[StatusLine]:
+def state_lines(known: RobotState, sent_by: str = "") -> list[StatusLine]:
     """The lines of the state: position, what holds it, where it is going, the trip, who sent it."""
     if known.setup is not None:
         return []
@@ -96,7 +96,7 @@ def state_lines(known: RobotState, sender: str = "") -> list[StatusLine]:
         # Without a planner there is nothing to say of a robot that was not going anywhere.
         None if is_alone and not is_sent else _aged(topics.GOAL, goal_line(goal, places)),
         _aged(topics.TOUR, trip_line(known.trip, known.tour)),
-        StatusLine(f"Sent by {sender}", "idle") if sender else None,
+        StatusLine(f"Sent {sent_by}", "idle") if sent_by else None,
     ]
     return [line for line in lines if line is not None]
 

@@ -20,6 +20,7 @@ from trolley_viz.robots.situation import situation
 from trolley_viz.robots.stop_presses import DISOBEYED, UNCONFIRMED
 from trolley_viz.robots.view import View
 from trolley_viz.scene.overlays import OverlayLayer
+from trolley_viz.server.devices import by
 from trolley_viz.server.lines import Line
 from trolley_viz.server.messages import (
     PROTOCOL,
@@ -208,10 +209,10 @@ class Page:
     def update(self, view: View) -> None:
         """Tell the page what changed, if it has taken what it was told before."""
         known = robot_state(view)
-        people = self._hub.people
+        people, own = self._hub.people, self._hub.people.name_of(self._number)
         sender = people.senders.of(view.robot_name, under_way(known))
         stopper = people.stoppers.of(view.robot_name, known.base)
-        lines = state_lines(known, sender)
+        lines = state_lines(known, sender and by(sender, own))
         now = situation(known)
         then = self.session.past.sentence("" if view.map is None else view.map.name)
         self._console.update(view, lines)
@@ -244,7 +245,7 @@ class Page:
             is_pointing=self.session.pointing.tool is not None,
             has_cursor=self.session.pointing.cursor is not None,
             is_set_up=view.setup is not None,
-            stopped_by=f"Stopped by {stopper}" if stopper else "",
+            stopped_by=f"Stopped {by(stopper, own)}" if stopper else "",
         )
         pad = self._shared.joystick.state(self._number, view) if self.may_drive else None
         told = Told(

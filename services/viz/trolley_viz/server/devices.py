@@ -3,7 +3,7 @@
 import itertools
 import re
 
-HERE = "the viewer's computer"
+HERE = "the computer that runs this page"
 """One on the viewer's own host. Others read this, too: “this computer” would be theirs."""
 A_BROWSER = "a browser"
 MAX_AGENT = 500
@@ -32,6 +32,13 @@ def device_name(agent: str) -> str:
     """Return what a User-Agent header says of a browser, as “Chrome on Android”."""
     browser, system = _first(BROWSERS, agent), _first(SYSTEMS, agent)
     return f"{browser or A_BROWSER} on {system}" if system else browser or A_BROWSER
+
+
+def by(name: str, own: str = "") -> str:
+    """Say who did something, to a browser that is called `own`; a computer does nothing itself."""
+    if name != HERE:
+        return f"by {name}"
+    return "from this computer" if own == HERE else f"from {HERE}"
 
 
 def _first(rules: tuple[tuple[str, str], ...], agent: str) -> str:

@@ -173,7 +173,7 @@ def test_the_cookie_of_another_port_is_another_viewers(*, is_socket: bool) -> No
 @pytest.mark.parametrize(
     ("how", "device"),
     [
-        ({}, "the viewer's computer"),
+        ({}, "the computer that runs this page"),
         ({"peer": LAN}, "Firefox on Android"),
         ({"X_Forwarded_For": LAN}, "Firefox on Android"),
         ({"host": "evil.example:8080"}, "Firefox on Android"),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from trolley_viz.features.people.names import Names
 from trolley_viz.features.people.senders import Senders
 from trolley_viz.features.people.stoppers import Stoppers
-from trolley_viz.server.devices import A_BROWSER
+from trolley_viz.server.devices import A_BROWSER, by
 from trolley_viz.server.visitors import Role, Visitor
 
 
@@ -56,10 +56,10 @@ class People:
         page = self._open.get(number)
         return A_BROWSER if page is None else self.names.of(page.visitor)
 
-    def driver_name(self, number: int) -> str:
-        """Return what to call the browser of a page, "" where that would tell nobody apart."""
+    def driven_by(self, number: int) -> str:
+        """Say by whom a robot is driven at a page, "" where that would tell nobody apart."""
         name = self.name_of(number)
-        return "" if name == A_BROWSER else name
+        return "" if name == A_BROWSER else by(name)
 
     @property
     def present(self) -> list[Present]:

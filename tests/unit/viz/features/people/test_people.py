@@ -426,6 +426,17 @@ def test_all_see_who_stopped_the_robot_until_it_is_resumed(stage: "Stage") -> No
     assert ann.state.stopped_by == ""
 
 
+def test_the_computer_of_the_viewer_is_named_in_plain_words(stage: "Stage") -> None:
+    here, ann = stage.browse(0, Visitor("d" * 16, device=HERE)), stage.browse(1, ANN)
+    send(stage)
+    assert "Sent from this computer" in heads(here)
+    assert "Sent from the computer that runs this page" in heads(ann)
+    stage.say(here, Said(stop=Stop(id=1, robots=["trolley"])))
+    stage.runtime.run(0.5)
+    assert here.state.stopped_by == "Stopped from this computer"
+    assert ann.state.stopped_by == "Stopped from the computer that runs this page"
+
+
 def test_who_stopped_it_is_not_said_of_a_stop_that_nobody_here_saw(stage: "Stage") -> None:
     browser = stage.browse(0, ANN)
     stage.session.press_stop()
