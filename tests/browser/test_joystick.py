@@ -186,3 +186,18 @@ def test_what_became_of_stop_is_beside_the_panel(
     }""")
     shown.robot.resume()
     assert gap >= 0
+
+
+def test_what_became_of_stop_covers_no_tab_of_a_phone(
+    shown: "Shown", open_pad: Callable[..., Page]
+) -> None:
+    page = open_pad(390, 844)
+    expect(page.get_by_role("tab", name="Tours")).to_be_visible()
+    shown.robot.stop()
+    expect(page.locator("#stop-line")).to_contain_text("Stopped")
+    free = page.get_by_role("tab", name="Tours").evaluate("""(tab) => {
+      const { left, top } = tab.getBoundingClientRect();
+      return tab.contains(document.elementFromPoint(left + 20, top + 20));
+    }""")
+    shown.robot.resume()
+    assert free
