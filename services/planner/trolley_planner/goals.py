@@ -234,7 +234,7 @@ def validate(
             raise Refused(codes.OUTSIDE_MAP, f"{place} lies outside the map.")
         zones = costmap.static.keepouts_at(pose.x, pose.y)
         if zones:
-            raise Refused(codes.KEEPOUT, f"{place} lies in the keep-out zone {zones[0].name}.")
+            raise Refused(codes.KEEPOUT, f"{place} lies in the no-go area {zones[0].name}.")
     check_clearance(goal.pose, goal.tolerances, context, config)
     trouble = position_trouble(context, start)
     if trouble is not None:

@@ -27,7 +27,6 @@ _WORDS = {
     "use `replace` to overwrite it": "choose another one",
     "make one (`trolley map new NAME`), or set [map] file": "make one in the “Map” tab",
     " (`--as NAME`)": "",
-    "the keep-out zone": "the no-go area",
     codes.SENTENCES[codes.NOT_READY]: NOT_READY,
     codes.SENTENCES[codes.INTERNAL]: "Something went wrong in the robot's software; its log has "
     "the details.",
