@@ -108,10 +108,13 @@ def router(
 ) -> None:
     """Make keys for a router that other hosts connect to.
 
-    HOST is each name and address at which others reach it [default: this host's name].
+    HOST is each name and address at which others reach it [default: with --replace those of the
+    old keys, else this host's name].
     """
     own = socket.gethostname()
-    reached = hosts or (own, f"{own}.local")
+    routers = [one for one in keyring.certificates() if one.role == "router"]
+    before = [one.hosts for one in routers if one.name == name]
+    reached = hosts or (before[0] if before else (own, f"{own}.local"))
     keys = keyring.issue("router", name, _until(days), reached, replace=replace)
     if as_json:
         print_json(_made(keys.folder, _certificate(keys)))

@@ -55,9 +55,10 @@ def check_certificates(found: list[Validity], now: datetime) -> list[Finding]:
     findings: list[Finding] = []
     for one in found:
         who = f"The certificate {one.role} {one.name} ({one.path})"
+        option = "--name " if one.role == "router" else ""
         new = (
-            f"`trolley keys {one.role} {one.name} --replace` on the computer with the authority, "
-            "then copy its files here."
+            f"`trolley keys {one.role} {option}{one.name} --replace` on the computer with the "
+            "authority, then copy its files here."
         )
         if one.role == AUTHORITY_ROLE:
             new = "Make a new authority, and with it all certificates (docs/network.md)."

@@ -18,6 +18,11 @@ def run(folder: Path, *words: str) -> Result:
     return CliRunner().invoke(cli, ["keys", "--folder", str(folder), *words])
 
 
+def hosts(folder: Path) -> list[str]:
+    """Where others reach the last one of the list."""
+    return json.loads(run(folder, "list", "--json").output)[-1]["hosts"]
+
+
 def test_a_house_from_nothing(folder: Path) -> None:
     assert run(folder, "init").exit_code == 0
     assert run(folder, "router", "home.local", "192.168.1.5").exit_code == 0
@@ -55,6 +60,16 @@ def test_nothing_is_overwritten_by_accident(folder: Path) -> None:
     assert (folder / "robot-kiwi" / "key.pem").read_bytes() == before
     assert run(folder, "robot", "kiwi", "--replace").exit_code == 0
     assert (folder / "robot-kiwi" / "key.pem").read_bytes() != before
+
+
+def test_a_router_that_is_replaced_is_reached_as_before(folder: Path) -> None:
+    """The new certificate was for this computer's name: no host of the house could link."""
+    run(folder, "init")
+    run(folder, "router", "home.local", "192.168.1.5", "--name", "attic")
+    assert run(folder, "router", "--name", "attic", "--replace").exit_code == 0
+    assert hosts(folder) == ["home.local", "192.168.1.5"]
+    run(folder, "router", "attic.local", "--name", "attic", "--replace")
+    assert hosts(folder) == ["attic.local"]
 
 
 def test_the_order_does_not_matter_but_is_told(folder: Path) -> None:

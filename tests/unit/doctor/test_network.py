@@ -98,6 +98,19 @@ def test_certificates_run_out() -> None:
     assert (early.level, "clock" in early.remedy) == (Level.PROBLEM, True)
 
 
+@pytest.mark.parametrize(
+    ("role", "name", "command"),
+    [
+        ("operator", "anna", "trolley keys operator anna --replace"),
+        ("router", "home", "trolley keys router --name home --replace"),
+    ],
+)
+def test_who_renews_a_certificate_is_told_how(role: str, name: str, command: str) -> None:
+    """What was told for a router made one whose only address was its name."""
+    (found,) = check_certificates([replace(validity(10.0), role=role, name=name)], NOW)
+    assert f"`{command}`" in found.remedy
+
+
 def test_certificates_are_read_from_the_folder_of_the_settings(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(
