@@ -25,6 +25,7 @@ from trolley.requests import Request
 from trolley.runtime import codec
 from trolley.runtime.bus import Closer, Reply, Sample, has_wildcard
 from trolley.runtime.clock_follower import ANSWER_S, told
+from trolley.runtime.endpoints import is_far
 from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import FollowedTime
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
@@ -470,7 +471,8 @@ def find_target(
         ConfigError: There is a configuration file, or keys, that cannot be used.
     """
     given = Path(config) if config is not None else None
-    path = None if robot and connect else find_config(given)
+    # Where an endpoint needs keys, the file says where they are.
+    path = None if robot and connect and not any(map(is_far, connect)) else find_config(given)
     settings = None if path is None else load_host_config(path)
     endpoints = list(connect or [])
     if not endpoints:

@@ -56,6 +56,9 @@ def test_a_file_that_is_not_there_is_an_error_unless_it_is_not_needed(tmp_path: 
 def test_keys_are_looked_for_where_an_endpoint_needs_them(config: Path) -> None:
     with pytest.raises(ConfigError, match=str(config.parent / "keys")):
         find_target(connect=["tls/home.local:7448"], config=config)
+    # Those in /etc/trolley/keys were taken where the robot was named, too.
+    with pytest.raises(ConfigError, match=str(config.parent / "keys")):
+        find_target("kiwi", ["tls/home.local:7448"], config)
 
 
 def test_a_message_to_many_keys_at_once_is_none() -> None:
