@@ -1,5 +1,6 @@
 """Who may do what over TLS: real routers, real certificates, and clients that must fail."""
 
+import json
 import os
 import socket
 import time
@@ -251,6 +252,24 @@ def test_each_role_does_what_it_may_and_no_more(
     assert code_of(operator, requests.BASE_RESUME) == "ok"
     assert list(viewer.stop_all()) == ["one"]
     assert robot.stopped
+
+
+def test_doctor_looks_at_a_robot_through_the_home_router(
+    house: House, endpoint: str, add_robot: Callable, trolley: Callable
+) -> None:
+    """It came without keys, and said that no router answers."""
+    add_robot("one")
+    anna = house.connect(house.home, house.keyring.host("operator", "anna"))
+    wait_until(lambda: anna.robots() == ["one"], "the robot is seen")
+    settings = house.keyring.folder / "robot.toml"
+    settings.write_text('[zenoh]\nkeys = "operator-anna"\n')
+    done = trolley(
+        *("doctor", "--config", str(settings), "--connect", house.home, "--robot", "one"),
+        *("--seconds", "1", "--json"),
+    )
+    found = [one["sentence"] for one in json.loads(done.stdout)["findings"]]
+    assert f"The router at {house.home} answers." in found
+    assert "planner is not running, or hangs." in found
 
 
 MANY_AT_ONCE = (

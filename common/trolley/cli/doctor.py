@@ -14,12 +14,13 @@ from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, counted, print_json
-from trolley.config import ConfigError, find_config
+from trolley.config import ConfigError
 from trolley.connection import DEFAULT_ENDPOINT, Target, find_target
 from trolley.doctor import Finding, Level
 from trolley.doctor.computer_facts import Host
-from trolley.doctor.examine import Place, examine_host, examine_robots, look_around, trying
+from trolley.doctor.examine import examine_host, examine_robots, look_around, trying
 from trolley.doctor.trial import check_trial
+from trolley.runtime.endpoints import is_far
 
 LISTEN_S = 3.0
 WIDEST, NARROWEST = 100, 40
@@ -59,7 +60,7 @@ def doctor_command(verbose: bool, seconds: float, as_json: bool) -> None:
     with trying(place) as trial:
         found = [Row("", finding) for finding in examine_host(place)]
         progress.show(f"Listening for {seconds:g} s ...", "listening")
-        robots = examine_robots(place, _target(place), seconds, is_wanted=_is_wanted())
+        robots = examine_robots(place, _target(), seconds, is_wanted=_is_wanted())
         found += [Row(name, finding) for name, findings in robots for finding in findings]
         progress.show("Testing the settings ...", "trying")
         found += [Row("", finding) for finding in check_trial(trial.outcome())]
@@ -79,17 +80,15 @@ def _is_wanted() -> bool:
     return bool(given("robot") or given("connect"))
 
 
-def _target(place: Place) -> Target:
+def _target() -> Target:
     """Where to look; a configuration that cannot be used is no reason to look nowhere."""
     try:
-        target = find_target(given("robot"), given("connect"), given("config"))
+        return find_target(given("robot"), given("connect"), given("config"))
     except ConfigError:
-        if find_config(given("config")) is None:
+        endpoints = tuple(given("connect") or (DEFAULT_ENDPOINT,))
+        if any(map(is_far, endpoints)):  # it has to say where the keys are
             raise
-        return Target(given("robot"), tuple(given("connect") or (DEFAULT_ENDPOINT,)))
-    if target.robot is None and place.config is not None and not given("connect"):
-        return Target(place.config.robot.name, target.endpoints)
-    return target
+        return Target(given("robot"), endpoints)
 
 
 def _plain(found: list[Row], numbers: Counter[Level]) -> dict[str, Any]:

@@ -222,7 +222,7 @@ def examine_robots(
     where = target.endpoints
     is_needed = is_wanted or any(unit.is_wanted for unit in place.units or [])
     try:
-        with Connection(where) as connection:
+        with Connection(where, keys=target.keys) as connection:
             knocked = [endpoints.knock(one) for one in where] if len(where) > 1 else []
             silent = tuple(one for one in knocked if one is not None and one.trouble)
             door = endpoints.Door(where, "", _owner_of(where), silent)
