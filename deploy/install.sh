@@ -333,7 +333,11 @@ upgrade() {
     if [[ $role == robot ]] && is_booted && trolley status > /dev/null 2>&1; then worst=0; fi
     write "$opt/upgrading" "$old $release $backup $worst"
     if is_booted; then systemd stop "trolley-$role.target"; fi
-    trolley_of "$release" backup --state "$state" "$backup"
+    trolley_of "$release" backup --state "$state" "$backup" || {
+        rm "$opt/upgrading"
+        bring_up
+        die "The state could not be saved in $backup, so $old goes on. Make room, and run this again."
+    }
     switch_and_check
 }
 

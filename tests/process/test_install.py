@@ -56,7 +56,7 @@ release=${0%/*/*/*}
 echo "${release##*/} $*" >> "$FAKE/trolley"
 case "$1" in
     init) echo "[robot] # $3" > "$4" ;;
-    backup) cp -r "$3" "$FAKE/saved"; echo saved > "$4" ;;
+    backup) [ -z "$FAKE_FULL" ] || exit 1; cp -r "$3" "$FAKE/saved"; echo saved > "$4" ;;
     restore) rm -rf "$3"; cp -r "$FAKE/saved" "$3" ;;
     status) [ ! -e "$release/common/UNHAPPY" ] || { echo localizer is failed; exit 1; } ;;
 esac
@@ -348,6 +348,19 @@ def test_settings_that_a_release_refuses_are_told_before_anything_is_stopped(hos
     assert "cannot use the settings of this host" in said
     assert host.current == first
     assert "stop" not in (host.fake / "systemctl").read_text()
+    host.install("--upgrade")
+    assert host.current != first
+
+
+def test_a_state_that_cannot_be_saved_leaves_what_ran_running(host: Host) -> None:
+    """On a full disk the robot stood there, stopped."""
+    host.install("robot")
+    first = host.current
+    host.change("NEW")
+    said = host.install("--upgrade", code=1, FAKE_FULL="yes")
+    assert f"so {first} goes on" in said
+    assert host.current == first
+    assert (host.fake / "active").exists()
     host.install("--upgrade")
     assert host.current != first
 
