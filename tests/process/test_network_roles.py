@@ -19,6 +19,7 @@ from trolley import codes, requests, topics
 from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.connection import Connection, RobotUnreachable
+from trolley.doctor.endpoints import check_uplink
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import Marker, OccupancyGrid, SavedPose, Transform, VelocityCommand
 from trolley.messages.request_params import Nothing, SendGoal
@@ -270,6 +271,26 @@ def test_doctor_looks_at_a_robot_through_the_home_router(
     found = [one["sentence"] for one in json.loads(done.stdout)["findings"]]
     assert f"The router at {house.home} answers." in found
     assert "planner is not running, or hangs." in found
+
+
+def test_doctor_says_why_a_host_has_no_link(
+    house: House, endpoint: str, add_robot: Callable, tmp_path: Path
+) -> None:
+    """Whatever answered at the home router's port was fine."""
+    add_robot("one")
+    anna = house.keyring.host("operator", "anna")
+    wait_until(lambda: house.connect(house.home, anna).robots() == ["one"], "the robot is seen")
+
+    def said(keys: HostKeys) -> str:
+        (found,) = check_uplink(house.home, keys)
+        return found.sentence.removeprefix(f"The home router at {house.home} ")
+
+    assert said(anna) == "answers."
+    assert said(house.keys("operator", "new")) == "shows no robot to this host."
+    foreign = Keyring(tmp_path / "foreign")
+    foreign.create(NOW)
+    stranger = foreign.issue("operator", "anna", UNTIL, replace=False)
+    assert said(stranger) == "answers, but this host cannot link to it."
 
 
 MANY_AT_ONCE = (

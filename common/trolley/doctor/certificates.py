@@ -2,12 +2,20 @@
 
 import dataclasses
 import os
+import ssl
 from datetime import datetime
 from pathlib import Path
 
-from trolley.config import HostConfig
+from trolley.config import HostConfig, RobotConfig
 from trolley.doctor.finding import Finding, note, ok, problem, warning
-from trolley.security.host_keys import DEFAULT_FOLDER, KeysError
+from trolley.security.host_keys import (
+    AUTHORITY,
+    CERTIFICATE,
+    DEFAULT_FOLDER,
+    KEY,
+    KeysError,
+    find_keys,
+)
 
 SOON_DAYS = 30.0
 AUTHORITY_ROLE = "ca"
@@ -101,6 +109,46 @@ def check_keys(config: HostConfig | None, now: datetime) -> list[Finding]:
     found = read_validities(folder)
     if isinstance(found, Finding):
         return [found]
-    if not found:
-        return [note("certificates", f"{folder} holds no certificate.")]
-    return check_certificates(found, now)
+    return [
+        *check_certificates(found, now),
+        *_check_name(found, folder, config),
+        *_check_pair(folder),
+    ]
+
+
+def _check_name(found: list[Validity], folder: Path, config: HostConfig | None) -> list[Finding]:
+    """Whether a robot's certificate is of the robot that robot.toml names."""
+    own = next((one for one in found if one.path == str(folder / CERTIFICATE)), None)
+    if own is None or own.role != "robot" or not isinstance(config, RobotConfig):
+        return []
+    name = config.robot.name
+    if own.name == name:
+        return []
+    return [
+        problem(
+            "certificates",
+            f"The certificate {own.path} is of robot {own.name}, but [robot] name is {name}: "
+            "other hosts hear nothing of it.",
+            f"`trolley keys robot {name}` on the computer with the authority, then copy its files "
+            "here.",
+        )
+    ]
+
+
+def _check_pair(folder: Path) -> list[Finding]:
+    """Whether this host's certificate and private key are there and belong together."""
+    try:
+        find_keys(folder)
+        context = ssl.create_default_context(cafile=folder / AUTHORITY)
+        context.load_cert_chain(folder / CERTIFICATE, folder / KEY)
+    except KeysError as error:
+        if isinstance(error.__cause__, PermissionError):
+            return [note("certificates", f"{error}.", "Run this again with `sudo`.")]
+        text = f"{error}."
+    except ssl.SSLError:
+        files = f"{AUTHORITY}, {CERTIFICATE} and {KEY}"
+        text = f"{files} in {folder} do not belong together, or one of them is broken."
+    else:
+        return []
+    remedy = "Copy the files that `trolley keys` made for this host again."
+    return [problem("certificates", text, remedy)]

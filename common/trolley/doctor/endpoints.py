@@ -2,10 +2,11 @@
 
 import dataclasses
 import socket
-from collections.abc import Sequence
 
+from trolley.connection import Connection, RobotUnreachable
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.ports import ROS_ROUTER
+from trolley.security.host_keys import ALLOWED, AUTHORITY, HostKeys
 
 PATIENCE_S = 1.5
 WITH_PORT = ("tcp", "tls", "ws")
@@ -16,7 +17,6 @@ class Endpoint:
     """A router's address and what came of knocking there."""
 
     text: str
-    is_uplink: bool = False
     trouble: str = ""
     """Why nobody answers; "" if somebody does."""
 
@@ -30,35 +30,65 @@ def address_of(endpoint: str) -> tuple[str, int] | None:
     return host.removeprefix("[").removesuffix("]"), int(port)
 
 
-def knock(endpoint: str, *, is_uplink: bool = False) -> Endpoint | None:
+def knock(endpoint: str) -> Endpoint | None:
     """Connect and hang up; None for an endpoint of a kind that cannot be knocked at."""
     address = address_of(endpoint)
     if address is None:
         return None
     try:
         with socket.create_connection(address, PATIENCE_S):
-            return Endpoint(endpoint, is_uplink)
+            return Endpoint(endpoint)
     except socket.gaierror:
-        return Endpoint(endpoint, is_uplink, f"the name {address[0]} is not known")
+        return Endpoint(endpoint, f"the name {address[0]} is not known")
     except TimeoutError:
-        return Endpoint(endpoint, is_uplink, "nothing comes back")
+        return Endpoint(endpoint, "nothing comes back")
     except OSError as error:
-        return Endpoint(endpoint, is_uplink, (error.strerror or str(error)).lower())
+        return Endpoint(endpoint, (error.strerror or str(error)).lower())
 
 
-def check_uplinks(endpoints: Sequence[Endpoint]) -> list[Finding]:
-    """Whether the home router can be reached. The robot drives without it, too."""
-    return [
-        warning(
-            "router",
-            f"The home router at {one.text} does not answer: {one.trouble}.",
-            "Make sure that it is switched on and its address is right ([zenoh] uplink); the robot "
-            "itself works without it.",
-        )
-        if one.trouble
-        else ok("router", f"The home router at {one.text} answers.")
-        for one in endpoints
-    ]
+def check_uplink(endpoint: str, keys: HostKeys | None) -> list[Finding]:
+    """Whether this host can link to the home router. The robot drives without it, too.
+
+    Args:
+        endpoint: of the home router.
+        keys: this host's; None where a check of its own says that they cannot be used.
+    """
+    knocked = knock(endpoint)
+    where = f"The home router at {endpoint}"
+    if knocked is not None and knocked.trouble:
+        return [
+            warning(
+                "router",
+                f"{where} does not answer: {knocked.trouble}.",
+                "Make sure that it is switched on and its address is right ([zenoh] uplink); the "
+                "robot itself works without it.",
+            )
+        ]
+    if keys is None:
+        return []
+    try:
+        with Connection([endpoint], keys=keys) as connection:
+            robots = connection.robots()
+    except RobotUnreachable:
+        return [
+            problem(
+                "router",
+                f"{where} answers, but this host cannot link to it.",
+                f"Its {AUTHORITY} and that in {keys.folder} must be the same, and its certificate "
+                "must name that address: copy the files that `trolley keys` made for both again.",
+            )
+        ]
+    if not robots:
+        # To a host that may do nothing it shows nothing: the two look alike.
+        return [
+            note(
+                "router",
+                f"{where} shows no robot to this host.",
+                f"If one is linked to it, this host's certificate is missing in its {ALLOWED}: "
+                "copy that again, and restart it (docs/network.md).",
+            )
+        ]
+    return [ok("router", f"{where} answers.")]
 
 
 @dataclasses.dataclass(frozen=True)

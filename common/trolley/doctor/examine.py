@@ -29,7 +29,7 @@ from trolley.doctor.robot import check_robot
 from trolley.doctor.robot_facts import listen
 from trolley.gridmap import GridMap
 from trolley.runtime.state import state_root
-from trolley.security.host_keys import KEY
+from trolley.security.host_keys import KEY, KeysError, find_keys
 from trolley.zones import ZoneFile
 
 UNIT_STATE = Path("/var/lib/trolley")
@@ -137,8 +137,11 @@ def _check_devices(place: Place) -> list[Finding]:
 def _check_uplinks(config: HostConfig | None) -> list[Finding]:
     if config is None:
         return []
-    found = [endpoints.knock(one, is_uplink=True) for one in config.zenoh.uplink]
-    return endpoints.check_uplinks([one for one in found if one is not None])
+    try:
+        keys = find_keys(certificates.keys_folder(config))
+    except KeysError:  # a check of its own says why
+        keys = None
+    return [one for uplink in config.zenoh.uplink for one in endpoints.check_uplink(uplink, keys)]
 
 
 def _check_rights(place: Place) -> list[Finding]:

@@ -1,6 +1,7 @@
 """What doctor says of routers, certificates, and a trial of the services."""
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from trolley.doctor.endpoints import (
     Endpoint,
     address_of,
     check_door,
-    check_uplinks,
+    check_uplink,
     knock,
 )
 from trolley.doctor.finding import Finding, looked_at, note
@@ -27,6 +28,7 @@ from trolley.doctor.trial import Running, Trial, check_trial, try_services
 from trolley.doctor.users import User
 from trolley.runtime.supervision import PARENT_VARIABLE
 from trolley.security.certificates import make_authority, make_certificate
+from trolley.security.keyring import Keyring
 
 NOW = datetime(2026, 5, 1, tzinfo=UTC)
 
@@ -48,11 +50,10 @@ def test_knocking_tells_who_answers() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         assert knock(f"tcp/127.0.0.1:{port}") == Endpoint(f"tcp/127.0.0.1:{port}")
-    gone = knock(f"tcp/127.0.0.1:{port}", is_uplink=True)
+    gone = knock(f"tcp/127.0.0.1:{port}")
     assert gone is not None
     assert gone.trouble == "connection refused"
-    assert [one.level for one in check_uplinks([gone])] == [Level.WARNING]
-    assert [one.level for one in check_uplinks([Endpoint("tcp/a:1")])] == [Level.OK]
+    assert [one.level for one in check_uplink(f"tls/127.0.0.1:{port}", None)] == [Level.WARNING]
     assert knock("unixsock-stream//tmp/x") is None
     unknown = knock("tcp/no-such-host.invalid:7447")
     assert unknown is not None
@@ -122,11 +123,13 @@ def test_certificates_are_read_from_the_folder_of_the_settings(tmp_path: Path) -
     assert (missing.level, "there is no folder" in missing.sentence) == (Level.PROBLEM, True)
     folder = tmp_path / "keys"
     folder.mkdir()
-    assert [one.level for one in check_keys(settings, NOW)] == [Level.NOTE]
+    (empty,) = check_keys(settings, NOW)
+    assert (empty.level, "ca.pem" in empty.sentence) == (Level.PROBLEM, True)
     authority = make_authority(NOW)
     pair = make_certificate(authority, "robot", "one", (), NOW + timedelta(days=10))
     (folder / "ca.pem").write_bytes(authority.certificate)
     (folder / "cert.pem").write_bytes(pair.certificate)
+    (folder / "key.pem").write_bytes(pair.key)
     levels = {one.sentence.split()[2]: one.level for one in check_keys(settings, NOW)}
     assert levels == {"ca": Level.OK, "robot": Level.WARNING}
     with pytest.MonkeyPatch.context() as patch:
@@ -134,6 +137,39 @@ def test_certificates_are_read_from_the_folder_of_the_settings(tmp_path: Path) -
         assert "sudo" in check_keys(settings, NOW)[0].remedy
     (folder / "cert.pem").write_bytes(b"-----BEGIN CERTIFICATE-----\ngarbage")
     assert [one.level for one in check_keys(settings, NOW)] == [Level.PROBLEM]
+
+
+def test_keys_that_cannot_work_are_told(tmp_path: Path) -> None:
+    """Doctor looked at the dates only, and said that all is fine."""
+    path = tmp_path / "robot.toml"
+    path.write_text('[robot]\nname = "kiwi"\nfootprint = { radius_m = 0.2 }\n')
+    ring = Keyring(tmp_path)
+    ring.create(NOW)
+    until = NOW + timedelta(days=400)
+    other = ring.issue("robot", "kiwi2", until, replace=False)
+    other.folder.rename(tmp_path / "keys")
+    settings = load_config(path)
+
+    def told() -> list[str]:
+        return [one.sentence for one in check_keys(settings, NOW) if one.level is Level.PROBLEM]
+
+    (foreign,) = told()
+    assert "is of robot kiwi2, but [robot] name is kiwi" in foreign
+    shutil.rmtree(tmp_path / "keys")
+    ring.issue("robot", "kiwi", until, replace=False).folder.rename(tmp_path / "keys")
+    assert told() == []
+    key = tmp_path / "keys" / "key.pem"
+    kept = key.read_bytes()
+    key.write_bytes(make_authority(NOW).key)
+    (mixed,) = told()
+    assert "do not belong together" in mixed
+    key.unlink()
+    (missing,) = told()
+    assert "key.pem: No such file" in missing
+    key.write_bytes(kept)
+    (tmp_path / "keys" / "cert.pem").write_bytes(b"")
+    (empty,) = told()
+    assert "one of them is broken" in empty
 
 
 def test_trials() -> None:
