@@ -69,13 +69,19 @@ class House:
     def connect(self, endpoint: str, keys: HostKeys | None = None) -> Connection:
         return self._stack.enter_context(Connection([endpoint], PATIENCE_S, keys))
 
+    def log(self, keys: HostKeys) -> str:
+        """What the router with these keys has logged."""
+        return self._log_of(keys).read_text()
+
+    def _log_of(self, keys: HostKeys) -> Path:
+        return self._folder / f"router-{keys.folder.name}.log"
+
     def _start(self, listen: list[str], uplink: list[str], keys: HostKeys) -> None:
         words = [word for one in listen for word in ("--listen", one)]
         words += [word for one in uplink for word in ("--uplink", one)]
-        log = self._folder / f"router-{keys.folder.name}.log"
         process = Process(
             ["-c", PROGRAM, "router", *words, "--keys", str(keys.folder)],
-            log,
+            self._log_of(keys),
             {"TROLLEY_CONFIG": ""},
         )
         self._stack.callback(process.kill)
@@ -386,6 +392,19 @@ def test_who_is_not_known_stays_outside(house: House, tmp_path: Path) -> None:
     owner.bus.put("trolley/one/markers/a/b", b"{}", "application/json", Qos.STATE)
     wait_until(lambda: heard, "the owner's word")
     assert heard == ["trolley/one/markers/a/b"]
+
+
+def test_a_router_says_what_becomes_of_its_link(house: House, tmp_path: Path) -> None:
+    """One that was never let in said that it listens, and no more."""
+    anna = house.keys("operator", "anna")
+    house.open()
+    house.host(anna)
+    wait_until(lambda: "Linked to the home router" in house.log(anna), "the link is told")
+    foreign = Keyring(tmp_path / "foreign")
+    foreign.create(NOW)
+    stranger = foreign.issue("operator", "eve", UNTIL, replace=False)
+    house.host(stranger)
+    wait_until(lambda: "No link to the home router" in house.log(stranger), "there is none")
 
 
 def test_nobody_can_pretend_to_be_the_home_router(house: House) -> None:

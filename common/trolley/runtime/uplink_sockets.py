@@ -20,10 +20,15 @@ LOOK_S = 0.5
 _FAR = re.compile(r"tls/.*:(\d+)(?:[?#].*)?")
 
 
+def far_ports(endpoints: Sequence[str]) -> set[int]:
+    """Return the ports of TLS endpoints."""
+    return {int(found[1]) for found in map(_FAR.fullmatch, endpoints) if found}
+
+
 @contextmanager
 def given_up_when_unanswered(endpoints: Sequence[str]) -> Generator[None]:
     """While the context lasts, look after this process's connections from and to TLS endpoints."""
-    ports = {int(found[1]) for found in map(_FAR.fullmatch, endpoints) if found}
+    ports = far_ports(endpoints)
     end = threading.Event()
 
     def look() -> None:

@@ -18,6 +18,7 @@ import zenoh
 from trolley.runtime.bus import Query, Reply, Sample
 from trolley.runtime.door.keeper import Door
 from trolley.runtime.endpoints import SOCKET, is_far, is_forbidden, why_not_here
+from trolley.runtime.far_links import FarLink
 from trolley.runtime.open_files import allow_many_files
 from trolley.runtime.uplink_sockets import given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
@@ -64,8 +65,11 @@ def open_router(
     uplink: Sequence[str] = (),
     security: Security | None = None,
     downsample: Mapping[str, float] | None = None,
-) -> Generator[None]:
+) -> Generator[Callable[[], list[FarLink]]]:
     """Be the router while the context lasts; the arguments are those of `router_config`.
+
+    Yields:
+        What returns the links with other hosts that there are now.
 
     Raises:
         NotConnected: It cannot listen: the port is taken, the keys cannot be used, or nothing
@@ -101,7 +105,11 @@ def open_router(
         stack.enter_context(given_up_when_unanswered(uplink))
         for door in doors:
             stack.enter_context(door.kept_open())
-        yield
+        yield lambda: [
+            FarLink(int(one.dst.rpartition(":")[2]), one.auth_identifier)
+            for one in session.info.links()
+            if one.auth_identifier is not None
+        ]
 
 
 class Closable(Protocol):
