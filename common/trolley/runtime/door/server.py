@@ -17,6 +17,9 @@ from trolley.runtime.supervision import Supervision
 
 UNANSWERED_ALERT = 64
 """More bytes than TLS needs to send somebody away, once it has answered the hello."""
+LONGEST_RETRY = 512
+"""No `HelloRetryRequest` has more bytes, and no answer with a certificate has fewer: only to the
+second does a guest reply with something of its own."""
 ACCEPTED_AT_ONCE = 64
 BREATH_S = 0.02
 """After so many the others have their turn: 3,200 connections a second cost an eighth of a core."""
@@ -257,7 +260,7 @@ class Door:
         if guest.stage is Stage.IGNORED:  # it speaks after all, and may come again at once
             self._end(visit)
         guest.heard_s = time.monotonic()
-        guest.has_replied = guest.has_replied or visit.num_answered > 0
+        guest.has_replied = guest.has_replied or visit.num_answered > LONGEST_RETRY
 
     def _answered(self, visit: _Visit, num_bytes: int) -> None:
         """The router certainly speaks with a guest if it says much after the guest's reply."""

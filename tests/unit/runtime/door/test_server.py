@@ -2,7 +2,9 @@
 
 import asyncio
 import contextlib
+import itertools
 import socket
+from collections.abc import Sequence
 
 from support.waiting import PATIENCE_S
 
@@ -42,3 +44,66 @@ async def first_words(listener: socket.socket, router: socket.socket) -> bytes:
         running.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await running
+
+
+PROOF_S = 0.3
+RETRY, CERTIFICATE, REPLY, WELCOME = bytes(99), bytes(800), bytes(300), bytes(300)
+
+
+def test_a_second_hello_proves_nothing() -> None:
+    """TLS asks for one where it cannot use the first: it was taken for a guest's reply."""
+    hanging = (HELLO, RETRY, HELLO, CERTIFICATE)
+    assert not is_kept(*hanging)
+    assert is_kept(*hanging, REPLY, WELCOME)
+    assert is_kept(HELLO, CERTIFICATE, REPLY, WELCOME)
+
+
+def is_kept(*words: bytes) -> bool:
+    """Whether a guest is still led to the router when its time is over, if they talked so."""
+    with contextlib.ExitStack() as stack:
+        listener, router = (
+            stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(2)
+        )
+        guest = stack.enter_context(socket.create_connection(listener.getsockname()))
+        return asyncio.run(talk(listener, router, guest, words))
+
+
+async def talk(
+    listener: socket.socket, router: socket.socket, guest: socket.socket, words: Sequence[bytes]
+) -> bool:
+    """Guest and router say these words in turn; whether they are still joined a while later."""
+    loop = asyncio.get_running_loop()
+    for one in (router, guest):
+        one.setblocking(False)
+    limits = Limits(proof_s=PROOF_S)
+    running = loop.create_task(Door(listener, [router.getsockname()], limits).run())
+    try:
+        await loop.sock_sendall(guest, words[0])
+        led_in, _ = await loop.sock_accept(router)
+        with led_in:
+            await hear(led_in, words[0])
+            speakers = itertools.cycle((led_in, guest))
+            for word in words[1:]:
+                speaker = next(speakers)
+                await loop.sock_sendall(speaker, word)
+                await hear(guest if speaker is led_in else led_in, word)
+            try:
+                async with asyncio.timeout(3.0 * PROOF_S):
+                    await loop.sock_recv(led_in, 1)
+            except TimeoutError:
+                return True
+            except ConnectionError:
+                pass
+            return False
+    finally:
+        running.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await running
+
+
+async def hear(end: socket.socket, word: bytes) -> None:
+    """Wait until all of a word has come."""
+    loop, left = asyncio.get_running_loop(), len(word)
+    async with asyncio.timeout(PATIENCE_S):
+        while left:
+            left -= len(await loop.sock_recv(end, left))
