@@ -151,8 +151,9 @@ def _check_rights(place: Place) -> list[Finding]:
     secrets = [key]
     if place.robot_state is not None:
         secrets.append(place.robot_state / "viewer_access.toml")
-    modes = [(str(path), path.stat().st_mode) for path in secrets if path.exists()]
-    return found + rights.check_secrets(modes)
+    if place.host_config is not None:
+        secrets += rights.named_secrets(place.host_config)
+    return found + rights.check_secrets(secrets, place.user)
 
 
 def _check_map(place: Place) -> list[Finding]:

@@ -3,13 +3,23 @@
 import dataclasses
 import itertools
 import stat
+from collections.abc import Sequence
 from pathlib import Path
 
+from trolley.config import HostConfig
 from trolley.doctor.finding import Finding, ok, problem, warning
-from trolley.doctor.users import ENTER, READ, WRITE, User, closed_at, may, rights_in_words
+from trolley.doctor.users import (
+    ENTER,
+    READ,
+    WRITE,
+    User,
+    closed_at,
+    group_name,
+    may,
+    rights_in_words,
+)
 
 MOST_FILES = 5000
-OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,6 +27,8 @@ class Access:
     """What the user of the services may not do."""
 
     user: str
+    group: str
+    """Its own group."""
     config_closed: str = ""
     """What keeps it from reading robot.toml, with its rights; "" if nothing does."""
     state: str = ""
@@ -47,6 +59,7 @@ def read_access(user: User, config: Path | None, state: Path, key: Path | None =
                 foreign.append(str(path))
     return Access(
         user.name,
+        group_name(user.group),
         "" if closed is None else f"{closed}: {rights_in_words(closed)}",
         str(state),
         "" if state_closed is None else f"{state_closed}: {rights_in_words(state_closed)}",
@@ -63,7 +76,8 @@ def check_access(facts: Access) -> list[Finding]:
             problem(
                 "permissions",
                 f"{facts.user} may not read robot.toml ({facts.config_closed}).",
-                "`sudo chmod a+r` that file (a+rx where it is a folder).",
+                f"`sudo chgrp {facts.group}` and `sudo chmod g+r` that file; a folder: "
+                "`sudo chmod a+rx`.",
             )
         )
     if facts.key_closed:
@@ -96,16 +110,30 @@ def check_access(facts: Access) -> list[Finding]:
     ]
 
 
-def check_secrets(files: list[tuple[str, int]]) -> list[Finding]:
-    """Whether others can read what is secret; `files` are paths with their modes."""
-    open_ones = [path for path, mode in files if mode & OTHERS]
+def named_secrets(config: HostConfig) -> list[Path]:
+    """Files with secrets that robot.toml names, and itself where an address in it may be one."""
+    named = (config.mqtt.password_file, config.webhook.token_file)
+    found = [config.path(one) for one in named if one]
+    return [*found, Path(config.file)] if config.webhook.urls else found
+
+
+def check_secrets(files: Sequence[Path], user: User) -> list[Finding]:
+    """Whether others than the services' user and its own group can read what is secret."""
+    there = [(path, path.stat()) for path in files if path.exists()]
+    open_ones = [
+        path
+        for path, status in there
+        if status.st_mode & stat.S_IRWXO
+        or (status.st_mode & stat.S_IRWXG and status.st_gid != user.group)
+    ]
     if open_ones:
         return [
             warning(
                 "permissions",
                 f"Others can read the secret file {path}.",
-                f"`sudo chmod 600 {path}`; make a new one if somebody may have copied it.",
+                f"`sudo chgrp {group_name(user.group)} {path}; sudo chmod 640 {path}`; make a new "
+                "secret if somebody may have copied it.",
             )
             for path in open_ones
         ]
-    return [ok("permissions", f"{len(files)} secret files are closed to others.")] if files else []
+    return [ok("permissions", f"{len(there)} secret files are closed to others.")] if there else []

@@ -73,8 +73,12 @@ def rights_in_words(path: Path) -> str:
         owner = pwd.getpwuid(status.st_uid).pw_name
     except KeyError:
         owner = str(status.st_uid)
+    return f"{owner}:{group_name(status.st_gid)} {stat.filemode(status.st_mode)}"
+
+
+def group_name(group: int) -> str:
+    """A group's name, or its number where it has none."""
     try:
-        group = grp.getgrgid(status.st_gid).gr_name
+        return grp.getgrgid(group).gr_name
     except KeyError:
-        group = str(status.st_gid)
-    return f"{owner}:{group} {stat.filemode(status.st_mode)}"
+        return str(group)

@@ -14,7 +14,7 @@ from trolley.config import RobotConfig, load_config
 from trolley.doctor import Level
 from trolley.doctor.computer_facts import Host
 from trolley.doctor.devices import Port, check_ports, read_ports
-from trolley.doctor.rights import Access, check_access, check_secrets, read_access
+from trolley.doctor.rights import Access, check_access, check_secrets, named_secrets, read_access
 from trolley.doctor.units import Unit, check_units, parse_units, read_units
 from trolley.doctor.users import READ, WRITE, User, closed_at, this_user
 from trolley.serial_diagnosis import Holder
@@ -162,8 +162,10 @@ def test_a_state_folder_of_somebody_else_is_a_problem(tmp_path: Path) -> None:
 
 
 def test_a_closed_configuration_is_a_problem() -> None:
-    found = check_access(Access("trolley", config_closed="/etc/trolley: root:root drwx------"))
+    found = check_access(Access("trolley", "robots", "/etc/x: root:root -rw-r-----"))
     assert [one.level for one in found] == [Level.PROBLEM]
+    # It may hold a secret: `chmod a+r` showed that to everybody.
+    assert "chgrp robots" in found[0].remedy
 
 
 def test_a_private_key_of_somebody_else_is_a_problem(tmp_path: Path) -> None:
@@ -178,11 +180,29 @@ def test_a_private_key_of_somebody_else_is_a_problem(tmp_path: Path) -> None:
     assert any("private key" in one.sentence for one in check_access(closed))
 
 
-def test_secrets_are_for_their_owner_only() -> None:
-    assert check_secrets([]) == []
-    assert [one.level for one in check_secrets([("key.pem", 0o100600)])] == [Level.OK]
-    (found,) = check_secrets([("key.pem", 0o100644), ("other.pem", 0o100600)])
+def test_secrets_are_for_the_services_only(tmp_path: Path) -> None:
+    user = this_user()
+    key, other = tmp_path / "key.pem", tmp_path / "other.pem"
+    assert check_secrets([key, other], user) == []
+    for path in (key, other):
+        path.touch(mode=0o600)
+    assert [one.level for one in check_secrets([key, other], user)] == [Level.OK]
+    key.chmod(0o640)
+    assert [one.level for one in check_secrets([key, other], user)] == [Level.OK]
+    (found,) = check_secrets([key, other], STRANGER)
     assert (found.level, "key.pem" in found.sentence) == (Level.WARNING, True)
+    key.chmod(0o604)
+    assert [one.level for one in check_secrets([key, other], user)] == [Level.WARNING]
+
+
+def test_secrets_are_also_what_the_settings_name(tmp_path: Path) -> None:
+    """Doctor did not look at a broker's password, nor at a webhook's address."""
+    path = tmp_path / "robot.toml"
+    text = '[robot]\nname = "one"\nfootprint = { radius_m = 0.2 }\n'
+    path.write_text(f'{text}[mqtt]\nbroker = "b"\npassword_file = "password"\n')
+    assert named_secrets(load_config(path)) == [tmp_path / "password"]
+    path.write_text(f'{text}[webhook]\nurls = ["https://a/b"]\ntoken_file = "/token"\n')
+    assert named_secrets(load_config(path)) == [Path("/token"), path]
 
 
 # Units.
