@@ -107,6 +107,19 @@ def test_doctor_finds_what_is_wrong_with_a_robot(
     }
 
 
+def test_doctor_misses_the_bridge_of_its_own_robot(
+    add_robot: Callable, endpoint: str, trolley: Callable, tmp_path: Path
+) -> None:
+    add_robot("one")
+    add_robot("two")
+    path = tmp_path / "robot.toml"
+    path.write_text(SETTINGS.format(endpoint) + '[mqtt]\nbroker = "broker.local"\n')
+    for robot, is_missed in (("one", True), ("two", False)):
+        words = ("--config", str(path), "--robot", robot, "--seconds", "1", "--json")
+        problems = findings(trolley("doctor", *words).stdout, "problem")
+        assert ("mqtt is not running, or hangs." in problems) == is_missed
+
+
 def test_doctor_sees_two_services_of_one_name(
     add_robot: Callable, endpoint: str, trolley: Callable
 ) -> None:

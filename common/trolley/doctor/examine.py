@@ -61,6 +61,13 @@ class Place:
         """The state folder of the robot of robot.toml."""
         return None if self.config is None else self.state / self.config.robot.name
 
+    @property
+    def bridged_robot(self) -> str | None:
+        """The robot of robot.toml, if that gives `mqtt` something to do."""
+        if self.config is None or "mqtt" in self.config.idle_services:
+            return None
+        return self.config.robot.name
+
 
 def look_around(given: Path | None, host: Host) -> Place:
     """Find configuration, units, and as whom the services run."""
@@ -236,7 +243,8 @@ def examine_robots(
                 text = "The router is there, but no robot."
                 found.append(("", [note("router", text, "`trolley up` starts one.")]))
             needs_map = place.host_config is None or place.host_config.planner.frame == "map"
-            heard = listen(connection, names, seconds, needs_map=needs_map) if names else []
+            listening = partial(listen, needs_map=needs_map, with_mqtt=place.bridged_robot)
+            heard = listening(connection, names, seconds) if names else []
             checked = [(one.name, looked_at("robot", partial(check_robot, one))) for one in heard]
             return [*found, *checked]
     except RouterBusy as error:

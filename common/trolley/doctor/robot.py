@@ -61,6 +61,8 @@ class RobotFacts:
     """What base has found wrong with robot.toml."""
     needs_map: bool = True
     """Whether it drives on a map."""
+    needs_mqtt: bool = False
+    """Whether robot.toml names a broker or a webhook."""
 
     @property
     def rate(self) -> float:
@@ -84,13 +86,14 @@ def check_robot(facts: RobotFacts) -> list[Finding]:
 def check_services(facts: RobotFacts) -> list[Finding]:
     """Whether each service is there, once, and answers."""
     found: list[Finding] = []
-    for name in NEEDED:
+    for name in (*NEEDED, *(["mqtt"] if facts.needs_mqtt else [])):
         if name not in facts.runs and (name != "localizer" or facts.needs_map):
+            start = "enable --now" if name == "mqtt" else "start"  # installing does not enable it
             found.append(
                 problem(
                     name,
                     f"{name} is not running, or hangs.",
-                    f"`sudo systemctl start trolley-{name}`, or `trolley run {name}`. {LOG}",
+                    f"`sudo systemctl {start} trolley-{name}`, or `trolley run {name}`. {LOG}",
                 )
             )
     for name, runs in facts.runs.items():

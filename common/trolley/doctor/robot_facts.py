@@ -23,9 +23,14 @@ ASKED: tuple[Topic[Any], ...] = (topics.ROBOT, topics.MAP, topics.ZONES, topics.
 
 
 def listen(
-    connection: Connection, names: Sequence[str], seconds: float, *, needs_map: bool = True
+    connection: Connection,
+    names: Sequence[str],
+    seconds: float,
+    *,
+    needs_map: bool = True,
+    with_mqtt: str | None = None,
 ) -> list[RobotFacts]:
-    """What is heard of some robots."""
+    """What is heard of some robots, of which `with_mqtt` should have its bridge."""
     traffic = Traffic()
     closers = [
         connection.listen("/".join((topics.ROOT, name, "**")), traffic.take) for name in names
@@ -64,6 +69,7 @@ def listen(
                 goal=robot.latest(topics.GOAL),
                 proposals=() if proposals is None else proposals.proposals,
                 needs_map=needs_map,
+                needs_mqtt=name == with_mqtt,
             )
         )
     return found

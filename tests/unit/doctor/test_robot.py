@@ -104,6 +104,13 @@ def bad(facts: RobotFacts) -> list[Finding]:
     return found
 
 
+def test_a_bridge_that_the_settings_need_is_missed() -> None:
+    """Who had named a broker, and had not enabled the service, was told that all is fine."""
+    (missing,) = bad(replace(GOOD, needs_mqtt=True))
+    assert missing.sentence == "mqtt is not running, or hangs."
+    assert "enable --now trolley-mqtt" in missing.remedy
+
+
 def test_a_good_robot_is_fine() -> None:
     assert bad(GOOD) == []
     assert len(check_robot(GOOD)) > 10
