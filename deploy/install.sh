@@ -207,6 +207,14 @@ prune_releases() {
     done
 }
 
+# Keeps the backup of this upgrade and the newest before it: each may have gigabytes.
+prune_backups() {
+    local one
+    while IFS= read -r one; do
+        run rm -f "$one"
+    done < <(ls -t "$backups"/before-*.tar.gz | awk -v this="$1" '$0 != this && older++')
+}
+
 # ---- user, settings, units -----------------------------------------------------------------------
 
 make_user() {
@@ -350,6 +358,7 @@ switch_and_check() {
     if wait_until_up "$worst"; then
         rm "$opt/upgrading"
         prune_releases "$old"
+        prune_backups "$backup"
         say "Trolley $new is running. The state before it: $backup"
         return
     fi

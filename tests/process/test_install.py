@@ -307,13 +307,15 @@ def test_an_upgrade_switches_and_keeps_the_one_before(host: Host) -> None:
     host.change("NEW")
     assert "install.sh --upgrade" in host.install("robot")
     assert host.current == first
-    for number in range(2):
+    backups: list[Path] = []
+    for number in range(3):
         before = host.current
         host.change(f"NEW{number}")
         said = host.install("--upgrade")
         assert host.current != before
-        assert "The state before it: " in said
-        assert Path(said.split("The state before it: ")[1].split("\n")[0]).exists()
+        assert "This failed" not in said
+        backups.append(Path(said.split("The state before it: ")[1].split("\n")[0]))
+    assert set((host.root / "var/backups/trolley").iterdir()) == set(backups[-2:])
     releases = {path.name for path in (host.root / "opt/trolley/releases").iterdir()}
     assert releases == {before, host.current}
     assert "Nothing to do" in host.install("--upgrade")
