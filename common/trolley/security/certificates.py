@@ -153,12 +153,16 @@ def parse_certificates(content: bytes, path: Path) -> list[Certificate]:
     """The certificates in the content of a PEM file; `path` is for messages.
 
     Raises:
-        KeysError: Something in it is not a certificate of Trolley.
+        KeysError: Something in it is not a certificate of Trolley, or its end is missing.
     """
     try:
-        return [_read(one, path) for one in x509.load_pem_x509_certificates(content)]
-    except ValueError as error:
-        raise KeysError(f"{path}: is not a certificate: {error}") from error
+        found = x509.load_pem_x509_certificates(content)
+    except ValueError:
+        found = []
+    # Without this look at the end, one that was cut in the middle would hold the first ones only.
+    if not found or not content.rstrip().endswith(b"-----END CERTIFICATE-----"):
+        raise KeysError(f"{path}: is empty, cut short or broken; copy it again")
+    return [_read(one, path) for one in found]
 
 
 def _read(certificate: x509.Certificate, path: Path) -> Certificate:

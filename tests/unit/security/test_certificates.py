@@ -51,6 +51,16 @@ def test_is_signed_by_the_authority(authority: Pair) -> None:
     x509.load_pem_x509_certificate(pair.certificate).verify_directly_issued_by(issuer)
 
 
+def test_a_list_that_is_not_whole_is_refused(authority: Pair) -> None:
+    """One that was cut in the middle let in the hosts that were left, without a word."""
+    pairs = [make_certificate(authority, "operator", "anna", [], UNTIL) for _ in range(2)]
+    whole = b"".join(pair.certificate for pair in pairs)
+    assert len(parse_certificates(whole, HERE)) == 2
+    for content in (b"", whole[:-10], whole[: -len(pairs[1].certificate) // 2]):
+        with pytest.raises(KeysError, match=r"cert\.pem: is empty, cut short"):
+            parse_certificates(content, HERE)
+
+
 @pytest.mark.parametrize("role", ROLES)
 def test_only_a_router_can_be_connected_to(authority: Pair, role: Role) -> None:
     pair = make_certificate(authority, role, "kiwi", [], UNTIL)
