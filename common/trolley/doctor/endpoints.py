@@ -74,8 +74,9 @@ def check_uplink(endpoint: str, keys: HostKeys | None) -> list[Finding]:
             problem(
                 "router",
                 f"{where} answers, but this host cannot link to it.",
-                f"Its {AUTHORITY} and that in {keys.folder} must be the same, and its certificate "
-                "must name that address: copy the files that `trolley keys` made for both again.",
+                f"Its {AUTHORITY} and that in {keys.folder} must be the same, its {ALLOWED} must "
+                "hold this host's certificate, and its own must name that address: copy the files "
+                "that `trolley keys` made for both again.",
             )
         ]
     if not robots:

@@ -9,6 +9,7 @@ from trolley.runtime.endpoints import is_far
 from trolley.runtime.far_links import FarLinks
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.supervision import Supervision
+from trolley.runtime.uplink_sockets import hang_up
 from trolley.runtime.zenoh_bus import open_router, takes_new_sessions
 from trolley.security.access import Security
 
@@ -45,11 +46,11 @@ def run_router(
         near = [one for one in listen if not is_far(one)]
         period_s = supervision.period_s or UNWATCHED_PERIOD_S
         due_s = time.monotonic()
-        far = FarLinks(uplink, log, due_s)
+        far = FarLinks(uplink, security.allowed if security else (), log, due_s)
         while not asked:
             # In slices: a signal that the kernel gives to a thread of Zenoh's wakes nobody here.
             time.sleep(min(SLICE_S, period_s))
-            far.update(links(), time.monotonic())
+            hang_up(far.update(links(), time.monotonic()))
             if time.monotonic() < due_s:
                 continue
             due_s = time.monotonic() + period_s

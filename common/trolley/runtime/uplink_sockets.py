@@ -6,6 +6,7 @@ that time no new link to the same router can be made (a cut of 40 s was felt for
 for 110 s). Zenoh has no setting for this, Linux has one per socket (`man 7 tcp`).
 """
 
+import dataclasses
 import os
 import re
 import socket
@@ -23,6 +24,17 @@ _FAR = re.compile(r"tls/.*:(\d+)(?:[?#].*)?")
 def far_ports(endpoints: Sequence[str]) -> set[int]:
     """Return the ports of TLS endpoints."""
     return {int(found[1]) for found in map(_FAR.fullmatch, endpoints) if found}
+
+
+@dataclasses.dataclass(frozen=True)
+class FarLink:
+    """A link with another host over TLS, as Zenoh knows it."""
+
+    own_port: int
+    port: int
+    """At the other end."""
+    certificate: str
+    """The common name of the other end's certificate."""
 
 
 @contextmanager
@@ -69,6 +81,24 @@ def limit_waiting(ports: Collection[int], known: Collection[int] = ()) -> set[in
             if inode in known or (entry.is_socket() and _limit(int(entry.name), ports)):
                 found.add(inode)
     return found
+
+
+def hang_up(links: Collection[FarLink]) -> None:
+    """End these links; Zenoh has no call for that."""
+    ends = {(one.own_port, one.port) for one in links}
+    with suppress(OSError):  # no file is left to look with; later there may be
+        for entry in [*Path("/proc/self/fd").iterdir()] if ends else []:
+            with suppress(OSError):  # closed by now, or no socket
+                if entry.is_socket():
+                    _end_if(int(entry.name), ends)
+
+
+def _end_if(number: int, ends: Collection[tuple[int, int]]) -> None:
+    """Shut the socket if its own port and the other are a pair of these."""
+    with socket.socket(fileno=os.dup(number)) as link:
+        is_tcp = link.family in (socket.AF_INET, socket.AF_INET6)
+        if is_tcp and (link.getsockname()[1], link.getpeername()[1]) in ends:
+            link.shutdown(socket.SHUT_RDWR)
 
 
 def _limit(number: int, ports: Collection[int]) -> bool:

@@ -18,9 +18,8 @@ import zenoh
 from trolley.runtime.bus import Query, Reply, Sample
 from trolley.runtime.door.keeper import Door
 from trolley.runtime.endpoints import SOCKET, is_far, is_forbidden, why_not_here
-from trolley.runtime.far_links import FarLink
 from trolley.runtime.open_files import allow_many_files
-from trolley.runtime.uplink_sockets import given_up_when_unanswered
+from trolley.runtime.uplink_sockets import FarLink, given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
 from trolley.security.access import Security
 from trolley.security.host_keys import HostKeys
@@ -106,10 +105,14 @@ def open_router(
         for door in doors:
             stack.enter_context(door.kept_open())
         yield lambda: [
-            FarLink(int(one.dst.rpartition(":")[2]), one.auth_identifier)
+            FarLink(_port(one.src), _port(one.dst), one.auth_identifier)
             for one in session.info.links()
             if one.auth_identifier is not None
         ]
+
+
+def _port(end: str) -> int:
+    return int(end.rpartition(":")[2])
 
 
 class Closable(Protocol):

@@ -16,6 +16,12 @@ class Security:
     access_control: Mapping[str, Any] | None
     """In Zenoh's words; None: it lets nobody in but its own host's programs."""
 
+    @property
+    def allowed(self) -> frozenset[str]:
+        """The common names of the certificates that it lets in."""
+        subjects = [] if self.access_control is None else self.access_control["subjects"]
+        return frozenset(name for one in subjects for name in one.get("cert_common_names", ()))
+
 
 def security_of(keys: HostKeys) -> Security:
     """What the router with these keys goes by, read at each of its starts.
