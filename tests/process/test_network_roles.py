@@ -413,6 +413,16 @@ def test_a_router_says_what_becomes_of_its_link(house: House, tmp_path: Path) ->
     wait_until(lambda: "No link to the home router" in house.log(stranger), "there is none")
 
 
+def test_who_is_not_known_is_sent_away_by_the_router_of_any_program(house: House) -> None:
+    """`trolley up` lets other hosts in as `trolley router` does."""
+    security = security_of(house.router_keys)
+    late = house.keys("operator", "late")
+    is_there: list[bool] = []
+    with open_router([house.local, house.home], security=security):
+        house.connect(house.home, late).bus.on_connection(is_there.append)
+        wait_until(lambda: False in is_there, "it is sent away")
+
+
 def test_nobody_can_pretend_to_be_the_home_router(house: House) -> None:
     viewer = house.keys("viewer", "tablet")
     robot = house.keys("robot", "one")

@@ -1,9 +1,12 @@
 """What a router logs of its links with other hosts."""
 
-from collections.abc import Collection, Sequence
+import threading
+import time
+from collections.abc import Callable, Collection, Generator, Sequence
+from contextlib import contextmanager
 
 from trolley.runtime.log import Log
-from trolley.runtime.uplink_sockets import FarLink, far_ports
+from trolley.runtime.uplink_sockets import LOOK_S, FarLink, far_ports, hang_up
 
 PATIENCE_S = 10.0
 """A home router that has been away for so long is worth a line."""
@@ -61,3 +64,21 @@ class FarLinks:
             self._strangers.add(name)
             self._log.warning("A host that is not in allowed.pem is sent away", certificate=name)
         return strangers
+
+
+@contextmanager
+def watched(links: Callable[[], list[FarLink]], far: FarLinks) -> Generator[None]:
+    """While the context lasts, look after the links of this process's router."""
+    end = threading.Event()
+
+    def look() -> None:
+        while not end.wait(LOOK_S):
+            hang_up(far.update(links(), time.monotonic()))
+
+    thread = threading.Thread(target=look, name="far links", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join()

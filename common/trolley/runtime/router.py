@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from trolley.interrupts import Interrupts
 from trolley.runtime.endpoints import is_far
-from trolley.runtime.far_links import FarLinks
 from trolley.runtime.log import Log, set_up_logging
 from trolley.runtime.supervision import Supervision
-from trolley.runtime.uplink_sockets import hang_up
 from trolley.runtime.zenoh_bus import open_router, takes_new_sessions
 from trolley.security.access import Security
 
@@ -40,17 +38,15 @@ def run_router(
     for number in Interrupts.ENDING:
         signal.signal(number, end)
     log, supervision = Log("router"), Supervision()
-    with open_router(listen, uplink, security, downsample) as links:
+    with open_router(listen, uplink, security, downsample):
         log.info("Listening", at=", ".join(listen), uplink=", ".join(uplink) or "none")
         supervision.ready()
         near = [one for one in listen if not is_far(one)]
         period_s = supervision.period_s or UNWATCHED_PERIOD_S
         due_s = time.monotonic()
-        far = FarLinks(uplink, security.allowed if security else (), log, due_s)
         while not asked:
             # In slices: a signal that the kernel gives to a thread of Zenoh's wakes nobody here.
             time.sleep(min(SLICE_S, period_s))
-            hang_up(far.update(links(), time.monotonic()))
             if time.monotonic() < due_s:
                 continue
             due_s = time.monotonic() + period_s

@@ -8,6 +8,7 @@ Callbacks only store, and a session is always closed: else it hangs at exit.
 import ctypes
 import os
 import threading
+import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
@@ -18,6 +19,8 @@ import zenoh
 from trolley.runtime.bus import Query, Reply, Sample
 from trolley.runtime.door.keeper import Door
 from trolley.runtime.endpoints import SOCKET, is_far, is_forbidden, why_not_here
+from trolley.runtime.far_links import FarLinks, watched
+from trolley.runtime.log import Log
 from trolley.runtime.open_files import allow_many_files
 from trolley.runtime.uplink_sockets import FarLink, given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
@@ -64,11 +67,8 @@ def open_router(
     uplink: Sequence[str] = (),
     security: Security | None = None,
     downsample: Mapping[str, float] | None = None,
-) -> Generator[Callable[[], list[FarLink]]]:
+) -> Generator[None]:
     """Be the router while the context lasts; the arguments are those of `router_config`.
-
-    Yields:
-        What returns the links with other hosts that there are now.
 
     Raises:
         NotConnected: It cannot listen: the port is taken, the keys cannot be used, or nothing
@@ -104,11 +104,18 @@ def open_router(
         stack.enter_context(given_up_when_unanswered(uplink))
         for door in doors:
             stack.enter_context(door.kept_open())
-        yield lambda: [
-            FarLink(_port(one.src), _port(one.dst), one.auth_identifier)
-            for one in session.info.links()
-            if one.auth_identifier is not None
-        ]
+        if security is not None:
+            far = FarLinks(uplink, security.allowed, Log("router"), time.monotonic())
+            stack.enter_context(watched(lambda: _far_links(session), far))
+        yield
+
+
+def _far_links(session: zenoh.Session) -> list[FarLink]:
+    return [
+        FarLink(_port(one.src), _port(one.dst), one.auth_identifier)
+        for one in session.info.links()
+        if one.auth_identifier is not None
+    ]
 
 
 def _port(end: str) -> int:
