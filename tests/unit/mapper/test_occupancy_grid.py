@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley.gridmap import FREE, OCCUPIED, GridMap
+from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley.scan_matching.sweep import read_sweep
 from trolley.scanning import ScanInput
 from trolley_mapper.slam.keyframe import Keyframe
@@ -146,3 +146,30 @@ def test_nothing_is_drawn_that_is_seen_through_a_mirror() -> None:
     x, y = np.meshgrid(np.arange(0.75, 1.35, 0.05), np.arange(1.0, 1.9, 0.05))
     ahead = on_map(0.0, 0.0).transform_points(np.column_stack([x.ravel(), y.ravel()]))
     assert np.all(grids[1].values_at(ahead) == FREE)
+
+
+@pytest.mark.parametrize("edge_m", [0.01, 0.02, 0.03, 0.05, 0.1])
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 0.25 * math.pi])
+@pytest.mark.parametrize("xy", [(0.0, 0.0), (0.013, -0.021)])
+def test_a_map_that_is_extended_keeps_its_walls_whatever_its_cells(
+    edge_m: float, yaw: float, xy: tuple[float, float]
+) -> None:
+    cells = np.full((round(2.0 / edge_m),) * 2, FREE, np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    prior = GridMap("room", edge_m, Pose2D(*xy, yaw), cells)
+    grid = LogOddsGrid(EDGE_M, prior).grid()
+    corners = prior.cell_to_world(np.array([[0, 0], [0, -1], [-1, -1], [-1, 0]]) % len(cells))
+    for side in np.stack([corners, np.roll(corners, -1, axis=0)], axis=1):
+        assert gap_m(grid, side) < EDGE_M
+    floor = prior.world_to_grid(grid.cell_to_world(np.argwhere(grid.cells == FREE)))
+    clear_m = edge_m + EDGE_M
+    inside = (floor > clear_m).all(axis=1) & (floor < prior.size_m[0] - clear_m).all(axis=1)
+    assert inside.sum() == pytest.approx((2.0 - 2.0 * clear_m) ** 2 / EDGE_M**2, rel=0.06)
+
+
+@pytest.mark.parametrize("shift_m", [0.0, 0.013, 0.04])
+def test_a_map_with_cells_of_the_same_size_is_extended_as_it_is(shift_m: float) -> None:
+    cells = np.random.default_rng(7).choice(np.array([UNKNOWN, FREE, OCCUPIED], np.int8), (40, 60))
+    prior = GridMap("noise", EDGE_M, Pose2D(-1.0 + shift_m, 2.0 + shift_m, 0.0), cells)
+    grid = LogOddsGrid(EDGE_M, prior).grid()
+    assert np.array_equal(grid.cells, cells)

@@ -2,6 +2,7 @@
 
 import copy
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -156,15 +157,27 @@ class LogOddsGrid:
         rows, cols = self._cells.marks.shape
         x = (self._origin[0] + np.arange(cols) + 0.5) * self._resolution
         y = (self._origin[1] + np.arange(rows) + 0.5) * self._resolution
-        together = max(PARAMS.looked_up_together // cols, 1)
-        for first in range(0, rows, together):
-            part = np.s_[first : first + together]
+        for part in _bands(rows, cols):
             centres = np.column_stack([np.tile(x, len(y[part])), np.repeat(y[part], cols)])
             values = prior.values_at(centres).reshape(-1, cols)
-            is_wall = prior_walls(values)
-            self._cells.log_odds[part][is_wall] = 3 * PARAMS.rise
-            self._cells.log_odds[part][(values >= 0) & ~is_wall] = -6 * PARAMS.fall
+            self._cells.log_odds[part][values >= 0] = -6 * PARAMS.fall
+            self._cells.log_odds[part][prior_walls(values)] = 3 * PARAMS.rise
             self._cells.marks[part][values >= 0] = self._mark
+        # Centres further apart than a wall is thick may all miss it.
+        for part in _bands(prior.rows, prior.cols):
+            walls = np.argwhere(prior_walls(prior.cells[part]))
+            walls[:, 0] += part.start
+            index = np.floor(prior.cell_to_world(walls) / self._resolution).astype(np.int64)
+            col, row = (index - self._origin).T
+            self._cells.log_odds[row, col] = 3 * PARAMS.rise
+            self._cells.marks[row, col] = self._mark
+
+
+def _bands(rows: int, cols: int) -> Iterator[slice]:
+    """Cut the rows of a grid into bands that are looked up at once."""
+    together = max(PARAMS.looked_up_together // cols, 1)
+    for first in range(0, rows, together):
+        yield slice(first, first + together)
 
 
 def _blank(rows: int, cols: int) -> Cells:
