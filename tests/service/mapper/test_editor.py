@@ -325,6 +325,31 @@ def test_zones_and_places_stay_where_they_are_while_the_edited_map_cannot_be_loa
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))
 
 
+def test_an_edit_that_has_not_reached_zones_and_places_is_not_forgotten_for_the_next(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home.put_map("attic")
+    with monkeypatch.context() as patch:
+        patch.setattr(editor.MapSwitch, "begin", lambda switch, _: switch._done("Cut."))
+        home.edit(Turn(angle=0.5))
+    home.ask(requests.MAP_LOAD, LoadMap(name="attic", pose=START))
+    home.bus.run(1.0)
+    before = home.files()
+    for name in ("attic", "flat"):
+        wall = EditMap(name=name, ops=[DrawWall(points=[(1.0, 1.0)])])
+        refused = home.refusal(requests.MAP_EDIT, wall)
+        assert refused.code == codes.BUSY
+        assert "load flat and restart the mapper" in refused.message
+        assert home.files() == before
+    home.ask(requests.MAP_LOAD, LoadMap(name="flat", pose=START))
+    home.restart_mapper()
+    new_T_old = Pose2D(0.0, 0.0, 0.5)
+    wanted = new_T_old.transform_points(np.array(RUG.points))
+    np.testing.assert_allclose(home.newest(home.zones).zones[0].points, wanted, atol=1e-9)
+    assert home.newest(home.places).poses[0].pose.distance_to(new_T_old @ SOFA.pose) < 1e-6
+    assert home.edit(DrawWall(points=[(1.0, 1.0)])).version == 3
+
+
 def test_what_was_refused_after_the_switch_is_not_tried_again_at_each_start(
     home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,7 +23,13 @@ from trolley.map_editing import apply, merge
 from trolley.messages import EditMap, MapEdited, Merge, SavedPose, TakeBack, Tour, Zone
 from trolley.state_file import Unreadable, parse
 from trolley.zones import ZoneFile
-from trolley_mapper.edit.map_switch import SwitchPlan, forget_plan, store_plan
+from trolley_mapper.edit.map_switch import (
+    PLAN_FILE,
+    SwitchPlan,
+    forget_plan,
+    pending_plan,
+    store_plan,
+)
 from trolley_mapper.edit.map_transform import moved_place, moved_tour, moved_zones, renamed_zones
 from trolley_mapper.edit.map_versions import Change, MapVersions, Version
 
@@ -264,7 +270,20 @@ class _Edit:
     def _store_plan(
         self, version: int | None, zones: list[Zone], gone: list[str]
     ) -> SwitchPlan | None:
-        """Write down what the robot must be told before the map is stored."""
+        """Write down what the robot must be told before the map is stored.
+
+        Raises:
+            Refused: `busy` while it has not been told of the edit before; `not_saved`.
+        """
+        state = self._situation.state
+        former = pending_plan(state, self._store)
+        if isinstance(former, SwitchPlan):
+            raise Refused(
+                codes.BUSY,
+                f"Zones and places do not know yet of the edit before, of {former.map}: load "
+                f"{former.map} and restart the mapper; or, to leave them as they are, delete "
+                f"{state / PLAN_FILE}.",
+            )
         if not self._situation.is_on:
             return None
         plan = SwitchPlan(
@@ -278,7 +297,7 @@ class _Edit:
             tours=self._tours(),
         )
         try:
-            store_plan(self._situation.state, plan)
+            store_plan(state, plan)
         except OSError as error:
             raise Refused(
                 codes.NOT_SAVED, f"The edit could not be written to disk: {error.strerror}."
