@@ -189,6 +189,8 @@ class MapSaver:
         if doubt:
             self._service.log.warning(doubt, map=name)
         self._mapping.saved(session, name, job, doubt)
+        if not _wishes(session):  # else only the working file has them until they are stored
+            self._mapping.discard_checkpoint()
         handed_over = partial(self._handed_over, doubt)
         mirrors = [line.points for line in session.suspects]
         self._handover = Handover(self._service, name, self._mapping.pose_now, mirrors, handed_over)
@@ -198,10 +200,7 @@ class MapSaver:
     def _handed_over(self, doubt: str, note: str) -> None:
         self._handover = None
         session = self._mapping.session
-        wishes: list[_Wish] = []
-        if session is not None and session.name == session.extends:
-            wishes += [(requests.ZONES_DELETE, Named(name=n)) for n in session.zones.deleted]
-            wishes += [(requests.ZONES_PUT, zone) for zone in session.zones.drawn]
+        wishes = [] if session is None else _wishes(session)
         self._hand_zones_over(wishes, f"{note} {doubt}".rstrip())
 
     def _hand_zones_over(self, wishes: list[_Wish], note: str) -> None:
@@ -222,6 +221,14 @@ class MapSaver:
         if self._pending is not None:
             self._pending.reply.reply(self._mapping.publish_status())
         self._pending = None
+
+
+def _wishes(session: MapSession) -> list[_Wish]:
+    """Return what the localizer must be told of the zones of an extended map that was saved."""
+    if session.name != session.extends:
+        return []
+    gone: list[_Wish] = [(requests.ZONES_DELETE, Named(name=n)) for n in session.zones.deleted]
+    return [*gone, *((requests.ZONES_PUT, zone) for zone in session.zones.drawn)]
 
 
 def _write(job: "FinishJob", folder: Path, name: str, zones: Sequence[Zone]) -> str | None:

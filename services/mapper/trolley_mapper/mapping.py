@@ -87,6 +87,10 @@ class Mapping:
         if session is not None and session.core is not None and is_growing:
             self._checkpointer.save(session.revision, session.checkpoint)
 
+    def discard_checkpoint(self) -> None:
+        """Remove the checkpoint: the map is saved or canceled."""
+        self._checkpointer.discard()
+
     def epoch_began(self) -> None:
         """Take note that the odometry starts over; the robot itself has not moved."""
         if self.inputs is not None:
@@ -183,7 +187,7 @@ class Mapping:
         self._service.withdraw(topics.TF, "odom")
         self.session = self._places = None
         self.phase, self._note = "idle", note
-        self._checkpointer.discard()
+        self.discard_checkpoint()
         return self.publish_status()
 
     # What people ask for.

@@ -15,7 +15,7 @@ from trolley import codes, requests, topics
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, MapError
 from trolley.gridmap.wire import map_message
-from trolley.messages import PoseEstimate, Zones
+from trolley.messages import PoseEstimate, Zone, Zones
 from trolley.messages.request_params import MapNamed, PauseMap, SaveMap
 from trolley.runtime.lockstep import _LockstepHost
 from trolley.runtime.service import Service, every
@@ -83,6 +83,50 @@ def test_a_mapper_that_is_killed_goes_on_with_its_map(stage: Stage) -> None:
     stage.bus.run(2.0)
     assert stage.pose.state == "localized"
     assert stage.error_m(stage.straightened(true_T_map)) < 0.08
+
+
+@pytest.mark.usefixtures("often")
+def test_a_mapper_that_is_killed_as_it_hands_over_does_not_go_on_with_a_saved_map(
+    stage: Stage,
+) -> None:
+    stage.map(seconds=2.0)
+    stage.bus.run(KEPT_S)
+    stage.bus.kill("localizer")
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    assert stage.status.state == "saving"
+    stage.bus.kill("mapper")
+    stage.begin("localizer")
+    stage.begin("mapper")
+    stage.bus.run(2.0)
+    assert (stage.status.state, stage.status.name) == ("idle", None)
+    assert stage.ask(requests.MAP_LIST) == ["home"]
+
+
+@pytest.mark.usefixtures("often")
+def test_zones_of_an_extended_map_outlive_a_mapper_that_is_killed_as_it_hands_over(
+    stage: Stage,
+) -> None:
+    zones = stage.bus.record(topics.ZONES)
+    stage.map(seconds=2.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
+    stage.drive(2.0, 0.1)
+    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+    stage.ask(requests.ZONES_PUT, stairs)
+    stage.bus.run(KEPT_S)
+    stage.bus.kill("localizer")
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    stage.bus.kill("mapper")
+    stage.begin("localizer")
+    stage.begin("mapper")
+    stage.bus.run(2.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    assert stage.status.state == "idle"
+    assert [zone.name for zone in zones[-1].zones] == ["stairs"]
 
 
 def test_wheels_that_slip_are_told_of(stage: Stage) -> None:
