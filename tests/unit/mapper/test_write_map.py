@@ -46,6 +46,24 @@ def test_zones_go_along(tmp_path: Path) -> None:
     assert "speed = 0.2" in text
 
 
+def test_a_new_map_has_no_zones_of_an_older_one_that_was_deleted(tmp_path: Path) -> None:
+    maps, stored = tmp_path / "maps", tmp_path / "trolley/zones"
+    stored.mkdir(parents=True)
+    zone = Zone(name="stairs", kind="speed", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], speed=0.2)
+    assert write_map(maps, "home", grid(5), [zone]) is None
+    seeds = (maps / "home.zones.toml").read_text()
+    (stored / "home.toml").write_text(seeds)
+    assert write_map(maps, "home", grid(6)) is None
+    assert (stored / "home.toml").exists()  # which is the same map, extended
+    (maps / "home.yaml").unlink()
+    assert write_map(maps, "home", grid(7)) is None
+    assert not (stored / "home.toml").exists()
+    assert not (maps / "home.zones.toml").exists()
+    (kept,) = stored.iterdir()
+    assert kept.name.startswith("home.toml.former-")
+    assert kept.read_text() == seeds
+
+
 def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "maps").write_text("in the way")
     problem = write_map(tmp_path / "maps", "home", grid(5))

@@ -19,7 +19,7 @@ from typing import cast
 import msgspec
 from msgspec import Struct
 
-from trolley.files import make_folder, read_file, sync_folder, write_atomically
+from trolley.files import keep_aside, make_folder, read_file, sync_folder, write_atomically
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, MapError, load_map
 from trolley.gridmap.description import parse_yaml, read_description, render_description
@@ -32,6 +32,8 @@ SCHEMA = 2
 """Version of the format of the entry `trolley` in a map's YAML file."""
 MAX_KEPT = 20
 """Number of former versions of a map that are kept; then the oldest is dropped."""
+_FORMER = "former"
+"""What the zones of a map that is gone are kept aside as, once its name is given again."""
 _KEPT = re.compile(r"([0-9]{4,9})\.yaml")
 _REMEDY = "make room on the disk, or check the folder and its rights"
 
@@ -197,8 +199,12 @@ class MapVersions:
             make_folder(self._folder)
             if now is not None:
                 self._keep(grid.name, now, zones_before)
-            elif seeds is not None:  # nobody reads them before the map is there
-                _store_seeds(seed_file, seeds)
+            else:  # nobody reads zones before the map is there
+                for older in (seed_file, *self._folder.parent.glob(f"*/zones/{grid.name}.toml")):
+                    if older.exists():
+                        keep_aside(older, _FORMER)
+                if seeds is not None:
+                    _store_seeds(seed_file, seeds)
             old_image = None if now is None else _own_image(file)
             write_atomically(file.with_name(files.image), files.image_bytes)
             write_atomically(file, (files.yaml + _extra(version)).encode())
