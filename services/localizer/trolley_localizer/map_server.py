@@ -160,12 +160,14 @@ class MapServer:
             self.current.localizer.set_config(config.localizer)
 
     def open(self, seed: int) -> None:
-        """Load the map of the last run, or the configured one.
+        """Load the map of the last run, or the configured one, unless one was asked for by now.
 
         Args:
             seed: of the random numbers of each localizer.
         """
         self._seed = seed
+        if self.current is not None:
+            return
         problem, name = self._store.problem(), self._first_map()
         if problem is not None:
             self._fail(problem)
@@ -234,6 +236,8 @@ class MapServer:
         self._service.work(partial(read_map, file, self._config.localizer, self._seed), then)
 
     def _first_map_read(self, result: LoadedMap | MapError) -> None:
+        if self.current is not None:  # it was asked for before
+            return
         if isinstance(result, MapError):
             self._fail(str(result))
             return

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -451,6 +452,38 @@ def test_maps_are_listed_and_changed_with_the_pose_kept(
     robot.bus.close()
     robot.begin()
     assert robot.maps[-1].name == "newer"
+
+
+@pytest.mark.parametrize("is_slow", [False, True], ids=["read at once", "read later"])
+def test_a_map_that_is_asked_for_before_the_first_one_is_open_stays(
+    make_robot: MakeRobot, flat: GridMap, monkeypatch: pytest.MonkeyPatch, is_slow: bool
+) -> None:
+    robot = make_robot()
+    robot.bus.close()
+    folder = robot.folder / "state" / "maps"
+    folder.mkdir(parents=True, exist_ok=True)
+    save_map(GridMap("newer", flat.resolution, flat.origin, flat.cells), folder / "newer.yaml")
+    later: list[Callable[[], None]] = []
+    with monkeypatch.context() as patch:
+        # It is not known yet whether the mapper is making a map.
+        patch.setattr(
+            LocalizerService, "get", lambda _, topic, then: later.append(lambda: then({}))
+        )
+        if is_slow:
+            patch.setattr(
+                LocalizerService,
+                "work",
+                lambda _, fn, then=lambda _: None: later.append(lambda: then(fn())),
+            )
+        robot.begin()
+        with suppress(Refused):  # a slow one does not answer in time
+            robot.bus.ask(requests.MAP_LOAD, LoadMap(name="newer", pose=at(flat, *START)))
+        for one in later:
+            one()
+    robot.drive(1.0)
+    assert [grid.name for grid in robot.maps] == ["newer"]
+    assert (robot.last.map, robot.last.state) == ("newer", "localized")
+    assert robot.error_m() < 0.05
 
 
 @pytest.mark.parametrize(("settings", "instead"), [({}, ["flat"]), ({"map": {}}, [])])
