@@ -260,23 +260,32 @@ class MapServer:
         """Change to another map: at a pose, at the present one where it fits, or searching."""
         self._lease.refuse_other_map(params.name)
         reply: Later[MapInfo] = self._service.later()
-        odom_T_base = self._user.odometry_pose()
-        self._read_map(params.name, partial(self._other_map_read, params, odom_T_base, reply))
+        before = self._service.epoch_ns, self._user.odometry_pose()
+        self._read_map(params.name, partial(self._other_map_read, params, before, reply))
         return reply
 
     def _other_map_read(
         self,
         params: LoadMap,
-        odom_T_before: Pose2D | None,
+        before: tuple[int, Pose2D | None],
         reply: Later[MapInfo],
         result: LoadedMap | MapError,
     ) -> None:
-        """Change to a map that a request asked for when the robot was at `odom_T_before`."""
+        """Change to a map that a request asked for.
+
+        Args:
+            params: of the request.
+            before: the run of base at that time, and odom_T_base.
+            reply: answers it.
+            result: what was read.
+        """
         if isinstance(result, MapError):
             reply.refuse(Refused(codes.BAD_REQUEST, str(result)))
             return
         given, odom_T_base = params.pose, self._user.odometry_pose()
-        if given is not None and odom_T_before is not None and odom_T_base is not None:
+        epoch_ns, odom_T_before = before
+        is_same_run = epoch_ns == self._service.epoch_ns
+        if given and odom_T_before and odom_T_base and is_same_run:
             given = given @ odom_T_before.inverse() @ odom_T_base  # reading took a while
         try:
             self._lease.refuse_other_map(params.name)

@@ -94,9 +94,9 @@ class RobotInputs:
         return self.run_T_odom @ odom_T_base
 
     def newest(self) -> Pose2D | None:
-        """Return the newest odom_T_base, continued."""
+        """Return the newest odom_T_base, continued; None until a new run of base has a scan."""
         latest = self.odometry.latest
-        return None if latest is None else self.continued(latest.pose)
+        return None if latest is None or self._is_new_run else self.continued(latest.pose)
 
     def _continue(self, scan: ScanInput) -> ScanInput:
         """Put a scan's odometry on as the continuation of the runs of base before."""

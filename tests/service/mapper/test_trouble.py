@@ -23,6 +23,7 @@ from trolley.scan_matching.sweep import read_sweep
 from trolley.scanning import ScanInput
 from trolley_mapper import checkpoint, mapping
 from trolley_mapper.edit.map_versions import MapVersions
+from trolley_mapper.service import MapperService
 from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
@@ -300,6 +301,22 @@ def test_a_new_run_of_base_does_not_tear_the_map(stage: Stage) -> None:
     assert stage.error_m(true_T_map) < 0.05
     at = true_T_map @ corrections[-1].pose @ stage.world.odom_T_base
     assert at.distance_to(stage.world.map_T_base) < 0.05
+
+
+def test_a_map_handed_over_just_after_a_new_run_of_base_gets_the_pose_of_before(
+    stage: Stage,
+) -> None:
+    stage.map(seconds=3.0)
+    stage.drive(4.0, 0.3)
+    stage.base.silent = {"scan"}
+    stage.base.restart()
+    stage.bus.run(0.3)
+    mapper = stage.bus.nodes["mapper"].service
+    assert isinstance(mapper, MapperService)
+    session = mapper._mapping.session
+    assert session is not None
+    assert session.estimate is not None
+    assert mapper._mapping.pose_now() == session.estimate.pose
 
 
 def test_a_broken_working_file_is_kept_aside_and_said(stage: Stage) -> None:

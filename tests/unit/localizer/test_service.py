@@ -616,6 +616,29 @@ def test_a_restart_of_base_keeps_the_pose(make_robot: MakeRobot, flat: GridMap) 
     assert robot.error_m() < 0.05
 
 
+def test_a_restart_of_base_while_a_map_is_read_does_not_move_the_pose_that_was_given(
+    make_robot: MakeRobot, flat: GridMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = make_robot(start=start_at(at(flat, *START)))
+    robot.odom = Pose2D(2.0, 1.0, 2.5)
+    robot.drive(1.0)
+    reading: list[Callable[[], None]] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            LocalizerService, "work", lambda _, fn, then: reading.append(lambda: then(fn()))
+        )
+        with pytest.raises(Refused):  # it takes longer than an answer may
+            robot.bus.ask(requests.MAP_LOAD, LoadMap(name="flat", pose=robot.pose))
+    robot.odom, robot.epoch_ns = Pose2D.identity(), robot.bus.now_ns
+    robot.drive(0.05)
+    num_poses, (read,) = len(robot.poses), reading
+    read()
+    robot.drive(0.2)
+    first = robot.poses[num_poses]
+    assert first.pose is not None
+    assert first.pose.distance_to(robot.pose) < 0.05
+
+
 def test_a_stop_just_after_a_restart_of_base_does_not_mix_up_two_odometries(
     make_robot: MakeRobot, flat: GridMap
 ) -> None:
