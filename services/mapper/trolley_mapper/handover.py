@@ -145,7 +145,8 @@ class MapSaver:
         # What is extended has its zones at the localizer; what was drawn since follows.
         zones = list(session.zones.all) if name != session.extends else []
         job = core.finishing()
-        write = partial(_write, job, self._service.maps.path, name, zones)
+        folder, state = self._service.maps.path, self._service.state.path
+        write = partial(_write, job, folder, state, name, zones)
         self._mapping.begin_saving()
         self._is_writing = True
         reply: Later[MappingStatus] = self._service.later()
@@ -231,7 +232,9 @@ def _wishes(session: MapSession) -> list[_Wish]:
     return [*gone, *((requests.ZONES_PUT, zone) for zone in session.zones.drawn)]
 
 
-def _write(job: "FinishJob", folder: Path, name: str, zones: Sequence[Zone]) -> str | None:
+def _write(
+    job: "FinishJob", folder: Path, state: Path, name: str, zones: Sequence[Zone]
+) -> str | None:
     """Write a map that is ready; returns why it could not be written, in a sentence."""
     lying = moved_zones(zones, job.new_T_old.inverse())
-    return write_map(folder, name, job.grid, lying, job.start)
+    return write_map(folder, name, job.grid, lying, job.start, state)

@@ -26,6 +26,8 @@ from trolley.messages.request_params import (
 )
 from trolley.runtime import codec
 from trolley.runtime.service import Service, answers
+from trolley.state_file import parse
+from trolley.zones import ZoneFile
 
 from .conftest import START, Stage
 
@@ -141,8 +143,10 @@ def test_a_map_is_extended_and_the_old_one_is_kept(stage: Stage) -> None:
     assert [one.name for one in answers_to(stage, topics.ZONES)[0].zones] == ["stairs"]
     second = load_map(stage.bus.state / "maps" / "home.yaml")
     assert (second.cells >= 0).sum() > (first.cells >= 0).sum()
-    kept = load_map(stage.bus.state / "maps" / "versions" / "home" / "0001.yaml")
-    assert (kept.cells == first.cells).all()
+    folder = stage.bus.state / "maps" / "versions" / "home"
+    assert (load_map(folder / "0001.yaml").cells == first.cells).all()
+    kept = parse((folder / "0001.zones.toml").read_bytes(), ZoneFile)
+    assert [one.name for one in kept.zones] == ["stairs"]
     assert stage.ask(requests.MAP_LIST) == ["home"]
 
 

@@ -16,13 +16,12 @@ from msgspec import Struct
 
 from trolley import codes
 from trolley.codes import Refused
-from trolley.files import read_file, read_text
+from trolley.files import read_text
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM, GridMap, MapError, load_map
 from trolley.map_editing import apply, merge
 from trolley.messages import EditMap, MapEdited, Merge, SavedPose, TakeBack, Tour, Zone
-from trolley.state_file import Unreadable, parse
-from trolley.zones import ZoneFile
+from trolley.state_file import Unreadable
 from trolley_mapper.edit.map_switch import (
     PLAN_FILE,
     SwitchPlan,
@@ -31,7 +30,7 @@ from trolley_mapper.edit.map_switch import (
     store_plan,
 )
 from trolley_mapper.edit.map_transform import moved_place, moved_tour, moved_zones, renamed_zones
-from trolley_mapper.edit.map_versions import Change, MapVersions, Version
+from trolley_mapper.edit.map_versions import Change, MapVersions, Version, stored_zones
 
 MAX_SHOWN = 2000
 """Wall points of a merged map that a preview shows."""
@@ -254,18 +253,11 @@ class _Edit:
         """Return the zones of a map: those that the robot has, else those beside its file."""
         if self._situation.is_on and name == self._name:
             return list(self._situation.zones)
-        for path in (
-            self._situation.state / "zones" / f"{name}.toml",
-            file.with_name(f"{file.stem}.zones.toml"),
-        ):
-            try:
-                return parse(read_file(path), ZoneFile).zones
-            except FileNotFoundError:
-                continue
-            except (OSError, Unreadable) as error:
-                why = f"The zones of {name} cannot be read: {error}."
-                raise Refused(codes.NOT_SAVED, why) from error
-        return []
+        try:
+            return stored_zones(self._situation.state, file)
+        except (OSError, Unreadable) as error:
+            why = f"The zones of {name} cannot be read: {error}."
+            raise Refused(codes.NOT_SAVED, why) from error
 
     def _store_plan(
         self, version: int | None, zones: list[Zone], gone: list[str]

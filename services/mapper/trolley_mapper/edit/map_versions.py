@@ -267,6 +267,7 @@ def write_map(
     grid: GridMap,
     zones: Sequence[Zone] = (),
     start: Pose2D | None = None,
+    state: Path | None = None,
 ) -> str | None:
     """Write a finished map; one that was there under this name is kept as a former version.
 
@@ -276,18 +277,38 @@ def write_map(
         grid: the map.
         zones: of a map that has none yet, taken over by whoever loads it first.
         start: map_T_base where a new map began.
+        state: the robot's state folder; its zones of a version that is replaced are kept with it.
 
     Returns:
         Why it could not be written, in a sentence; None when it is.
     """
     versions = MapVersions(folder)
     try:
-        what = "mapped" if versions.newest(name) is None else "extended"
-        change = Change(what=what, start=start)
-        versions.save(replace(grid, name=name), change, seeds=list(zones) or None)
+        is_new = versions.newest(name) is None
+        change = Change(what="mapped" if is_new else "extended", start=start)
+        before = [] if is_new or state is None else stored_zones(state, versions.file_of(name))
+        versions.save(replace(grid, name=name), change, before, list(zones) or None)
     except MapError as error:
         return f"The map could not be written: {error}."
+    except (OSError, Unreadable) as error:
+        return f"The map could not be written: its zones cannot be read: {error}."
     return None
+
+
+def stored_zones(state: Path, file: Path) -> list[Zone]:
+    """Return the zones of a map: those that a robot has stored, else those beside the map's file.
+
+    Args:
+        state: the robot's state folder.
+        file: of the map.
+
+    Raises:
+        OSError, Unreadable: they cannot be read.
+    """
+    for path in (state / "zones" / f"{file.stem}.toml", file.with_name(f"{file.stem}.zones.toml")):
+        with suppress(FileNotFoundError):
+            return parse(read_file(path), ZoneFile).zones
+    return []
 
 
 def _moved_start(before: Version | None, old_T_new: Pose2D) -> Pose2D | None:
