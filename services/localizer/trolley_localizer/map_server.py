@@ -84,11 +84,8 @@ class MapStore:
 
     def names(self) -> list[str]:
         """Return the names of all maps, in order."""
-        found = {
-            file.stem
-            for file in self._folder.glob("*.yaml")
-            if MAP_NAME.fullmatch(file.stem) and not file.stem.endswith(".zones")
-        }
+        stems = (file.stem for file in self._folder.glob("*.yaml"))
+        found = {stem for stem in stems if MAP_NAME.fullmatch(stem)}
         if self._configured is not None and self.problem() is None:
             found.add(self._configured.stem)
         return sorted(found)

@@ -509,6 +509,21 @@ def test_a_map_of_the_last_run_that_is_gone_is_named_until_another_is_loaded(
     assert health[-1].state == "ok"
 
 
+def test_whatever_map_can_be_loaded_is_listed(make_robot: MakeRobot, flat: GridMap) -> None:
+    robot = make_robot()
+    folder = robot.folder / "state" / "maps"
+    folder.mkdir(parents=True, exist_ok=True)
+    save_map(
+        GridMap("flat.zones", flat.resolution, flat.origin, flat.cells), folder / "flat.zones.yaml"
+    )
+    robot.bus.ask(requests.MAP_LOAD, LoadMap(name="flat.zones"))
+    zone = Zone(name="rug", kind="keepout", points=[(4.0, 1.0), (5.0, 1.0), (5.0, 2.0)])
+    robot.bus.ask(requests.ZONES_PUT, zone)
+    assert robot.bus.ask(requests.MAP_LIST) == ["flat", "flat.zones"]
+    robot.bus.ask(requests.MAP_LOAD, LoadMap(name="flat"))
+    assert robot.zones[-1].zones == []
+
+
 def test_mirrors_that_are_told_with_a_map_are_suspected_until_they_are_drawn(
     make_robot: MakeRobot, flat: GridMap
 ) -> None:
