@@ -1,12 +1,11 @@
 """What a router logs of its links with other hosts."""
 
-import threading
 import time
-from collections.abc import Callable, Collection, Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Sequence
+from contextlib import AbstractContextManager
 
 from trolley.runtime.log import Log
-from trolley.runtime.uplink_sockets import LOOK_S, FarLink, far_ports, hang_up
+from trolley.runtime.uplink_sockets import FarLink, far_ports, hang_up, looked_after
 
 PATIENCE_S = 10.0
 """A home router that has been away for so long is worth a line."""
@@ -66,19 +65,6 @@ class FarLinks:
         return strangers
 
 
-@contextmanager
-def watched(links: Callable[[], list[FarLink]], far: FarLinks) -> Generator[None]:
+def watched(links: Callable[[], list[FarLink]], far: FarLinks) -> AbstractContextManager[None]:
     """While the context lasts, look after the links of this process's router."""
-    end = threading.Event()
-
-    def look() -> None:
-        while not end.wait(LOOK_S):
-            hang_up(far.update(links(), time.monotonic()))
-
-    thread = threading.Thread(target=look, name="far links", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        end.set()
-        thread.join()
+    return looked_after(lambda: hang_up(far.update(links(), time.monotonic())))

@@ -11,8 +11,8 @@ import os
 import re
 import socket
 import threading
-from collections.abc import Collection, Generator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection, Generator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 UNANSWERED_MS = 1500
@@ -41,17 +41,26 @@ class FarLink:
 def given_up_when_unanswered(endpoints: Sequence[str]) -> Generator[None]:
     """While the context lasts, look after this process's connections from and to TLS endpoints."""
     ports = far_ports(endpoints)
-    end = threading.Event()
+    known: set[int] = set()
 
     def look() -> None:
-        known: set[int] = set()
-        while not end.wait(LOOK_S):
-            known = limit_waiting(ports, known)
+        nonlocal known
+        known = limit_waiting(ports, known)
 
-    if not ports:
+    with looked_after(look) if ports else nullcontext():
         yield
-        return
-    thread = threading.Thread(target=look, name="uplink", daemon=True)
+
+
+@contextmanager
+def looked_after(look: Callable[[], None]) -> Generator[None]:
+    """While the context lasts, call this every `LOOK_S` on a thread of its own."""
+    end = threading.Event()
+
+    def repeat() -> None:
+        while not end.wait(LOOK_S):
+            look()
+
+    thread = threading.Thread(target=repeat, name="far links", daemon=True)
     thread.start()
     try:
         yield
