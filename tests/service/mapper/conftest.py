@@ -13,10 +13,10 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
-from trolley.messages import Clock, MappingStatus, PoseEstimate
-from trolley.messages.request_params import MapNamed
+from trolley.messages import Clock, GoalStatus, MappingStatus, PoseEstimate
+from trolley.messages.request_params import MapNamed, WhichGoal
 from trolley.runtime.lockstep import Lockstep
-from trolley.runtime.service import Service, every
+from trolley.runtime.service import Service, answers, every
 from trolley_localizer.service import LocalizerService
 from trolley_mapper.edit.map_versions import MapVersions
 from trolley_mapper.service import MapperService
@@ -75,6 +75,18 @@ class Base(Service):
     def see(self) -> None:
         if "scan" not in self.silent:
             self.publish(topics.SCAN, self.world.scan(self.stamp()))
+
+
+class Planner(Service):
+    """One that drives to a goal until it is canceled."""
+
+    name = "planner"
+    num_canceled = 0
+
+    @answers(requests.GOAL_CANCEL)
+    def cancel(self, _: WhichGoal) -> GoalStatus:
+        self.num_canceled += 1
+        return GoalStatus(stamp_ns=0, id=None, state="canceled")
 
 
 class Stage:

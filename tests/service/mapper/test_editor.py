@@ -34,7 +34,7 @@ from trolley_localizer.map_server import MapServer
 from trolley_mapper.edit import editor, map_switch, map_versions
 from trolley_tour.stored import places, tours
 
-from .conftest import START, Stage, flat
+from .conftest import START, Planner, Stage, flat
 
 RUG = Zone(name="rug", kind="keepout", points=[(4.0, 1.0), (5.0, 1.0), (5.0, 2.0)])
 SOFA = SavedPose(name="sofa", map="flat", pose=Pose2D(1.5, 2.0, 0.5))
@@ -129,6 +129,14 @@ def test_zones_places_tours_and_the_robot_turn_with_their_map(home: Home) -> Non
         assert estimate.state == "localized"
         assert estimate.pose is not None
         assert estimate.pose.distance_to(wanted @ START) < 0.1
+
+
+def test_a_goal_that_was_sent_while_its_map_was_turned_is_canceled(home: Home) -> None:
+    planner = home.bus.add(Planner())
+    home.edit(EraseStroke(points=[(2.0, 2.0)], width=0.1))
+    assert planner.num_canceled == 0  # it holds on the map as it lies
+    home.edit(Turn(angle=0.5, about=(1.0, 1.0)))
+    assert planner.num_canceled == 1
 
 
 def test_under_another_name_the_old_map_stays_and_the_robot_goes_over(home: Home) -> None:

@@ -10,7 +10,7 @@ from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import load_map
 from trolley.gridmap.wire import grid_of
-from trolley.messages import GoalStatus, OccupancyGrid, SavedPose, Zone
+from trolley.messages import OccupancyGrid, SavedPose, Zone
 from trolley.messages.request_params import (
     Capture,
     JoinPart,
@@ -22,28 +22,14 @@ from trolley.messages.request_params import (
     SaveMap,
     SetPose,
     UndoMap,
-    WhichGoal,
 )
 from trolley.runtime import codec
-from trolley.runtime.service import Service, answers
 from trolley.state_file import parse
 from trolley.zones import ZoneFile
 
-from .conftest import START, Stage
+from .conftest import START, Planner, Stage
 
 MakeStage = Callable[..., Stage]
-
-
-class Planner(Service):
-    """One that drives to a goal until it is canceled."""
-
-    name = "planner"
-    num_canceled = 0
-
-    @answers(requests.GOAL_CANCEL)
-    def cancel(self, _: WhichGoal) -> GoalStatus:
-        self.num_canceled += 1
-        return GoalStatus(stamp_ns=0, id=None, state="canceled")
 
 
 def answers_to(stage: Stage, topic: topics.Topic) -> list:

@@ -46,6 +46,14 @@ def test_zones_go_along(tmp_path: Path) -> None:
     assert "speed = 0.2" in text
 
 
+def test_zones_that_cannot_be_read_are_no_reason_to_lose_a_map(tmp_path: Path) -> None:
+    maps = tmp_path / "maps"
+    assert write_map(maps, "home", grid(5)) is None
+    (maps / "home.zones.toml").write_text("[[zone]\nname = 1")
+    assert write_map(maps, "home", grid(6), state=tmp_path / "trolley") is None
+    check(maps, 6)
+
+
 def test_a_new_map_has_no_zones_of_an_older_one_that_was_deleted(tmp_path: Path) -> None:
     maps, stored = tmp_path / "maps", tmp_path / "trolley/zones"
     stored.mkdir(parents=True)

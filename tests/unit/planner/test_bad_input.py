@@ -247,3 +247,16 @@ def test_a_place_where_the_robot_would_reach_over_the_end_of_the_map_is_refused(
     drive.step(4)
     assert refused(drive, Pose2D(5.0, 3.7, math.pi / 2)).code == codes.IN_OBSTACLE
     drive.send(Pose2D(5.0, 3.2, math.pi / 2))
+
+
+@pytest.mark.parametrize("unknown_is_free", [True, False])
+def test_the_floor_beyond_the_end_of_the_map_is_known_where_the_unknown_is_free(
+    ride, unknown_is_free: bool
+) -> None:
+    facing_in = Pose2D(2.0, 3.8, -math.pi / 2)
+    drive = ride(Flatland(empty_room(), facing_in), PlannerConfig(unknown_is_free=unknown_is_free))
+    drive.navigator.inputs.map = cropped(2.0, 4.0)
+    drive.step(10)
+    context = drive.navigator.costmap_manager.require_context()
+    here = context.costmap.to_grid(drive.navigator.inputs.base_pose())
+    assert context.local_costmap.known_floor.sees_behind(here) == unknown_is_free

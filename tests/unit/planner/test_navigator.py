@@ -573,19 +573,6 @@ def test_after_a_change_of_map_a_change_of_its_zones_is_not_taken_for_another_ma
     assert (status.state, status.message) == ("driving", "")
 
 
-def test_a_map_that_was_turned_under_its_name_is_another_map(ride) -> None:
-    world = Flatland(empty_room(), START)
-    drive = ride(world)
-    drive.send(Pose2D(6.0, 3.0, 0.0))
-    drive.step(20)
-    turn = Pose2D(0.0, 0.0, math.radians(10.0))
-    world.grid = dataclasses.replace(world.grid, origin=turn @ world.grid.origin)
-    drive.navigator.inputs.map = world.map()
-    drive.step(4)
-    status = drive.navigator.current.status(drive.now_ns)
-    assert (status.state, status.reason) == ("failed", codes.WRONG_MAP)
-
-
 def test_a_paused_goal_of_another_map_is_not_resumed(ride) -> None:
     drive = ride(Flatland(empty_room(), START))
     navigator, inputs = drive.navigator, drive.navigator.inputs

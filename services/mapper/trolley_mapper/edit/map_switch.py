@@ -13,7 +13,7 @@ from trolley.codes import Refused
 from trolley.files import make_folder, write_atomically
 from trolley.geometry import Pose2D
 from trolley.messages import PoseEstimate, SavedPose, Tour, Zone, Zones
-from trolley.messages.request_params import LoadMap, Named
+from trolley.messages.request_params import LoadMap, Named, WhichGoal
 from trolley.runtime.service import Service
 from trolley.state_file import Unreadable, keep_unreadable, read_encoded, reason_of
 from trolley_mapper.edit.map_versions import MapVersions
@@ -188,6 +188,9 @@ class MapSwitch:
         self._done(OTHER_MAP)
 
     def _ask_to_load(self, pose: Pose2D | None) -> None:
+        if self._plan.old_T_new != Pose2D.identity():
+            # A goal under way is a pose on the map as it lay. A refusal means there is none.
+            self._service.request(requests.GOAL_CANCEL, WhichGoal(), lambda _: None)
         params = LoadMap(name=self._plan.map, pose=pose)
         self._service.request(requests.MAP_LOAD, params, partial(self._loaded, pose))
 

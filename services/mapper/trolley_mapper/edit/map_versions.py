@@ -286,12 +286,13 @@ def write_map(
     try:
         is_new = versions.newest(name) is None
         change = Change(what="mapped" if is_new else "extended", start=start)
-        before = [] if is_new or state is None else stored_zones(state, versions.file_of(name))
+        before: list[Zone] = []
+        if not is_new and state is not None:
+            with suppress(OSError, Unreadable):  # a copy only: no reason to lose the map
+                before = stored_zones(state, versions.file_of(name))
         versions.save(replace(grid, name=name), change, before, list(zones) or None)
     except MapError as error:
         return f"The map could not be written: {error}."
-    except (OSError, Unreadable) as error:
-        return f"The map could not be written: its zones cannot be read: {error}."
     return None
 
 

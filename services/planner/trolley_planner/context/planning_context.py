@@ -230,7 +230,7 @@ class CostmapManager:
         self._inputs = inputs
         self.context: PlanningContext | None = None
         self.is_other_map = False
-        """Whether the last rebuild was for a map of another name, or one that was turned."""
+        """Whether the last rebuild was for a map of another name."""
         self._robot: Robot | None = None
         self._map: OccupancyGrid | None = None
         self._zones: Zones | None = None
@@ -298,9 +298,7 @@ class CostmapManager:
             return self._rebuild_around(self._footprint, robot, goals)
         if self._is_outdated or grid is not self._map or self.context is None:
             self.is_other_map = (
-                self._map is not None
-                and grid is not None
-                and (grid.name, grid.origin.yaw) != (self._map.name, self._map.origin.yaw)
+                self._map is not None and grid is not None and grid.name != self._map.name
             )
             self._map, self._zones, self._is_outdated = grid, None, False
             before = self.context

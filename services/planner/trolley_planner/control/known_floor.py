@@ -102,7 +102,7 @@ class KnownFloor:
     def _is_known(
         self, rows: NDArray[np.int64], cols: NDArray[np.int64], within_s: float
     ) -> NDArray[np.bool_]:
-        """Say of cells whether the robot may back into them; nothing is known outside the costmap.
+        """Say of cells of the costmap, also outside it, whether the robot may back into them.
 
         Args:
             rows: of the cells.
@@ -114,11 +114,11 @@ class KnownFloor:
         rows, cols = (
             np.clip(at, 0, size - 1) for at, size in zip(flat, costmap.shape, strict=True)
         )
-        is_inside = (rows == flat[0]) & (cols == flat[1])
+        may_be = costmap.unknown_is_free | ((rows == flat[0]) & (cols == flat[1]))
         layer, kinds = costmap.obstacle_layer, costmap.static.kinds[rows, cols]
         known = kinds != UNKNOWN if layer.looks_all_round else kinds == WALL
         known |= layer.is_known_free(rows, cols, within_s)
-        return (known & is_inside).reshape(shape)
+        return (known & may_be).reshape(shape)
 
     def _is_fresh(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Say of known cells, also outside the costmap, whether `base` lets the robot hurry there.

@@ -64,6 +64,7 @@ class WaitForRobot:
     since_ns: int
     """Since when, with what it drove in between and came upon that one again."""
     began_ns: int
+    """Since when this time, whoever it waited for before."""
     place: Pose2D
     """Where the other robot was when it last moved."""
     moved_ns: int
@@ -104,7 +105,7 @@ class GivingWay:
         """The other robots, in `grid`."""
         self.wait: WaitForRobot | None = None
         """Which robot it waits for now."""
-        self._last_wait: WaitForRobot | None = None
+        self._waits: dict[str, WaitForRobot] = {}
 
     def set_config(self, config: PlannerConfig) -> None:
         """Apply other settings from now on."""
@@ -129,8 +130,9 @@ class GivingWay:
     def forget(self) -> None:
         """Stop waiting, as with a new goal."""
         self.wait, self._waiting_execution, self._stood_ns, self._waited_ns = None, None, None, 0
-        self._last_wait, self._looked_ns = None, 0
+        self._looked_ns = 0
         self._left_to.clear()
+        self._waits.clear()
 
     def decide(self, name: str, execution: GoalExecution, motion: Motion, now_ns: int) -> None:
         """Decide whether to wait, and for which robot.
@@ -236,15 +238,17 @@ class GivingWay:
         )
 
     def _wait_for(self, other: Neighbour, where: str, now_ns: int) -> None:
-        wait, last = self.wait, self._last_wait
-        if wait is None and last is not None and last.goes_on(other, now_ns):
-            wait = self.wait = replace(last, where=where, began_ns=now_ns)
-        elif wait is None or wait.name != other.name:
-            since_ns, began_ns = (
-                (now_ns, now_ns) if wait is None else (wait.since_ns, wait.began_ns)
-            )
-            self.wait = WaitForRobot(other.name, where, since_ns, began_ns, other.pose, now_ns)
-            return
+        wait = self.wait
+        if wait is None or wait.name != other.name:
+            since_ns, began_ns = now_ns, now_ns
+            if wait is not None:
+                since_ns, began_ns, wait.free_ns = wait.since_ns, wait.began_ns, now_ns
+            last = self._waits.get(other.name)
+            if last is None or not last.goes_on(other, now_ns):
+                last = WaitForRobot(other.name, where, since_ns, began_ns, other.pose, now_ns)
+            since_ns = min(since_ns, last.since_ns)
+            wait = replace(last, where=where, since_ns=since_ns, began_ns=began_ns)
+            self.wait = self._waits[other.name] = wait
         wait.free_ns = None
         if wait.place.distance_to(other.pose) > GIVING_WAY.idle_m:
             wait.place, wait.moved_ns = other.pose, now_ns
@@ -259,7 +263,7 @@ class GivingWay:
             self.wait.free_ns = now_ns
         if now_ns - self.wait.free_ns > GIVING_WAY.passed_s * 1e9:
             self._waited_ns = now_ns - self.wait.began_ns
-            self._last_wait, self.wait, self._waiting_execution = self.wait, None, None
+            self.wait, self._waiting_execution = None, None
 
     def _look_for_waiting_pose(
         self, execution: GoalExecution, pose: Pose2D, passages: Passages, now_ns: int
