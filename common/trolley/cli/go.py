@@ -42,13 +42,13 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
 )
 @click.option(
     "--xy-tolerance",
-    type=click.FloatRange(min=0.005),
+    type=click.FloatRange(min=request_params.FINEST_XY_M),
     metavar="METRES",
     help="How near is near enough [default: 0.05].",
 )
 @click.option(
     "--yaw-tolerance",
-    type=click.FloatRange(min=0.01),
+    type=click.FloatRange(min=request_params.FINEST_YAW_RAD),
     metavar="RADIANS",
     help="How near the heading has to be [default: 0.05].",
 )

@@ -33,6 +33,10 @@ class SetPose(Struct, frozen=True, kw_only=True):
     covariance: Covariance | None = None
 
 
+FINEST_XY_M, FINEST_YAW_RAD = 0.005, 0.01
+"""Least tolerances of a goal: no robot stands finer, and would say that it cannot get on."""
+
+
 class SendGoal(Struct, frozen=True, kw_only=True):
     """Drive to `pose` in `frame`, or to the saved place `name`: exactly one of the two.
 
@@ -44,9 +48,8 @@ class SendGoal(Struct, frozen=True, kw_only=True):
     name: str | None = None
     frame: str | None = None
     via: Annotated[list[Pose2D], Meta(max_length=1000)] = []
-    # No finer than a robot can stand: one that never stood right would say that it cannot get on.
-    xy_tolerance: Annotated[float, Meta(ge=0.005, le=1e308)] = 0.05
-    yaw_tolerance: Annotated[float, Meta(ge=0.01, le=1e308)] = 0.05
+    xy_tolerance: Annotated[float, Meta(ge=FINEST_XY_M, le=1e308)] = 0.05
+    yaw_tolerance: Annotated[float, Meta(ge=FINEST_YAW_RAD, le=1e308)] = 0.05
     speed: Positive | None = None
 
     def __post_init__(self) -> None:

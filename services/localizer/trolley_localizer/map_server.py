@@ -281,8 +281,8 @@ class MapServer:
             return
         given, odom_T_base = params.pose, self._user.odometry_pose()
         epoch_ns, odom_T_before = before
-        is_same_run = epoch_ns == self._service.epoch_ns
-        if given and odom_T_before and odom_T_base and is_same_run:
+        is_known = given is not None and odom_T_before is not None and odom_T_base is not None
+        if is_known and epoch_ns == self._service.epoch_ns:
             given = given @ odom_T_before.inverse() @ odom_T_base  # reading took a while
         try:
             self._lease.refuse_other_map(params.name)

@@ -393,12 +393,11 @@ class CostmapManager:
             return False
         config, before = self._config, self.context
         edge = MANAGER.edge_share * config.odom_size_m
-        is_fit = before is not None and not self._is_outdated
         square = _square_around([here, *goals], edge, config)
-        if square is None and is_fit:
-            return False
         centre, size_m = square or (here, config.odom_size_m)
-        if before is not None and is_fit:
+        if before is not None and not self._is_outdated:
+            if square is None:
+                return False
             is_needed = goals or before.grid.cols <= round(size_m / config.odom_resolution_m)
             if is_needed and all(_is_within(before, pose, edge) for pose in (here, *goals)):
                 return False
