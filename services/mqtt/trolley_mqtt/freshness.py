@@ -7,8 +7,8 @@ connection that had stalled, or in this process, is known to be too old to be ca
 
 MAX_AGE_S = 3.0
 """A command that may be older than this is dropped."""
-SILENCE_S = 5.0
-"""A broker from which no mark has come back for so long passes nothing on."""
+MAX_UNANSWERED = 5
+"""A broker that lets more marks than these go by, one each second, passes nothing on."""
 MAX_UNDER_WAY = 64
 """Marks that are remembered until they come back."""
 
@@ -21,17 +21,15 @@ class Freshness:
         self._number = 0
         self._sent_ns: dict[bytes, int] = {}
         self._proof_ns: int | None = None
-        self._since_ns = 0
 
     def start(self, run: str) -> None:
         """Name the run, which tells its marks from those of others."""
         self._run = run
 
-    def renew(self, now_ns: int) -> None:
+    def renew(self) -> None:
         """Start over on a new connection."""
         self._sent_ns.clear()
         self._proof_ns = None
-        self._since_ns = now_ns
 
     def mark(self, now_ns: int) -> bytes:
         """The next mark to send."""
@@ -44,10 +42,11 @@ class Freshness:
 
     def update(self, mark: bytes) -> bool:
         """Take a mark that came back; False where it is not one of ours."""
-        sent_ns = self._sent_ns.pop(mark, None)
-        if sent_ns is None:
+        if mark not in self._sent_ns:
             return False
-        self._proof_ns = max(sent_ns, self._proof_ns or sent_ns)
+        self._proof_ns = self._sent_ns[mark]
+        # Those before it were lost: they cannot come back any more.
+        self._sent_ns = {one: ns for one, ns in self._sent_ns.items() if ns > self._proof_ns}
         return True
 
     def age_s(self, now_ns: int) -> float | None:
@@ -59,6 +58,9 @@ class Freshness:
         age_s = self.age_s(now_ns)
         return age_s is not None and age_s <= MAX_AGE_S
 
-    def is_cut_off(self, now_ns: int) -> bool:
-        """Whether nothing that is sent has come back for a while."""
-        return now_ns - (self._proof_ns or self._since_ns) > SILENCE_S * 1e9
+    def is_cut_off(self) -> bool:
+        """Whether nothing that is sent has come back for a while.
+
+        Counted, not timed: a process that stood still has sent nothing meanwhile.
+        """
+        return len(self._sent_ns) > MAX_UNANSWERED

@@ -162,7 +162,7 @@ class MqttService(Service):
     def _greet(self) -> None:
         """Say everything on a new connection."""
         self._update_broker("")
-        self._freshness.renew(self.monotonic_ns)
+        self._freshness.renew()
         self._outbox.open()
         self._home_assistant.repeat()
         self._map_image.repeat()
@@ -193,7 +193,7 @@ class MqttService(Service):
     def _check_echo(self) -> None:
         """Notice a broker that lets the robot in, but not hear: mostly an account's rights."""
         problem = ""
-        if self._freshness.is_cut_off(self.monotonic_ns):
+        if self._freshness.is_cut_off():
             problem = (
                 "Commands from the MQTT broker do not arrive: may this account read and write "
                 f"{self._outbox.base_topic}/#?"
