@@ -22,7 +22,7 @@ from trolley.runtime.endpoints import SOCKET, is_far, is_forbidden, why_not_here
 from trolley.runtime.far_links import FarLinks, watched
 from trolley.runtime.log import Log
 from trolley.runtime.open_files import allow_many_files
-from trolley.runtime.uplink_sockets import FarLink, given_up_when_unanswered
+from trolley.runtime.uplink_sockets import FarLink, far_ports, given_up_when_unanswered
 from trolley.runtime.zenoh_config import client_config, router_config
 from trolley.security.access import Security
 from trolley.security.host_keys import HostKeys
@@ -112,14 +112,12 @@ def open_router(
 
 def _far_links(session: zenoh.Session) -> list[FarLink]:
     return [
-        FarLink(_port(one.src), _port(one.dst), one.auth_identifier)
+        FarLink(own_port, port, one.auth_identifier)
         for one in session.info.links()
         if one.auth_identifier is not None
+        for own_port in far_ports([one.src])
+        for port in far_ports([one.dst])
     ]
-
-
-def _port(end: str) -> int:
-    return int(end.rpartition(":")[2])
 
 
 class Closable(Protocol):

@@ -1,8 +1,12 @@
-"""A router in which nobody gets a session is opened anew."""
+"""A router in which nobody gets a session is opened anew, and its links are read."""
+
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from trolley.runtime.zenoh_bus import MOST_OPENINGS, open_answering
+from trolley.runtime.uplink_sockets import FarLink
+from trolley.runtime.zenoh_bus import MOST_OPENINGS, _far_links, open_answering
 
 
 class Opened:
@@ -45,3 +49,17 @@ def test_who_is_interrupted_meanwhile_leaves_no_router_open() -> None:
     with pytest.raises(KeyboardInterrupt):
         open_answering(open_one, interrupted)
     assert [one.is_open for one in opened] == [False]
+
+
+def test_a_link_whose_ends_cannot_be_read_is_left_out() -> None:
+    """Else the thread that looks after links ends, and revoked hosts keep their places."""
+    name = "operator:anna:0123456789abcdef"
+    ends = [
+        ("tls/127.0.0.1:30000", "tls/[::1]:40000"),
+        ("tls/127.0.0.1:30000", "tls/[::1]:40001?rel=1"),
+        ("tls/127.0.0.1:30000", "tls/somebody"),
+        ("", "tls/127.0.0.1:40002"),
+    ]
+    links = [SimpleNamespace(src=src, dst=dst, auth_identifier=name) for src, dst in ends]
+    session: Any = SimpleNamespace(info=SimpleNamespace(links=lambda: links))
+    assert _far_links(session) == [FarLink(30_000, 40_000, name), FarLink(30_000, 40_001, name)]
