@@ -3,7 +3,7 @@
 import dataclasses
 import socket
 
-from trolley.connection import Connection, RobotUnreachable
+from trolley.connection import Connection, RobotUnreachable, RouterBusy
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.ports import ROS_ROUTER
 from trolley.security.host_keys import ALLOWED, AUTHORITY, HostKeys
@@ -69,6 +69,14 @@ def check_uplink(endpoint: str, keys: HostKeys | None) -> list[Finding]:
     try:
         with Connection([endpoint], keys=keys) as connection:
             robots = connection.robots()
+    except RouterBusy:
+        return [
+            warning(
+                "router",
+                f"{where} answers, but does not say in time who is there.",
+                "It, the link to it or this computer is too busy: try again later.",
+            )
+        ]
     except RobotUnreachable:
         return [
             problem(

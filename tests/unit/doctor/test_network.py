@@ -13,6 +13,7 @@ import pytest
 from support.waiting import wait_until
 
 from trolley.config import load_config
+from trolley.connection import RouterBusy
 from trolley.doctor import Level
 from trolley.doctor.certificates import Validity, check_certificates, check_keys
 from trolley.doctor.endpoints import (
@@ -28,6 +29,7 @@ from trolley.doctor.trial import Running, Trial, check_trial, try_services
 from trolley.doctor.users import User
 from trolley.runtime.supervision import PARENT_VARIABLE
 from trolley.security.certificates import make_authority, make_certificate
+from trolley.security.host_keys import HostKeys
 from trolley.security.keyring import Keyring
 
 NOW = datetime(2026, 5, 1, tzinfo=UTC)
@@ -58,6 +60,27 @@ def test_knocking_tells_who_answers() -> None:
     unknown = knock("tcp/no-such-host.invalid:7447")
     assert unknown is not None
     assert unknown.trouble
+
+
+def test_a_home_router_that_is_busy_has_no_wrong_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever looked while it was busy was told to copy all certificates again."""
+
+    class Busy:
+        def __init__(self, *_: object, **__: object) -> None: ...
+
+        def __enter__(self) -> "Busy":
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def robots(self) -> list[str]:
+            raise RouterBusy("it does not say in time who is there")
+
+    monkeypatch.setattr("trolley.doctor.endpoints.Connection", Busy)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        endpoint = f"tls/127.0.0.1:{server.getsockname()[1]}"
+        (found,) = check_uplink(endpoint, HostKeys(Path("keys")))
+    assert (found.level, "too busy" in found.remedy) == (Level.WARNING, True)
 
 
 def test_doors() -> None:
