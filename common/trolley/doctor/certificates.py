@@ -3,11 +3,13 @@
 import dataclasses
 import os
 import ssl
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
 from trolley.config import HostConfig, RobotConfig
 from trolley.doctor.finding import Finding, note, ok, problem, warning
+from trolley.files import read_file
 from trolley.security.host_keys import (
     AUTHORITY,
     CERTIFICATE,
@@ -136,19 +138,21 @@ def _check_name(found: list[Validity], folder: Path, config: HostConfig | None) 
 
 
 def _check_pair(folder: Path) -> list[Finding]:
-    """Whether this host's certificate and private key are there and belong together."""
+    """Whether this host's certificate, private key and authority are there and belong together."""
+    from trolley.security.certificates import is_issued_by  # not at the top: see above
+
+    files = f"{AUTHORITY}, {CERTIFICATE} and {KEY}"
+    text = f"{files} in {folder} do not belong together, or one of them is broken."
     try:
         find_keys(folder)
-        context = ssl.create_default_context(cafile=folder / AUTHORITY)
-        context.load_cert_chain(folder / CERTIFICATE, folder / KEY)
+        with suppress(ssl.SSLError):
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+            context.load_cert_chain(folder / CERTIFICATE, folder / KEY)
+            if is_issued_by(read_file(folder / CERTIFICATE), read_file(folder / AUTHORITY)):
+                return []
     except KeysError as error:
         if isinstance(error.__cause__, PermissionError):
             return [note("certificates", f"{error}.", "Run this again with `sudo`.")]
         text = f"{error}."
-    except ssl.SSLError:
-        files = f"{AUTHORITY}, {CERTIFICATE} and {KEY}"
-        text = f"{files} in {folder} do not belong together, or one of them is broken."
-    else:
-        return []
     remedy = "Copy the files that `trolley keys` made for this host again."
     return [problem("certificates", text, remedy)]

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from cryptography import x509
+from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -163,6 +164,16 @@ def parse_certificates(content: bytes, path: Path) -> list[Certificate]:
     if not found or not content.rstrip().endswith(b"-----END CERTIFICATE-----"):
         raise KeysError(f"{path}: is empty, cut short or broken; copy it again")
     return [_read(one, path) for one in found]
+
+
+def is_issued_by(certificate: bytes, authority: bytes) -> bool:
+    """Whether a certificate was signed by this authority; both are PEM."""
+    try:
+        issuer = x509.load_pem_x509_certificate(authority)
+        x509.load_pem_x509_certificate(certificate).verify_directly_issued_by(issuer)
+    except (ValueError, TypeError, InvalidSignature):
+        return False
+    return True
 
 
 def _read(certificate: x509.Certificate, path: Path) -> Certificate:

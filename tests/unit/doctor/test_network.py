@@ -190,6 +190,12 @@ def test_keys_that_cannot_work_are_told(tmp_path: Path) -> None:
     (missing,) = told()
     assert "key.pem: No such file" in missing
     key.write_bytes(kept)
+    authority = tmp_path / "keys" / "ca.pem"
+    kept = authority.read_bytes()
+    authority.write_bytes(make_authority(NOW).certificate)
+    (other_family,) = told()
+    assert "do not belong together" in other_family
+    authority.write_bytes(kept)
     (tmp_path / "keys" / "cert.pem").write_bytes(b"")
     (empty,) = told()
     assert "one of them is broken" in empty
