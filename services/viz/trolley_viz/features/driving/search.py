@@ -21,7 +21,7 @@ class Asked:
     """A search that somebody asked for.
 
     Attributes:
-        stamp_ns: of the estimate before it [ns of the robot's time].
+        stamp_ns: of the estimate that answered it [ns of the robot's time].
         at_ns: when [ns of the viewer's clock].
     """
 
@@ -48,13 +48,15 @@ class Search:
     def update(self, view: View) -> None:
         """Tell what came of it, as soon as the robot is sure, or nobody waits longer."""
         asked, estimate = self._asked, view.streams.latest(topics.POSE)
-        if asked is None or estimate is None or estimate.stamp_ns <= asked.stamp_ns:
+        if asked is None:
             return
-        if estimate.state == "localized":
+        if estimate is not None and estimate.stamp_ns <= asked.stamp_ns:
+            estimate = None
+        if estimate is not None and estimate.state == "localized":
             took_s = (estimate.stamp_ns - asked.stamp_ns) * 1e-9
             where = _where(estimate, view)
             self._tell("It knows where it is", f"It took {took_s:.1f} s.{where}", "good")
-        elif estimate.state == "lost":
+        elif estimate is not None and estimate.state == "lost":
             self._tell("Not found", ADVICE, "bad")
         elif view.now_ns - asked.at_ns > PATIENCE_NS:
             self._tell("Not sure yet", ADVICE, "warn")

@@ -138,6 +138,22 @@ def test_it_is_told_that_a_search_has_begun_and_once_what_came_of_it(
     assert re.fullmatch(text, said_text)
 
 
+def test_a_search_is_given_up_on_although_no_estimate_comes(
+    stage: "Stage", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    browser = stage.browse()
+    stage.robot.pose_state = "searching"
+    last = stage.robot.estimate()
+    with monkeypatch.context() as scanless:
+        scanless.setattr(stage.robot, "estimate", lambda: last)
+        stage.session.actions.find()
+        stage.runtime.run(25.0)
+        assert browser.notices[1:] == [("Not sure yet", ADVICE)]
+    stage.robot.pose_state = "localized"
+    stage.runtime.run(1.0)
+    assert len(browser.notices) == 2
+
+
 def test_a_robot_found_at_a_place_or_in_a_room_is_said_to_be_there(stage: "Stage") -> None:
     browser = stage.browse()
     here = SavedPose(name="dock", map="room", pose=Pose2D(1.6, 0.1, 0.0))
