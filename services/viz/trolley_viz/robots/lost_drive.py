@@ -1,9 +1,9 @@
 """Whether a restart of the planner has lost a drive that nobody sends again."""
 
 from trolley.messages import GoalStatus
-from trolley_viz.words.sentences import DRIVING
+from trolley_viz.words.sentences import DRIVING, TRIP_GOALS
 
-SENT_AGAIN = ("tour-", "map-")
+SENT_AGAIN = (TRIP_GOALS, "map-")
 """How the ids of goals begin that belong to a tour, or to a robot that explores by itself."""
 
 

@@ -28,6 +28,7 @@ from trolley_viz.words.sentences import (
     NO_CONTACT,
     SPOT,
     STALE_S,
+    TRIP_GOALS,
     UNCONFIRMED,
     UNDER_WAY,
     StatusLine,
@@ -243,7 +244,7 @@ def _trip(known: RobotState) -> StatusLine | None:
     if trip is None:
         return None
     is_over = trip.state not in UNDER_WAY
-    is_elsewhere = goal is not None and not (goal.id or "").startswith(f"tour-{trip.trip}-")
+    is_elsewhere = goal is not None and not (goal.id or "").startswith(f"{TRIP_GOALS}{trip.trip}-")
     if is_elsewhere and (is_over or (goal is not None and goal.state in DRIVING)):
         return None  # something else was driven since
     if trip.reason == codes.LOW_BATTERY and trip.state in ("driving", "done"):

@@ -35,6 +35,8 @@ NEARLY_THERE_M = 0.1
 
 DRIVING = ("planning", "driving", "recovering", "paused")
 """Goal states in which there is still somewhere to go."""
+TRIP_GOALS = "tour-"
+"""The prefix of the ids of a trip's goals."""
 WAITS = (
     codes.WAITING,
     codes.SCAN_LOST,

@@ -14,10 +14,8 @@ from trolley_viz.features.driving.goal_queue import MAX_STOPS, GoalQueue
 from trolley_viz.features.driving.search import Search
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
-from trolley_viz.words.sentences import DRIVING, UNDER_WAY, Tell, refusal
+from trolley_viz.words.sentences import DRIVING, TRIP_GOALS, UNDER_WAY, Tell, refusal
 
-TRIP_GOALS = "tour-"
-"""The prefix of the ids of a trip's goals."""
 SENDING = (requests.GOAL_SEND, requests.GOAL_FOLLOW, requests.TOUR_START)
 """The requests that set a robot off."""
 
