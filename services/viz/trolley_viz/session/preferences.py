@@ -32,7 +32,7 @@ class Preferences:
         self.device_is_dark = False
         """Whether the device is set to the dark look."""
         self.time_zone: datetime.tzinfo | None = None
-        """That of the device; None, that of the viewer's computer, where it is not known."""
+        """The device's; None, that of the computer that runs the viewer, where it is not known."""
         self._device_language = ""
         self._save = save
 
