@@ -10,7 +10,8 @@ export class Room {
     this.scene = scene;
     this.over = over;
     this.spot = null; // that was touched, in the picture
-    const watch = new ResizeObserver(() => this.make());
+    this.card = null; // that came for it
+    const watch = new ResizeObserver(() => this.update());
     for (const one of [map, stopLine]) watch.observe(one);
     new MutationObserver((changes) => {
       for (const { addedNodes } of changes) for (const one of addedNodes) watch.observe(one);
@@ -19,6 +20,13 @@ export class Room {
 
   touch(x, y) {
     this.spot = { x, y };
+    this.make();
+  }
+
+  update() {
+    const card = this.over.querySelector(":scope > .card:not([hidden])");
+    if (this.card && card !== this.card) this.spot = null;
+    this.card = this.spot && card;
     this.make();
   }
 
