@@ -1,9 +1,10 @@
 """The card of a touched spot, which leaves the spot in sight."""
 
+import re
 from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 
 from .conftest import open_page, open_viewer
 from .seeing import canvas, poll, scene, undrawn
@@ -56,4 +57,24 @@ def test_a_card_leaves_the_touched_spot_in_sight(
             poll(page, lambda x=x, y=y: sees(page, x, y), f"{across}, {down} is seen")
             page.keyboard.press("Escape")
             page.locator(CARD).wait_for(state="hidden")
+    page.context.close()
+
+
+def test_after_its_card_is_closed_a_spot_moves_the_picture_for_no_other(
+    shown: "Shown", browser: Browser
+) -> None:
+    page = open_page(browser, 390, 844, has_touch=True, is_mobile=True)
+    open_viewer(page, shown.url)
+    page.locator("#handle").press("ArrowDown")
+    page.wait_for_timeout(500)
+    picture = page.locator("#scene")
+    at_rest = picture.evaluate("one => one.style.translate")
+    with undrawn(page):
+        touch(page, 175, 500)
+        expect(picture).not_to_have_attribute("style", re.compile(re.escape(f": {at_rest};")))
+        page.keyboard.press("Escape")
+        page.locator(CARD).wait_for(state="hidden")
+        page.locator("#over > .card").first.evaluate("card => { card.hidden = false }")
+        page.wait_for_timeout(1000)
+        assert picture.evaluate("one => one.style.translate") == at_rest
     page.context.close()
