@@ -1,4 +1,4 @@
-"""What a router logs of its links with other hosts."""
+"""What a router makes of its links with other hosts: what it logs, and which must end."""
 
 import time
 from collections.abc import Callable, Collection, Sequence

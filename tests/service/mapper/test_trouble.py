@@ -209,17 +209,19 @@ def test_a_full_disk_refuses_to_save_and_mapping_goes_on(
     assert stage.pose.state == "localized"
 
 
+def no_room(*_: Any, **__: Any) -> None:
+    """What a full disk does."""
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
 @pytest.mark.usefixtures("often")
 def test_a_disk_that_is_full_while_mapping_is_said(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: Any, **__: Any) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
     health = stage.bus.record(topics.HEALTH, "mapper")
     stage.map(seconds=2.0)
     with monkeypatch.context() as patched:
-        patched.setattr(checkpoint, "write_atomically", fail)
+        patched.setattr(checkpoint, "write_atomically", no_room)
         stage.bus.run(KEPT_S)
     assert health[-1].state == "degraded"
     assert "No space left" in stage.status.message
@@ -233,13 +235,10 @@ def test_a_disk_that_is_full_while_mapping_is_said(
 def test_a_backup_that_fails_as_the_map_is_canceled_is_no_trouble(
     stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: Any, **__: Any) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
     health = stage.bus.record(topics.HEALTH, "mapper")
     stage.map(seconds=2.0)
     with monkeypatch.context() as patched:
-        patched.setattr(checkpoint, "write_atomically", fail)
+        patched.setattr(checkpoint, "write_atomically", no_room)
         with held_up(
             monkeypatch, lambda work: getattr(work, "func", None) is checkpoint._write
         ) as slow:
