@@ -3,6 +3,7 @@
 from trolley import codes
 from trolley.cli.show import seconds_text
 from trolley.messages import BaseState, GoalStatus, PoseEstimate, TourStatus
+from trolley.under_way import TRIP_UNDER_WAY
 
 LOST = {
     "searching": "The robot is working out where it is.",
@@ -48,7 +49,7 @@ def robot_sentence(
 
 def _on_its_way(base: BaseState, goal: GoalStatus | None, trip: TourStatus | None) -> str:
     left = "" if goal is None or goal.eta is None else f", {seconds_text(goal.eta)} left"
-    if trip is not None and trip.state in ("driving", "dwelling", "waiting", "paused"):
+    if trip is not None and trip.state in TRIP_UNDER_WAY:
         doing = {"driving": f"driving{left}", "dwelling": "at a stop"}.get(
             trip.state, "waiting" if trip.state == "waiting" else "paused"
         )

@@ -18,6 +18,7 @@ from trolley.messages import (
 from trolley.messages.motion import PROTOCOL
 from trolley.topics import Kind, Topic
 from trolley.traffic import Expected, Flow, expected
+from trolley.under_way import GOAL_GOES
 
 NEEDED = ("base", "localizer", "planner", "tour")
 SLOW, FAST = 0.7, 1.5
@@ -27,7 +28,6 @@ LATE_S, TOO_LATE_S = 0.5, 1.0
 BUSY = 0.9
 """Share of a core from which on a service has no reserve."""
 LOW_BATTERY = 0.2
-GOAL_AT_WORK = ("planning", "driving", "recovering")
 LOG = "`journalctl -u 'trolley-*' -n 50`, or the terminal it was started in, says more."
 OVERLOADED = "Is the computer overloaded? `trolley top` shows which service needs how much."
 
@@ -267,7 +267,7 @@ def _is_due(topic: Topic[Any], facts: RobotFacts) -> bool:
     if topic.when_simulated:
         return facts.robot is not None and facts.robot.simulated
     if topic.when_driving and topic.num_parts == 0:
-        return facts.goal is not None and facts.goal.state in GOAL_AT_WORK
+        return facts.goal is not None and facts.goal.state in GOAL_GOES
     return facts.needs_map or topic.first_owner != "localizer"
 
 

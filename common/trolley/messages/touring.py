@@ -139,6 +139,7 @@ class TourStatus(Struct, frozen=True, kw_only=True):
     """The trip under way or the last one.
 
     `trip` is its id, `stop` the index of the stop that it is at or drives to; `lap` counts from 0.
+    The ids of its goals are `tour-<trip>-<stop>-<attempt>`.
     `seconds` is the robot time since it started, `tour` the tour as it was then (null if it has
     over 300 points, which is too much to repeat). `results` of a long trip holds only the newest;
     `reached` and `missed` count all stops that were reached or not.

@@ -80,9 +80,8 @@ def limit_waiting(ports: Collection[int], known: Collection[int] = ()) -> set[in
         The inodes of the sockets about which everything is done.
     """
     found: set[int] = set()
-    try:
-        entries = [*Path("/proc/self/fd").iterdir()]
-    except OSError:  # no file is left to look with; later there may be
+    entries = _open_files()
+    if not entries:
         return set(known)
     for entry in entries:
         with suppress(OSError):  # closed by now, or no socket
@@ -95,11 +94,18 @@ def limit_waiting(ports: Collection[int], known: Collection[int] = ()) -> set[in
 def hang_up(links: Collection[FarLink]) -> None:
     """End these links; Zenoh has no call for that."""
     ends = {(one.own_port, one.port) for one in links}
-    with suppress(OSError):  # no file is left to look with; later there may be
-        for entry in [*Path("/proc/self/fd").iterdir()] if ends else []:
-            with suppress(OSError):  # closed by now, or no socket
-                if entry.is_socket():
-                    _end_if(int(entry.name), ends)
+    for entry in _open_files() if ends else []:
+        with suppress(OSError):  # closed by now, or no socket
+            if entry.is_socket():
+                _end_if(int(entry.name), ends)
+
+
+def _open_files() -> list[Path]:
+    """Return this process's files; none while it has no file left to look with."""
+    try:
+        return [*Path("/proc/self/fd").iterdir()]
+    except OSError:
+        return []
 
 
 def _end_if(number: int, ends: Collection[tuple[int, int]]) -> None:

@@ -12,6 +12,7 @@ from trolley.cli.show import seconds_text
 from trolley.codes import Refused
 from trolley.messages import GoalStatus, TourStatus
 from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichGoal
+from trolley.under_way import GOAL_GOES, TRIP_GOES
 from trolley_mcp.robot_link import RobotLink
 
 M = TypeVar("M")
@@ -19,10 +20,6 @@ M = TypeVar("M")
 Progress = Callable[[float, float | None, str], Awaitable[None]]
 """Tells how far it is, of how much (None: unknown), and in a sentence."""
 
-GOING = ("planning", "driving", "recovering")
-"""The states of a goal that is being driven to."""
-TRIP_GOES = ("driving", "dwelling", "waiting")
-"""The states of a trip that goes on by itself."""
 SILENCE_S = 5.0
 """Silence after which the owner is asked whether it still knows the drive."""
 GIVE_UP_S = 2.0
@@ -44,7 +41,7 @@ async def follow_goal(robot: RobotLink, goal: SendGoal, name: str, tell: Progres
         try:
             status = await robot.ask(requests.GOAL_SEND, goal)
             sent_ns, longest_m = status.stamp_ns, 0.0
-            while status.state in GOING and status.stamp_ns - sent_ns < LONGEST_WAIT_NS:
+            while status.state in GOAL_GOES and status.stamp_ns - sent_ns < LONGEST_WAIT_NS:
                 left_m = status.distance_remaining
                 longest_m = max(longest_m, left_m or 0.0)
                 await tell(longest_m - (left_m or 0.0), longest_m or None, goal_text(status, name))

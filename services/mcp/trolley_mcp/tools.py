@@ -29,9 +29,10 @@ from trolley.messages.request_params import (
 )
 from trolley.names import canonical
 from trolley.picture import MapPicture
+from trolley.under_way import GOAL_GOES, TRIP_GOES, what_is_under_way
 from trolley.zones import room_at, room_of
 from trolley_mcp.answers import NOT_ALLOWED, Answer
-from trolley_mcp.drives import GOING, TRIP_GOES, Progress, follow_goal, follow_trip, goal_text
+from trolley_mcp.drives import Progress, follow_goal, follow_trip, goal_text
 from trolley_mcp.robot_link import RobotLink
 
 Role = Literal["viewer", "operator"]
@@ -325,7 +326,7 @@ async def _go(call: Call, params: DriveParams) -> Answer:
         status = await call.robot.ask(requests.GOAL_SEND, goal)
         return Answer(f"On its way to {place.name}: call `status` to see.", {"state": status.state})
     status = await follow_goal(call.robot, goal, place.name, call.progress)
-    if status.state in GOING:
+    if status.state in GOAL_GOES:
         return Answer(f"{goal_text(status, place.name)} {GOES_ON}", {"state": status.state})
     if status.state != "arrived":
         code = status.reason or status.state
@@ -361,10 +362,11 @@ async def _start_tour(call: Call, params: TourParams) -> Answer:
 
 async def _cancel(call: Call, _: NoParams) -> Answer:
     trip, goal = await call.robot.latest(topics.TOUR), await call.robot.latest(topics.GOAL)
-    if trip is not None and trip.state in TRIP_GOES:
+    what = what_is_under_way(goal, trip)
+    if what == "trip":
         ended = await call.robot.ask(requests.TOUR_STOP, Nothing())
         return Answer(ended.message or "The tour has ended.", {"state": ended.state})
-    if goal is not None and goal.state in (*GOING, "paused"):
+    if what == "goal" and goal is not None:
         status = await call.robot.ask(requests.GOAL_CANCEL, WhichGoal(id=goal.id))
         return Answer("The drive is canceled; the robot stands.", {"state": status.state})
     raise Refused(codes.NOT_DRIVING, "The robot is not going anywhere.")
@@ -441,7 +443,7 @@ async def _check_is_free(call: Call) -> None:
     goal, trip = await call.robot.latest(topics.GOAL), await call.robot.latest(topics.TOUR)
     if trip is not None and trip.state in TRIP_GOES:
         raise Refused(codes.BUSY, f"The robot is on the tour {trip.name or 'without a name'}.")
-    if goal is not None and goal.state in GOING:
+    if goal is not None and goal.state in GOAL_GOES:
         raise Refused(codes.BUSY)
 
 

@@ -15,7 +15,7 @@ from trolley.messages.request_params import Nothing, SendGoal, StartTour, WhichG
 from trolley.messages.touring import HOME
 from trolley.names import canonical
 from trolley.requests import Request
-from trolley_mqtt.robot_view import GOING
+from trolley.under_way import what_is_under_way
 
 GO, TOUR, STOP, PAUSE, RESUME, CANCEL = "go", "tour", "stop", "pause", "resume", "cancel"
 START, RETURN, LOCATE = "start", "home", "locate"
@@ -36,7 +36,6 @@ GOAL_REQUESTS: dict[str, Request[Any, Any]] = {
     RESUME: requests.GOAL_RESUME,
     CANCEL: requests.GOAL_CANCEL,
 }
-UNDER_WAY = ("driving", "dwelling", "waiting", "paused")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,9 +94,10 @@ def order_of(
     if verb == TOUR:
         return _tour(name, tours)
     title = {PAUSE: "Pause", RESUME: "Continue", CANCEL: "Cancel"}[verb]
-    if _is_trip_meant(goal, trip):
+    what = what_is_under_way(goal, trip)
+    if what == "trip":
         return Order(title, "done", TRIP_REQUESTS[verb], Nothing())
-    if goal is not None and goal.state in (*GOING, "paused"):
+    if what == "goal" and goal is not None:
         return Order(title, "done", GOAL_REQUESTS[verb], WhichGoal(id=goal.id))
     raise Refused(codes.NOT_DRIVING, "The robot is not going anywhere.")
 
@@ -129,13 +129,5 @@ def _only(tours: list[str]) -> str:
 
 def _is_paused(goal: GoalStatus | None, trip: TourStatus | None) -> bool:
     """Whether what is under way can go on."""
-    one = trip if _is_trip_meant(goal, trip) else goal
+    one = trip if what_is_under_way(goal, trip) == "trip" else goal
     return one is not None and one.state == "paused"
-
-
-def _is_trip_meant(goal: GoalStatus | None, trip: TourStatus | None) -> bool:
-    """Whether the trip is meant rather than a goal that somebody sent besides."""
-    if trip is None or trip.state not in UNDER_WAY:
-        return False
-    is_going = goal is not None and goal.state in (*GOING, "paused")
-    return not is_going or (goal is not None and (goal.id or "").startswith("tour-"))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, PoseEstimate, SavedPose, TourStatus, Zones
+from trolley.under_way import GOAL_GOES, GOAL_UNDER_WAY, TRIP_UNDER_WAY, trip_of
 from trolley.zones import room_of
 
 POSITIONS = ("localized", "unsure", "searching", "lost", "mapping", "stale")
@@ -16,9 +17,7 @@ AT_PLACE_M = 0.5
 SAME_PLACE_M = 0.1
 """A goal this near to a saved pose is called by its name."""
 
-GOING = ("planning", "driving", "recovering")
-"""The states of a goal that is being driven to."""
-ON_TRIP = ("driving", "dwelling", "waiting", "paused", "failed")
+ON_TRIP = (*TRIP_UNDER_WAY, "failed")
 """The states of a trip that is worth telling: it is not over, or it failed."""
 
 
@@ -43,9 +42,9 @@ class RobotView:
         trip, goal = self.trip, self.goal
         if trip is None or trip.state not in ON_TRIP:
             return None
-        if goal is None or goal.id is None or goal.id.startswith(f"tour-{trip.trip}-"):
+        if goal is None or goal.id is None or trip_of(goal.id) == trip.trip:
             return trip
-        return None if trip.state == "failed" or goal.state in GOING else trip
+        return None if trip.state == "failed" or goal.state in GOAL_GOES else trip
 
     @property
     def position(self) -> str | None:
@@ -76,7 +75,7 @@ class RobotView:
             stops = [] if trip.tour is None else trip.tour.stops
             index = len(stops) if trip.stop is None or trip.state == "failed" else trip.stop
             return stops[index].name if index < len(stops) else None
-        if goal is None or goal.state not in (*GOING, "paused") or goal.frame != "map":
+        if goal is None or goal.state not in GOAL_UNDER_WAY or goal.frame != "map":
             return None
         return _nearest(goal.pose, self.places, SAME_PLACE_M)
 

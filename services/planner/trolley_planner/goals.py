@@ -17,6 +17,7 @@ from trolley.messages import GoalState, GoalStatus
 from trolley.messages.request_params import SendGoal
 from trolley.names import canonical
 from trolley.suggestions import did_you_mean
+from trolley.under_way import GOAL_UNDER_WAY
 from trolley_planner.context.planning_context import PlanningContext, position_trouble
 from trolley_planner.costmap.connected_components import cells_around, components_of
 from trolley_planner.paths.path import PlannedPath
@@ -24,8 +25,6 @@ from trolley_planner.sensing.inputs import Inputs
 
 VIA_RADIUS_M = 0.3
 """Via points count as passed within this."""
-ACTIVE = ("planning", "driving", "recovering", "paused")
-"""States of a goal that is not over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,7 +365,7 @@ class StatusBoard:
     @property
     def is_active(self) -> bool:
         """Whether there is a goal that is not over."""
-        return self.state in ACTIVE
+        return self.state in GOAL_UNDER_WAY
 
     def begin(self, goal: Goal) -> None:
         """Begin a new goal; `set` follows it."""

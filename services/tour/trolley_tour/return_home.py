@@ -6,13 +6,14 @@ from trolley.geometry import Pose2D
 from trolley.messages import Stop, Tour
 from trolley.messages.touring import HOME
 from trolley.runtime.service import Service, every
+from trolley.under_way import GOAL_GOES, trip_of
 from trolley_tour import sentences
 from trolley_tour.charge_monitor import Activity, BatteryParams, ChargeMonitor, ReturnDecision
 from trolley_tour.problems import Problems
 from trolley_tour.robot_state import RobotState
 from trolley_tour.stored.places import Places
 from trolley_tour.trips.runner import TripRunner
-from trolley_tour.trips.trip import ACTIVE, PLANNER
+from trolley_tour.trips.trip import PLANNER
 
 HOME_TOUR = Tour(stops=[Stop(name=HOME, retries=20)])
 AT_HOME_M = 0.3
@@ -66,10 +67,10 @@ class ReturnHome:
             return "between_goals" if stands else "driving"
         if goal is None or goal.frame != "map":
             return "held"
-        if goal.state in ACTIVE:
+        if goal.state in GOAL_GOES:
             return "driving"
         # A person ended or paused the trip that this goal belongs to.
-        is_of_trip = record is not None and (goal.id or "").startswith(f"tour-{record.trip}-")
+        is_of_trip = record is not None and trip_of(goal.id) == record.trip
         if is_of_trip and record is not None and record.state in ("paused", "stopped"):
             return "held"
         return "arrived" if goal.state in ("arrived", "failed") else "held"

@@ -181,6 +181,19 @@ def test_a_tour_whose_call_is_canceled_ends(converse: Converse) -> None:
     converse(script)
 
 
+@pytest.mark.parametrize("goal_id", ["tour-t1-0-1", None])
+def test_a_paused_tour_can_be_canceled(converse: Converse, goal_id: str | None) -> None:
+    async def script(talk: "Talk") -> None:
+        talk.robot.trip = TourStatus(stamp_ns=0, name="evening", trip="t1", state="paused")
+        if goal_id is not None:
+            talk.robot.goal = GoalStatus(stamp_ns=0, id=goal_id, state="paused")
+        await talk.until(lambda: talk.lockstep.now_ns > 10**9)
+        assert not (await talk.call("cancel")).is_error
+        assert talk.robot.names_asked() == ["tour/stop"]
+
+    converse(script)
+
+
 @pytest.mark.parametrize(
     ("tool", "arguments"),
     [("go", {"place": "hall"}), ("start_tour", {"tour": "evening", "wait": True})],

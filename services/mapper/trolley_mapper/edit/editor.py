@@ -11,13 +11,12 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.messages import EditMap, MapEdited
 from trolley.runtime.service import Later, Service, answers, every
+from trolley.under_way import GOAL_UNDER_WAY
 from trolley_mapper.edit.map_edit import Edited, Situation, edit
 from trolley_mapper.edit.map_switch import MapSwitch, SwitchPlan, pending_plan
 from trolley_mapper.edit.map_versions import MapVersions
 from trolley_mapper.map_names import configured_file
 
-UNDER_WAY = ("planning", "driving", "recovering", "paused")
-"""States of a goal that the planner still pursues."""
 WANTED: tuple[Any, ...] = (topics.POSE, topics.ZONES, topics.POSES, topics.TOURS, topics.GOAL)
 """What an edit has to know of the robot."""
 Facts = dict[str, Any]
@@ -152,7 +151,7 @@ class MapEditor:
         situation = Situation(
             configured=configured_file(self._config),
             is_on=is_on,
-            is_driving=goal is not None and goal.state in UNDER_WAY,
+            is_driving=goal is not None and goal.state in GOAL_UNDER_WAY,
             zones=tuple(zones.zones) if is_on and zones is not None else (),
             places=None if facts["poses"] is None else tuple(facts["poses"].poses),
             tours=None if facts["tours"] is None else tuple(facts["tours"].tours),

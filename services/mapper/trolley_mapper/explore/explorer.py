@@ -23,6 +23,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages import BaseState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
+from trolley.under_way import GOAL_GOES
 from trolley_mapper.edit.map_transform import moved_zones
 from trolley_mapper.explore import sentences
 from trolley_mapper.explore.barriers import Barriers
@@ -47,8 +48,6 @@ from trolley_mapper.explore.visited_frontiers import SAME_M, VisitedFrontiers
 
 PLANNER = "planner"
 """Source of the commands that follow from our own goals."""
-ACTIVE = ("planning", "driving", "recovering")
-"""States of a goal that moves the robot."""
 WAITS = (codes.NOT_READY, codes.TIMEOUT, codes.NOT_LOCALIZED)
 """Refusals that may pass: the goal is sent again."""
 
@@ -277,7 +276,7 @@ class Explorer:
             goal.heard_s = now_s
             self._since.pop("refused", None)
             self._hear_own(goal, status)
-        elif status.id is None or status.state not in ACTIVE:
+        elif status.id is None or status.state not in GOAL_GOES:
             return
         elif status.id.startswith(f"map-{self._run}-"):
             if not self.is_under_way:

@@ -9,6 +9,7 @@ from trolley import codes
 from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus
 from trolley.messages.touring import TripState
+from trolley.under_way import TRIP_GOES, TRIP_UNDER_WAY, trip_goal_id
 from trolley_tour import sentences
 from trolley_tour.trips.route import lap_stops
 
@@ -17,8 +18,6 @@ MIN_RESULTS = 200
 """Results that are kept at least, or those of two laps; the oldest are dropped."""
 MAX_REPEATED_POINTS = 300
 """A tour of more stops and via points is not repeated in every status."""
-UNDER_WAY = ("driving", "dwelling", "waiting")
-"""The states in which a trip goes on by itself."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,12 +99,12 @@ class TripRecord(Struct, kw_only=True):
     @property
     def is_under_way(self) -> bool:
         """Whether it goes on by itself."""
-        return self.state in UNDER_WAY
+        return self.state in TRIP_GOES
 
     @property
     def is_over(self) -> bool:
         """Whether it ended."""
-        return self.state not in UNDER_WAY and self.state != "paused"
+        return self.state not in TRIP_UNDER_WAY
 
     @property
     def num_results(self) -> int:
@@ -158,7 +157,7 @@ class TripRecord(Struct, kw_only=True):
         """A fresh id for a goal to the present stop."""
         index = self.stop_index
         self.tries[index] += 1
-        self.goal = f"tour-{self.trip}-{index}-{self.tries[index]}"
+        self.goal = trip_goal_id(self.trip, index, self.tries[index])
         return self.goal
 
     def note(self, state: StopState, code: str, message: str, at: Moment) -> None:

@@ -5,7 +5,6 @@ changes its record, and leaves actions for its runner to carry out.
 """
 
 import dataclasses
-import re
 from collections.abc import Callable
 
 from trolley import codes
@@ -14,6 +13,7 @@ from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus
 from trolley.messages.request_params import SendGoal
 from trolley.messages.touring import TripState
+from trolley.under_way import GOAL_GOES, trip_of
 from trolley_tour import sentences
 from trolley_tour.trips.actions import Action, Cancel, Pause, Send
 from trolley_tour.trips.goal_attempt import GoalAttempt
@@ -22,10 +22,6 @@ from trolley_tour.trips.trip_params import TripParams
 
 PLANNER = "planner"
 """The service that drives goals, and the source of its velocity commands."""
-ACTIVE = ("planning", "driving", "recovering")
-"""The states of a goal that is being driven to."""
-TRIP_GOAL = re.compile(r"tour-[a-z0-9]{1,12}-\d+-\d+")
-"""The id of a goal that a trip sent."""
 WAITS_FOR_PLANNER = (codes.NOT_READY, codes.TIMEOUT)
 """Refusals after which the same goal is sent again until the planner takes it."""
 
@@ -190,9 +186,9 @@ class Trip:
             self._update_own_goal(status, at)
         elif status.id is None:
             self._attempt.update_idle(status, at)
-        elif TRIP_GOAL.fullmatch(status.id):
-            is_ours = record.is_under_way or status.id.startswith(f"tour-{record.trip}-")
-            if is_ours and status.state in ACTIVE:
+        elif (trip := trip_of(status.id)) is not None:
+            is_ours = record.is_under_way or trip == record.trip
+            if is_ours and status.state in GOAL_GOES:
                 self._correct(Cancel(status.id), at)
         elif status.id != record.goal_before:
             record.goal_before = status.id
@@ -229,7 +225,7 @@ class Trip:
 
     def _update_paused_goal(self, goal_stands: bool, status: GoalStatus, at: Moment) -> None:
         """Notice that somebody resumed the goal by itself, or that it ignored the pause."""
-        if status.state not in ACTIVE:
+        if status.state not in GOAL_GOES:
             self._phase = Paused(goal_stands=True)
         elif goal_stands:
             self._enter_driving()

@@ -6,8 +6,8 @@ from msgspec.structs import replace
 
 from trolley import topics
 from trolley.topics import Topic
+from trolley.under_way import what_is_under_way
 from trolley.zones import room_of
-from trolley_viz.features.driving.robot_actions import what_is_under_way
 from trolley_viz.features.tours.layer import tour_of
 from trolley_viz.robots.ages import WATCHED, Ages
 from trolley_viz.robots.situation import RobotState, has_left, will_continue

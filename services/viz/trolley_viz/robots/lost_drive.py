@@ -1,10 +1,10 @@
 """Whether a restart of the planner has lost a drive that nobody sends again."""
 
 from trolley.messages import GoalStatus
-from trolley_viz.words.sentences import DRIVING, TRIP_GOALS
+from trolley.under_way import GOAL_UNDER_WAY, trip_of
 
-SENT_AGAIN = (TRIP_GOALS, "map-")
-"""How the ids of goals begin that belong to a tour, or to a robot that explores by itself."""
+EXPLORES = "map-"
+"""How the ids of goals begin that belong to a robot that explores by itself."""
 
 
 class LastDrive:
@@ -22,6 +22,7 @@ class LastDrive:
             return None
         if goal.state == "idle":
             return self._goal
-        is_single = goal.state in DRIVING and not (goal.id or "").startswith(SENT_AGAIN)
+        is_sent_again = trip_of(goal.id) is not None or (goal.id or "").startswith(EXPLORES)
+        is_single = goal.state in GOAL_UNDER_WAY and not is_sent_again
         self._goal = goal if is_single else None
         return None

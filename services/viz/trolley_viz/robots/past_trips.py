@@ -7,7 +7,8 @@ from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import PastTrip, StopResult, TourStatus
-from trolley_viz.words.sentences import UNDER_WAY, refusal
+from trolley.under_way import TRIP_UNDER_WAY
+from trolley_viz.words.sentences import refusal
 
 MAX_TRIPS = 200
 AGAIN_NS = 10_000_000_000
@@ -45,7 +46,7 @@ class PastTrips:
             trip: the one under way or the last one, None while the tour service is silent.
             now_ns: local monotonic time [ns].
         """
-        at = (None, False) if trip is None else (trip.trip, trip.state in UNDER_WAY)
+        at = (None, False) if trip is None else (trip.trip, trip.state in TRIP_UNDER_WAY)
         is_due = at != self._asked_at or (self.problem != "" and now_ns >= self._again_ns)
         if not is_due or self._is_asking:
             return

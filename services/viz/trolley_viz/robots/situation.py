@@ -19,18 +19,16 @@ from trolley.messages import (
 )
 from trolley.teleop import SOURCE as BY_HAND
 from trolley.topics import Topic
+from trolley.under_way import GOAL_GOES, GOAL_UNDER_WAY, TRIP_GOES, TRIP_UNDER_WAY, trip_of
 from trolley_viz.robots.ages import Ages
 from trolley_viz.words.plain_words import said
 from trolley_viz.words.sentences import (
-    DRIVING,
     EXPLORES_WELL,
     GOES_ON,
     NO_CONTACT,
     SPOT,
     STALE_S,
-    TRIP_GOALS,
     UNCONFIRMED,
-    UNDER_WAY,
     StatusLine,
     age_text,
     aged,
@@ -195,7 +193,7 @@ def _mapping(known: RobotState) -> StatusLine | None:
         return StatusLine(words, "busy" if goes_well else "warn")
     if mapping.state == "paused":
         return StatusLine(f"The map “{mapping.name}” is paused. Press “Continue”.", "warn")
-    if known.goal is not None and known.goal.state in DRIVING:
+    if known.goal is not None and known.goal.state in GOAL_UNDER_WAY:
         return None
     return StatusLine(
         f"Making the map “{mapping.name}”. Drive the robot through every room.", "busy"
@@ -232,9 +230,9 @@ def _position(known: RobotState) -> StatusLine | None:
 
 def _tour_service(known: RobotState) -> StatusLine | None:
     trip, goal = known.trip, known.goal
-    if "tour" not in known.silent or trip is None or trip.state not in UNDER_WAY:
+    if "tour" not in known.silent or trip is None or trip.state not in TRIP_UNDER_WAY:
         return None
-    if goal is not None and goal.state in DRIVING and goal.state != "paused":
+    if goal is not None and goal.state in GOAL_GOES:
         return None  # it drives to the end of this goal
     return StatusLine("The tour does not go on: the tour service is not running.", "bad")
 
@@ -243,9 +241,9 @@ def _trip(known: RobotState) -> StatusLine | None:
     trip, goal = known.trip, known.goal
     if trip is None:
         return None
-    is_over = trip.state not in UNDER_WAY
-    is_elsewhere = goal is not None and not (goal.id or "").startswith(f"{TRIP_GOALS}{trip.trip}-")
-    if is_elsewhere and (is_over or (goal is not None and goal.state in DRIVING)):
+    is_over = trip.state not in TRIP_UNDER_WAY
+    is_elsewhere = goal is not None and trip_of(goal.id) != trip.trip
+    if is_elsewhere and (is_over or (goal is not None and goal.state in GOAL_UNDER_WAY)):
         return None  # something else was driven since
     if trip.reason == codes.LOW_BATTERY and trip.state in ("driving", "done"):
         return StatusLine(said(trip.message, trip.reason), "warn")
@@ -380,11 +378,11 @@ def will_continue(known: RobotState) -> bool:
     base, goal, trip = known.base, known.goal, known.trip
     if "planner" in known.silent or topics.GOAL.name in known.ages:
         return False
-    if trip is not None and trip.state in UNDER_WAY and trip.state != "paused":
+    if trip is not None and trip.state in TRIP_GOES:
         return "tour" not in known.silent
     # Without commands the planner may be gone, and a single goal with it.
     is_commanded = base is None or base.reason != codes.COMMAND_LOST
-    is_going = goal is not None and goal.state in DRIVING and goal.state != "paused"
+    is_going = goal is not None and goal.state in GOAL_GOES
     return is_commanded and is_going
 
 

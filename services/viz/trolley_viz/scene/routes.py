@@ -6,11 +6,11 @@ import viser
 from trolley import topics
 from trolley.geometry import Pose2D
 from trolley.messages import Path, floats_from_bytes
+from trolley.under_way import GOAL_UNDER_WAY
 from trolley_viz.graphics.shapes import arrow_outline, closed_segments, flat, open_segments, place
 from trolley_viz.robots.placement import Placement
 from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Z_FOOTPRINT, Z_LABEL, Z_PATH, Z_TRAJECTORY, Layer
-from trolley_viz.words.sentences import DRIVING
 
 Colour = tuple[int, int, int]
 
@@ -61,7 +61,7 @@ class PathLayer(Layer):
     def draw(self, view: View) -> None:
         """Draw the newest path while there is somewhere to go."""
         goal = view.streams.latest(topics.GOAL)
-        is_going = goal is not None and goal.state in DRIVING and not view.is_away
+        is_going = goal is not None and goal.state in GOAL_UNDER_WAY and not view.is_away
         path = view.streams.latest(self.needs[0]) if is_going else None
         world_T_path = None if path is None else view.placement.world_T(path.frame)
         if self.changed(path, world_T_path):
@@ -112,7 +112,7 @@ class GoalLayer(Layer):
             goal is not None
             and goal.pose is not None
             and world_T_frame is not None
-            and goal.state in (*DRIVING, "failed")
+            and goal.state in (*GOAL_UNDER_WAY, "failed")
             and not view.is_away
         )
         self._frame.visible = shown

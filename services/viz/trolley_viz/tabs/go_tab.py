@@ -2,17 +2,17 @@
 
 from trolley import topics
 from trolley.messages import GoalStatus, SavedPose, TourStatus
+from trolley.under_way import GOAL_UNDER_WAY, TRIP_UNDER_WAY, what_is_under_way
 from trolley_viz.controls.controls import Container, Controls
 from trolley_viz.controls.markup import heading, note
 from trolley_viz.controls.shared import show_undo
 from trolley_viz.controls.tiles import Tiles
 from trolley_viz.features.driving.aiming import GO_TO, LEAVE, POINT_GOAL, POINT_POSE, SET_POSE
 from trolley_viz.features.driving.goal_queue_panel import GoalQueuePanel
-from trolley_viz.features.driving.robot_actions import what_is_under_way
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
 from trolley_viz.session.session import Session
-from trolley_viz.words.sentences import UNDER_WAY, goal_name
+from trolley_viz.words.sentences import goal_name
 
 NO_PLACES = "No places saved yet. Drive to one and save it under “Map”."
 
@@ -65,7 +65,7 @@ class GoTab:
         icons = {one.name: one.icon for one in places}
         self._places.show(icons, going_to, can=can_go or is_collecting)
         stored = [] if tours is None else tours.tours
-        driven = trip.name if trip is not None and trip.state in UNDER_WAY else None
+        driven = trip.name if trip is not None and trip.state in TRIP_UNDER_WAY else None
         self._tours_title.visible = bool(stored)
         self._tours.show({one.name: "" for one in stored}, driven, can=view.can_tour)
         self._follow.disabled = not can_go
@@ -92,6 +92,6 @@ class GoTab:
 
 def _going_to(goal: GoalStatus | None, places: list[SavedPose]) -> str | None:
     """The name of the place that the robot is on its way to."""
-    if goal is None or goal.state not in ("planning", "driving", "recovering", "paused"):
+    if goal is None or goal.state not in GOAL_UNDER_WAY:
         return None
     return goal_name(goal, places)

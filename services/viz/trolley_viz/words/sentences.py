@@ -33,10 +33,6 @@ SAME_PLACE_M = 0.1
 NEARLY_THERE_M = 0.1
 """From this near on, figures of how far and how long it still is would only flicker [m]."""
 
-DRIVING = ("planning", "driving", "recovering", "paused")
-"""Goal states in which there is still somewhere to go."""
-TRIP_GOALS = "tour-"
-"""The prefix of the ids of a trip's goals."""
 WAITS = (
     codes.WAITING,
     codes.SCAN_LOST,
@@ -49,8 +45,6 @@ WAITS = (
 """Reasons of `recovering` for which the robot waits: for others that pass, or for its inputs."""
 EXPLORES_WELL = ("exploring", "homing", "done")
 """States of exploring that need nobody."""
-UNDER_WAY = ("driving", "dwelling", "waiting", "paused")
-"""Trip states that can be paused, skipped or stopped."""
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ def every_state() -> Iterator[RobotState]:
         trip = TourStatus(
             stamp_ns=1, name=name, trip="t", state=state, reason=reason, stop=stop, results=results
         )
-        goal = GoalStatus(stamp_ns=1, id="tour-t-1", state="driving", pose=KITCHEN.pose, **far)
+        goal = GoalStatus(stamp_ns=1, id="tour-t-0-1", state="driving", pose=KITCHEN.pose, **far)
         yield RobotState(**known, goal=goal, trip=trip)
     for state in values_of(MappingStatus, "state"):
         mapping = MappingStatus(stamp_ns=1, state=state, name="home")

@@ -70,7 +70,7 @@ def watched(stage: "Stage", monkeypatch: pytest.MonkeyPatch) -> Watched:
     stage.robot.publish(topics.TOURS, Tours(stamp_ns=1, tours=[tour]))
     trip = TourStatus(stamp_ns=1, name="round", trip="t1", state="driving", stop=0)
     stage.robot.publish(topics.TOUR, trip)
-    goal = GoalStatus(stamp_ns=10**9, id="tour-t1-0", state="driving")
+    goal = GoalStatus(stamp_ns=10**9, id="tour-t1-0-1", state="driving")
     stage.robot.publish(topics.GOAL, goal)
     stage.runtime.add(type(stage.robot)(), robot="kart")
     watched = Watched(stage, monkeypatch)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from trolley.geometry import Pose2D
 from trolley.messages import Stop, Tour, TourStatus
-from trolley_viz.words.sentences import UNDER_WAY
+from trolley.under_way import TRIP_UNDER_WAY
 
 MAX_STOPS = 50
 
@@ -58,7 +58,7 @@ class GoalQueue:
         own = self._trip
         if own is None or trip is None or trip.stamp_ns < own.stamp_ns:
             return
-        if trip.trip != own.trip or trip.state not in UNDER_WAY:
+        if trip.trip != own.trip or trip.state not in TRIP_UNDER_WAY:
             self.clear()
 
     def add_place(self, name: str, pose: Pose2D) -> bool:

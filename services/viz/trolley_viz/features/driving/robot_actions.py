@@ -1,7 +1,7 @@
 """What the buttons do: requests to the selected robot, and notices about the answers."""
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -9,12 +9,13 @@ from trolley.messages import GoalStatus, PoseEstimate, TourStatus
 from trolley.messages.request_params import FollowPerson, Nothing, SendGoal, StartTour, WhichGoal
 from trolley.requests import Request
 from trolley.runtime.service import Service
+from trolley.under_way import GOAL_GOES, GOAL_UNDER_WAY, trip_of, what_is_under_way
 from trolley_viz.controls.undo import History, Step
 from trolley_viz.features.driving.goal_queue import MAX_STOPS, GoalQueue
 from trolley_viz.features.driving.search import Search
 from trolley_viz.robots.view import View
 from trolley_viz.scene.places import current_places
-from trolley_viz.words.sentences import DRIVING, TRIP_GOALS, UNDER_WAY, Tell, refusal
+from trolley_viz.words.sentences import Tell, refusal
 
 SENDING = (requests.GOAL_SEND, requests.GOAL_FOLLOW, requests.TOUR_START)
 """The requests that set a robot off."""
@@ -191,7 +192,7 @@ class RobotActions:
                 now = self._view().streams.latest(topics.GOAL)
                 if now is None or now.stamp_ns < status.stamp_ns:
                     return True  # its first status has not come yet
-                return now.id == status.id and now.state in DRIVING
+                return now.id == status.id and now.state in GOAL_UNDER_WAY
 
             undo = Step("drive", f"Go to {title}", lambda: self._go_back(before, status), holds)
             self.history.add(undo)
@@ -200,10 +201,10 @@ class RobotActions:
 
     def _go_back(self, before: GoalStatus | None, sent: GoalStatus) -> None:
         """Drive to where it was driving before this goal was sent, or nowhere."""
-        was_driving = before is not None and before.state in DRIVING and before.state != "paused"
+        was_driving = before is not None and before.state in GOAL_GOES
         if before is None or not was_driving or before.pose is None:
             self.steer_goal("Cancel", sent)
-        elif (before.id or "").startswith(TRIP_GOALS):
+        elif trip_of(before.id) is not None:
             self.steer_tour("Continue")
         else:
             goal = SendGoal(id=self._service.new_id(), pose=before.pose, frame=before.frame)
@@ -212,14 +213,3 @@ class RobotActions:
 
 def _id_of(status: GoalStatus | TourStatus) -> str | None:
     return status.id if isinstance(status, GoalStatus) else status.trip
-
-
-def what_is_under_way(
-    goal: GoalStatus | None, trip: TourStatus | None
-) -> Literal["trip", "goal", ""]:
-    """Say what Pause, Continue and Cancel act on: the trip under way, or else the goal."""
-    is_going = goal is not None and goal.state in DRIVING
-    is_of_trip = goal is not None and (goal.id or "").startswith(TRIP_GOALS)
-    if trip is not None and trip.state in UNDER_WAY and (is_of_trip or not is_going):
-        return "trip"
-    return "goal" if is_going else ""

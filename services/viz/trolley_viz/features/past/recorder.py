@@ -29,6 +29,7 @@ from trolley.messages import (
 from trolley.runtime.service import Service
 from trolley.teleop import SOURCE as BY_HAND
 from trolley.topics import Topic
+from trolley.under_way import GOAL_UNDER_WAY, TRIP_UNDER_WAY
 from trolley.zones import room_of
 from trolley_viz.features.past.record import LATELY, TRIP, Failure, Record
 from trolley_viz.robots.lost_drive import LastDrive
@@ -37,7 +38,7 @@ from trolley_viz.robots.placement import poses_between, seen_from
 from trolley_viz.robots.silence import SILENT_NS, SilentServices
 from trolley_viz.robots.situation import RobotState, situation
 from trolley_viz.robots.streams import Streams
-from trolley_viz.words.sentences import DRIVING, STALE_S, UNDER_WAY, result_line
+from trolley_viz.words.sentences import STALE_S, result_line
 
 KEPT_NS = 600_000_000_000
 """What is kept besides trips: ten minutes."""
@@ -197,7 +198,7 @@ class Recorder:
 
     def _aim(self) -> Pose2D | None:
         goal = self._streams.latest(topics.GOAL)
-        is_shown = goal is not None and goal.frame == MAP and goal.state in DRIVING
+        is_shown = goal is not None and goal.frame == MAP and goal.state in GOAL_UNDER_WAY
         return goal.pose if is_shown and goal is not None else None
 
     def _take_health(self, found: dict[tuple[str, ...], Health]) -> None:
@@ -233,7 +234,7 @@ class Recorder:
     def _is_pose_due(self, now_ns: int) -> bool:
         """Whether to read the pose: each time, but seldom while the robot stands."""
         goal, base = self._streams.latest(topics.GOAL), self._streams.latest(topics.BASE)
-        drives = (goal is not None and goal.state in DRIVING) or (
+        drives = (goal is not None and goal.state in GOAL_UNDER_WAY) or (
             base is not None and base.source == BY_HAND
         )
         stands = not drives and now_ns - self._moved_ns > STANDS_AFTER_NS
@@ -268,7 +269,7 @@ class Recorder:
         status = self._streams.latest(topics.TOUR)
         if status is None or status.trip is None:
             return
-        is_going = status.state in UNDER_WAY
+        is_going = status.state in TRIP_UNDER_WAY
         if is_going and (self.trip is None or self.trip.trip != status.trip):
             self.trip = TripRecord(status.trip, Record(TRIP))
             is_new = status.seconds <= BEGINNING_S

@@ -10,6 +10,7 @@ from trolley import codes, topics
 from trolley.geometry import Pose2D
 from trolley.geometry.frames import MAP
 from trolley.messages import Tour, TourStatus
+from trolley.under_way import TRIP_UNDER_WAY
 from trolley_viz.features.tours.draft import Draft, Find
 from trolley_viz.graphics.pictures import pin_picture
 from trolley_viz.graphics.shapes import circle, flat, open_segments
@@ -18,7 +19,6 @@ from trolley_viz.robots.view import View
 from trolley_viz.scene.layer import Layer
 from trolley_viz.scene.map_layers import flat_quaternion
 from trolley_viz.words.plain_words import said
-from trolley_viz.words.sentences import UNDER_WAY
 
 Colour = tuple[int, int, int]
 
@@ -208,7 +208,7 @@ class TripLayer(Layer):
         self._drawing.show(pins, path_of(draft, find), view.placement.world_T(MAP))
 
     def _is_shown(self, trip: TourStatus, now_ns: int) -> bool:
-        if trip.state in UNDER_WAY:
+        if trip.state in TRIP_UNDER_WAY:
             self._ended = (trip.trip, 0)
             return True
         known, ended_ns = self._ended

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 
 from trolley.messages import Stop, Tour, TourStatus
+from trolley.under_way import TRIP_UNDER_WAY
 from trolley_viz.controls.controls import Choice, Controls
 from trolley_viz.controls.markup import note, row, title
-from trolley_viz.words.sentences import UNDER_WAY, StatusLine, duration, result_line, with_age
+from trolley_viz.words.sentences import StatusLine, duration, result_line, with_age
 
 DRIVING_ACTIONS = ("Pause", "Skip", "End")
 PAUSED_ACTIONS = ("Continue", "Skip", "End")
@@ -46,7 +47,7 @@ class TripPanel:
             with_last: whether to show one that has ended, too.
             is_halted: whether the robot is stopped: then it goes on by “Drive on” alone.
         """
-        is_under_way = trip is not None and trip.state in UNDER_WAY
+        is_under_way = trip is not None and trip.state in TRIP_UNDER_WAY
         self._progress.content = progress(trip, tour, age_s) if is_under_way or with_last else ""
         is_paused = trip is not None and trip.state == "paused"
         for choice, is_for_paused in zip(self._steers, (False, True), strict=False):
@@ -60,7 +61,7 @@ def progress(trip: TourStatus | None, tour: Tour | None, age_s: float | None = N
         return note("The tour service is still starting.")
     if trip.state == "idle":
         return note("No tour is under way.")
-    is_under_way = trip.state in UNDER_WAY
+    is_under_way = trip.state in TRIP_UNDER_WAY
     coming = visits_to_come(trip, tour) if is_under_way else []
     results = trip.results
     if is_under_way and tour is not None:
@@ -81,7 +82,7 @@ def progress(trip: TourStatus | None, tour: Tour | None, age_s: float | None = N
 
 
 def _heading(trip: TourStatus, tour: Tour | None) -> str:
-    if trip.state not in UNDER_WAY:
+    if trip.state not in TRIP_UNDER_WAY:
         return f"Last tour: “{trip.name}”" if trip.name else "Last tour"
     parts = [f"“{trip.name}”" if trip.name else "Tour"]
     if tour is not None and tour.repeat != 1:

@@ -400,7 +400,7 @@ def test_all_see_who_began_the_trip(stage: "Stage") -> None:
     stage.runtime.run(0.5)
     trip = TourStatus(stamp_ns=1, name="round", trip="t1", state="driving")
     stage.robot.publish(topics.TOUR, trip)
-    goal = GoalStatus(stamp_ns=10**9, id="tour-t1-0", state="driving")
+    goal = GoalStatus(stamp_ns=10**9, id="tour-t1-0-1", state="driving")
     stage.robot.publish(topics.GOAL, goal)
     stage.runtime.run(0.5)
     for browser in browsers:
