@@ -44,6 +44,16 @@ def test_two_that_meet_in_a_narrow_corridor_get_out_of_it(tmp_path: Path) -> Non
     assert "Waiting for robot a at the narrow passage." in house.messages("b")
 
 
+def test_a_robot_that_stops_or_turns_is_not_taken_for_somebody(tmp_path: Path) -> None:
+    starts = [Pose2D(1.9, 2.1, -0.9), Pose2D(8.7, 3.9, 3.1)]
+    corridor = with_block(with_block(empty_room(10.0), 4.0, 0.0, 2.0, 2.66), 4.0, 3.34, 2.0, 2.66)
+    house = Household(tmp_path, corridor, starts)
+    house.send("a", 8.5, 2.7)
+    house.send("b", 1.5, 1.6)
+    all_arrive(house, 90.0)
+    assert not any("Somebody" in message for name in "ab" for message in house.messages(name))
+
+
 @pytest.mark.slow
 def test_four_come_through_a_narrow_corridor_from_both_sides(tmp_path: Path) -> None:
     starts = [WEST, EAST, Pose2D(1.5, 4.5, 0.0), Pose2D(6.5, 1.5, 3.1)]

@@ -41,6 +41,15 @@ def test_a_robot_that_is_told_to_creep_is_not_held_up(ride, speed: float) -> Non
     assert {status.state for status in drive.statuses} <= {"idle", "planning", "driving", "arrived"}
 
 
+@pytest.mark.parametrize("turn_radps", [0.05, 0.01])
+def test_a_robot_that_turns_slowly_is_not_held_up(turn_radps: float) -> None:
+    checker = ProgressChecker(PlannerConfig(progress_s=6.0))
+    for second in range(round(3.0 / turn_radps)):
+        pose = Pose2D(0.0, 0.0, turn_radps * second)
+        now_ns = second * SECOND_NS
+        assert checker.check(now_ns, 5.0, pose, pose, max_turn=turn_radps) is None
+
+
 def test_standing_going_to_and_fro_and_spinning_are_told_apart() -> None:
     def first_trouble(pose_at, odom_at) -> str | None:
         checker = ProgressChecker(PlannerConfig(progress_s=5.0))

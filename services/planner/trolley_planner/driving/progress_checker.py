@@ -21,7 +21,7 @@ class ProgressParams:
     slip_share: float = 0.3
     """Share of that distance below which the robot's own motion means that the wheels slip."""
     slow_factor: float = 2.0
-    """A robot that is told to drive slowly has this many times as long as its way takes."""
+    """A robot that is told to drive or turn slowly has this many times as long as that takes."""
     oscillation_m: float = 1.0
     """Distance driven without getting nearer from which on the robot oscillates."""
 
@@ -64,6 +64,7 @@ class ProgressChecker:
         frame_T_base: Pose2D,
         odom_T_base: Pose2D,
         max_speed: float = math.inf,
+        max_turn: float = math.inf,
     ) -> str | None:
         """Return None while all is well, else the code of what is wrong.
 
@@ -73,6 +74,7 @@ class ProgressChecker:
             frame_T_base: where the robot is by all that is known.
             odom_T_base: where its wheels say it is.
             max_speed: that it may drive at [m/s].
+            max_turn: that it may turn at [rad/s].
         """
         mark, last = self._mark, self._last
         self._last = (frame_T_base, odom_T_base)
@@ -89,8 +91,9 @@ class ProgressChecker:
         turned = abs(wrap_angle(frame_T_base.yaw - mark.yaw))
         if turned >= PROGRESS.turn_rad and mark.turned_rad < PROGRESS.most_turn_rad:
             mark.yaw, mark.since_ns = frame_T_base.yaw, now_ns
-        slow_s = PROGRESS.slow_factor * self._distance_m / max_speed
-        is_late = now_ns - mark.since_ns > max(self._time_ns, slow_s * 1e9)
+        # As much to the wrong side first is still progress.
+        least_s = max(self._distance_m / max_speed, 2.0 * PROGRESS.turn_rad / max_turn)
+        is_late = now_ns - mark.since_ns > max(self._time_ns, PROGRESS.slow_factor * least_s * 1e9)
         return self._trouble(mark) if is_late else None
 
     def _trouble(self, mark: _Mark) -> str:

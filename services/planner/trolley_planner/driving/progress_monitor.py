@@ -119,7 +119,9 @@ class ProgressMonitor:
         self._no_path_s = 0.0 if is_led else self._no_path_s + now.elapsed_s
         pose, twist = now.motion.pose, now.motion.twist
         speed = min(now.limits.max_speed, self._context.zone_speed(pose))
-        trouble = self._checker.check(now.now_ns, left_m, pose, now.odom_T_base, speed)
+        trouble = self._checker.check(
+            now.now_ns, left_m, pose, now.odom_T_base, speed, now.limits.max_turn
+        )
         is_standing = (
             abs(twist.vx) < PATIENCE.standing_mps and abs(twist.wz) < PATIENCE.standing_radps
         )

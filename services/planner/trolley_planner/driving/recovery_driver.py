@@ -134,7 +134,8 @@ class BackUp:
         bearing = wrap_angle(math.atan2(behind.y, behind.x) + math.pi)
         if abs(bearing) > 0.5 * math.pi:
             return None  # The track lies ahead: there is no way back along it.
-        turn = min(max(1.5 * bearing, -0.5), 0.5)
+        most_turn = min(0.5, limits.max_turn)
+        turn = min(max(1.5 * bearing, -most_turn), most_turn)
         return Twist2D(-min(BEHAVIORS.backing_mps, limits.max_reverse), 0.0, turn)
 
     def update(self, driven: Twist2D, elapsed_s: float) -> None:

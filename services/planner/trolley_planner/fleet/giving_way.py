@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley_planner.context.motion_state import ControlInput
@@ -123,9 +125,9 @@ class GivingWay:
         """
         grid_T_frame = context.costmap.grid_T_frame
         self.others = [moved_into(other, grid_T_frame) for other in others]
-        context.costmap.moving.set_robots(
-            [one.track for one in self.others if len(one.track)], now_ns
-        )
+        places = np.array([(one.pose.x, one.pose.y, one.radius_m) for one in self.others])
+        tracks = [one.track for one in self.others if len(one.track)]
+        context.costmap.moving.set_robots(places.reshape(-1, 3), tracks, now_ns)
 
     def forget(self) -> None:
         """Stop waiting, as with a new goal."""

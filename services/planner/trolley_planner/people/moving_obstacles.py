@@ -30,6 +30,7 @@ class MovingObstacles:
     def __init__(self) -> None:
         self._tracker = PeopleTracker()
         self._walkers, self._robots = NOBODY, NO_ROBOTS
+        self._robots_now = np.empty((0, 3))
         self._scanned_ns = self._robots_ns = 0
         self.people: list[TrackedPerson] = []
         """Who moves by the newest scan."""
@@ -53,14 +54,16 @@ class MovingObstacles:
         """Objects of a person's size in the newest scan; see `PeopleTracker.tracks`."""
         return self._tracker.tracks()
 
-    def set_robots(self, tracks: Sequence[Floats], now_ns: int) -> None:
-        """Replace the predicted trajectories of the other robots.
+    def set_robots(self, places: Floats, tracks: Sequence[Floats], now_ns: int) -> None:
+        """Replace what is known of the other robots.
 
         Args:
-            tracks: (discs, steps, 3) of each: x, y, radius [m] at each `ROBOT_DT_S`.
+            places: (n, 3) x, y, radius [m] of all, standing ones, too.
+            tracks: (discs, steps, 3) of each that drives: the same at each `ROBOT_DT_S`.
             now_ns: robot time of the first step.
         """
         self._robots = np.concatenate(tracks) if tracks else NO_ROBOTS
+        self._robots_now = np.concatenate([places, self._robots[:, 0]])
         self._robots_ns = now_ns
 
     def forget_people(self) -> None:
@@ -84,6 +87,6 @@ class MovingObstacles:
 
     def _are_robots(self, walkers: Floats) -> NDArray[np.bool_]:
         """Say for discs (n, 7) whether each is a robot, which knows better where it will be."""
-        gaps = walkers[:, None, :2] - self._robots[None, :, 0, :2]
-        near = self._robots[None, :, 0, 2] + SAME_M
+        gaps = walkers[:, None, :2] - self._robots_now[None, :, :2]
+        near = self._robots_now[None, :, 2] + SAME_M
         return np.asarray((np.hypot(gaps[..., 0], gaps[..., 1]) < near).any(axis=1))
