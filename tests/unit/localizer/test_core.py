@@ -14,7 +14,7 @@ from trolley_localizer.core import Localizer
 from trolley_localizer.estimate import Estimate
 from trolley_localizer.kernels.matching import BEHIND_MIRROR, EXPLAINED, NOT_ON_MAP, UNUSED
 
-from .conftest import BASE_T_LASER, BEAMS, Drive, at, make_scan
+from .conftest import BASE_T_LASER, BEAMS, Drive, Turn, at, make_scan
 
 MakeDrive = Callable[..., Drive]
 
@@ -72,6 +72,26 @@ def test_a_robot_that_was_carried_off_is_found_within_three_seconds(make_drive: 
     assert len(believed) < 10
     assert drive.error_m(wrong[-1]) < 0.06
     assert wrong[-1].state == "localized"
+
+
+@pytest.mark.parametrize("place", [(1.6, 4.8, 2.5), (4.6, 1.0, -0.4), (7.3, 2.0, -1.1)])
+def test_a_lidar_with_few_echoes_notices_too_that_it_was_carried_off(
+    make_drive: MakeDrive, place: tuple[float, float, float]
+) -> None:
+    drive = make_drive()
+    drive.turn = lambda: Turn(90)
+
+    def narrow(ranges: np.ndarray) -> None:
+        ahead = BASE_T_LASER.yaw - math.pi + np.arange(ranges.size) * math.radians(4.0)
+        ranges[np.cos(ahead) < math.cos(math.radians(45.5))] = np.inf
+
+    drive.alter = narrow
+    drive.localizer.set_pose(drive.pose)
+    assert settle(drive).state == "localized"
+    drive.pose = at(drive.grid, *place)
+    estimates = [drive.scan() for _ in range(40)]
+    wrong = [e for e in estimates if e.state == "localized" and drive.error_m(e) > 0.5]
+    assert len(wrong) < 10
 
 
 def test_why_a_pose_is_unsure_is_judged_by_changed_settings(make_drive: MakeDrive) -> None:

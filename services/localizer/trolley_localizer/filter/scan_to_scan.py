@@ -27,13 +27,17 @@ class ScanToScanParams:
     num_bins: int = 360
     """Number of directions of a view."""
     reach_bins: int = 2
-    """Number of bins by which matching directions may differ: headings err, walls are met askew."""
+    """Least number of bins by which matching directions may differ: headings err, walls are met
+    askew. Where beams lie further apart, what lies between two of them counts as seen by both."""
     slack_m: float = 0.15
     """Distance by which two ranges may differ [m]."""
     slack_share: float = 0.02
     """Share of the range by which two ranges may differ, besides `slack_m`."""
     least_compared: int = 30
-    """Number of beams below which a comparison says nothing."""
+    """Number of beams below which a comparison says nothing, unless `least_conflicts` disagree."""
+    least_conflicts: int = 10
+    """Number of beams that disagree from which on fewer do as well: of `least_compared` so many are
+    a break, however many of the others agree."""
     least_overlap: float = 0.7
     """Overlap below which two scans are not of one drive. Where the robot drives, on the map or off
     it, they agree in 0.97 of the beams, and in 0.05 to 0.6 where it was carried."""
@@ -104,7 +108,9 @@ class View:
         self._laser = np.array([np.add.reduce(part) / part.size for part in beams.start])
         self._near = np.empty(PARAMS.num_bins)
         self._far = np.empty(PARAMS.num_bins)
-        draw_view(self._near, self._far, self.ends, self._laser, PARAMS.reach_bins)
+        beam_bins = round(beams.step_rad * PARAMS.num_bins / (2.0 * math.pi))
+        reach = max(PARAMS.reach_bins, beam_bins)
+        draw_view(self._near, self._far, self.ends, self._laser, reach)
 
     def compare(self, ends: Points, relation: Pose2D) -> tuple[int, int]:
         """Count the echoes of another scan that agree with this view, and those that do not.
@@ -182,8 +188,9 @@ class ScanToScan:
         relation = earlier.pose.inverse() @ Pose2D.from_array(pose)
         agree, conflict = there.compare(here.ends, relation)
         agree_back, conflict_back = here.compare(there.ends, relation.inverse())
-        compared = agree + agree_back + conflict + conflict_back
-        if compared < PARAMS.least_compared:
+        conflicts = conflict + conflict_back
+        compared = agree + agree_back + conflicts
+        if compared < PARAMS.least_compared and conflicts < PARAMS.least_conflicts:
             return None
         return (agree + agree_back) / compared
 

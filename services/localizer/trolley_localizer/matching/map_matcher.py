@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ class BeamSet:
         start: (n,) where the laser was for each [cells].
         classes: (n,) uint8: UNUSED where there is no echo, else NOT_ON_MAP until judged.
         used: (m,) int64, indices of beams that may be matched with the map.
+        step_rad: angle from one beam to the next, 0 ... pi.
         is_blind: the scan holds too little to compare it with a map.
     """
 
@@ -41,6 +42,7 @@ class BeamSet:
     start: Points
     classes: NDArray[np.uint8]
     used: NDArray[np.int64]
+    step_rad: float
     is_blind: bool
 
     def points(self, index: NDArray[np.int64]) -> Points:
@@ -67,7 +69,7 @@ class BeamSet:
 
     def only(self, classes: NDArray[np.uint8], used: NDArray[np.int64]) -> "BeamSet":
         """Return the same beams with other classes, fewer of them used."""
-        return BeamSet(self.end, self.start, classes, used, self.is_blind)
+        return replace(self, classes=classes, used=used)
 
 
 def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSet:
@@ -76,7 +78,8 @@ def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSe
     classes = np.empty(scan.ranges.size, np.uint8)
     telling = mark_echoes(classes, scan.ranges, seen.echoes, FRONT_END.telling_range_m)
     blind = is_too_little(telling, seen.echoes.size, FRONT_END)
-    return BeamSet(seen.ends, seen.starts, classes, seen.echoes, blind)
+    step_rad = abs(math.remainder(scan.angle_increment, 2.0 * math.pi))
+    return BeamSet(seen.ends, seen.starts, classes, seen.echoes, step_rad, blind)
 
 
 @dataclass(frozen=True, slots=True)
