@@ -36,7 +36,7 @@ class Handover:
     """Asks the localizer to take over a saved map, over and over until it has.
 
     Args:
-        pose: where the robot is on it, map_T_base.
+        pose: where the robot is on it, map_T_base; None where that is not known.
         mirrors: where some are suspected on it.
         done: called at the end, with what came of it in a sentence.
     """
@@ -194,9 +194,15 @@ class MapSaver:
             self._mapping.discard_checkpoint()
         handed_over = partial(self._handed_over, doubt)
         mirrors = [line.points for line in session.suspects]
-        self._handover = Handover(self._service, name, self._mapping.pose_now, mirrors, handed_over)
+        self._handover = Handover(self._service, name, self._pose, mirrors, handed_over)
         self._answer()
         self._handover.ask()
+
+    def _pose(self) -> Pose2D | None:
+        """Return map_T_base; None while that is a guess: the localizer searches the map then."""
+        session = self._mapping.session
+        estimate = None if session is None else session.estimate
+        return None if estimate is None or estimate.state == "lost" else self._mapping.pose_now()
 
     def _handed_over(self, doubt: str, note: str) -> None:
         self._handover = None

@@ -306,6 +306,15 @@ def carried_away(stage: Stage) -> Pose2D:
     raise AssertionError("no part hangs loose")
 
 
+def test_a_map_saved_while_the_robot_is_lost_is_searched_for_where_it_is(stage: Stage) -> None:
+    carried_away(stage)  # to where the map shows nothing
+    num_poses = len(stage.poses)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(4.0)
+    assert stage.status.state == "idle"
+    assert {one.state for one in stage.poses[num_poses:]} == {"lost", "searching"}
+
+
 def test_a_person_joins_the_part_that_hangs_loose(stage: Stage) -> None:
     assert stage.refusal(requests.MAP_JOIN, JoinPart(pose=START)).code == codes.NOT_MAPPING
     true_T_map = carried_away(stage)
