@@ -1,7 +1,7 @@
 """Saved places on the map that is being made: they move with it when loops are closed."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 from msgspec import structs
@@ -38,6 +38,8 @@ class AnchoredPlaces:
     def __init__(self, anchors: Mapping[str, Anchor] | None = None) -> None:
         self.anchors = dict(anchors or {})
         self._stored: dict[str, SavedPose] = {}
+        self._moved: SavedPose | None = None
+        """What is being stored, or was refused."""
 
     def update(self, poses: Iterable[SavedPose], map_name: str, core: MapAnchoring) -> None:
         """Learn what is stored; a place that somebody has moved is tied anew."""
@@ -47,7 +49,8 @@ class AnchoredPlaces:
             del self.anchors[name]
         for name, place in self._stored.items():
             known = before.get(name)
-            was_moved = known is not None and differ(known.pose, place.pose)
+            is_news = known is not None and place != self._moved
+            was_moved = is_news and differ(known.pose, place.pose)
             if name not in self.anchors or was_moved:
                 self.anchors[name] = core.anchor(place.pose)
 
@@ -62,25 +65,28 @@ class AnchoredPlaces:
             if anchor.keyframe < 0:
                 self.anchors[name] = core.anchor(anchor.keyframe_T_pose)
 
-    def moved(self, core: MapAnchoring, map_name: str | None = None) -> Sequence[SavedPose]:
-        """Return the places that lie elsewhere now, as they are to be stored.
-
-        What is returned counts as stored from now on.
+    def moved(self, core: MapAnchoring, map_name: str | None = None) -> SavedPose | None:
+        """Return a place that lies elsewhere now, as it is to be stored; None if there is none.
 
         Args:
             core: knows where they are.
             map_name: the map that they are to belong to, if not the previous one.
         """
-        changed: list[SavedPose] = []
         for name, place in self._stored.items():
             pose = core.moved(self.anchors[name]).wrapped()
             if not differ(place.pose, pose):
                 pose = place.pose
             right = structs.replace(place, pose=pose, map=map_name or place.map)
             if right != place:
-                self._stored[name] = right
-                changed.append(right)
-        return changed
+                self._moved = right
+                return right
+        return None
+
+    def stored(self, place: SavedPose) -> None:
+        """Learn that a place is stored as it was to be, unless it has been deleted since."""
+        self._moved = None
+        if place.name in self._stored:
+            self._stored[place.name] = place
 
 
 def differ(one: Pose2D, other: Pose2D) -> bool:

@@ -176,15 +176,19 @@ class Mapping:
         self._service.log.info("Mapping", map=session.name, extends=session.extends or "nothing")
         self.publish_status()
 
-    def end(self, note: str) -> MappingStatus:
-        """Give the shared topics back and make no map any more."""
+    def give_topics_back(self) -> None:
+        """Leave the shared topics to the localizer."""
         self._on_end()
         self.stop_listening()
-        if self._places is not None:
-            self._places.close()
         for topic in (topics.MAP, topics.ZONES, topics.SUSPECTS, topics.POSE):
             self._service.withdraw(topic)
         self._service.withdraw(topics.TF, "odom")
+
+    def end(self, note: str) -> MappingStatus:
+        """Give the shared topics back and make no map any more."""
+        self.give_topics_back()
+        if self._places is not None:
+            self._places.close()
         self.session = self._places = None
         self.phase, self._note = "idle", note
         self.discard_checkpoint()
@@ -266,11 +270,18 @@ class Mapping:
             self._service.request(requests.GOAL_CANCEL, WhichGoal(), lambda _: None)
             session.turn(job)
             self._publish_map(session)
+        session.name = name
         if self._places is not None:
-            self._places.store_moved(name)
-        session.rename(name)
+            self._places.go_along(name)
         self.publish_zones(session)
         self._note = f"The map {name} is saved; the localizer takes over. {doubt}".rstrip()
+
+    def finish_places(self, then: Callable[[str], None]) -> None:
+        """Call back once all places are stored, or with a sentence on why they are not."""
+        if self._places is not None:
+            self._places.finish(then)
+        else:
+            then("")
 
     # Scans.
 
@@ -320,10 +331,10 @@ class Mapping:
         if self.session is not None and self.phase in ("mapping", "paused"):
             self._service.request(requests.LOCALIZER_YIELD, Yield(), lambda _: None)
             self._publish_map(self.session)
-            if self._places is not None:
-                self._places.store_moved()
             if self._checkpointer.is_due:
                 self.save_checkpoint()
+        if self._places is not None:
+            self._places.store_moved()
         if self.phase != "idle":
             self.publish_status()
 

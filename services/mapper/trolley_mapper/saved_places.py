@@ -1,5 +1,6 @@
 """Saved places follow the map that is being made: those that moved with it are stored again."""
 
+from collections.abc import Callable
 from functools import partial
 
 from trolley import requests, topics
@@ -7,6 +8,9 @@ from trolley.codes import Refused
 from trolley.messages import SavedPose, SavedPoses
 from trolley.runtime.service import Service
 from trolley_mapper.map_session import MapSession
+
+MAX_REFUSED = 10
+"""Number of refusals in a row after which the places of a saved map are left as they are."""
 
 
 class SavedPlaces:
@@ -19,6 +23,10 @@ class SavedPlaces:
 
     def __init__(self, service: Service, session: MapSession) -> None:
         self._service, self._session = service, session
+        self._saved_as: str | None = None
+        self._is_asking = False
+        self._num_refused = 0
+        self._then: Callable[[str], None] | None = None
         self._watch = service.watch(topics.POSES, then=self.update)
 
     def close(self) -> None:
@@ -31,19 +39,48 @@ class SavedPlaces:
             self.update(self._watch.latest)
 
     def update(self, poses: SavedPoses) -> None:
-        """Tie the stored places to the map."""
+        """Tie the stored places to the map, until it is saved."""
         session = self._session
-        if session.core is not None:
+        if session.core is not None and self._saved_as is None:
             session.places.update(poses.poses, session.name, session.core)
 
-    def store_moved(self, map_name: str | None = None) -> None:
-        """Store the places that moved with the map; under another name of it if there is one."""
-        if self._session.core is None:
-            return
-        for place in self._session.places.moved(self._session.core, map_name):
-            self._service.request(requests.POSES_PUT, place, partial(self._stored, place.name))
+    def go_along(self, map_name: str) -> None:
+        """Store them as they lie on the map that was saved, under its name."""
+        self._saved_as = map_name
+        self.store_moved()
 
-    def _stored(self, name: str, result: SavedPose | Refused) -> None:
-        if isinstance(result, Refused):
-            self._service.count("poses/not_put_right")
-            self._service.log.warning("A place was not put right", name=name, why=result.message)
+    def finish(self, then: Callable[[str], None]) -> None:
+        """Call back once all are stored, or with a sentence on why they are not."""
+        self._then, self._num_refused = then, 0
+        self.store_moved()
+
+    def store_moved(self) -> None:
+        """Store those that moved with the map, one after the other."""
+        core = self._session.core
+        if self._is_asking or core is None:
+            return
+        place = self._session.places.moved(core, self._saved_as)
+        if place is not None:
+            self._is_asking = True
+            self._service.request(requests.POSES_PUT, place, partial(self._stored, place))
+        else:
+            self._call_back("")
+
+    def _stored(self, place: SavedPose, result: SavedPose | Refused) -> None:
+        self._is_asking = False
+        if not isinstance(result, Refused):
+            self._num_refused = 0
+            self._session.places.stored(place)
+            self.store_moved()
+            return
+        # The next second tries again.
+        self._num_refused += 1
+        self._service.count("poses/not_put_right")
+        self._service.log.limited("places", "A place was not put right", why=result.message)
+        if self._num_refused >= MAX_REFUSED:
+            self._call_back(f" Places were not moved along with the map: {result.message}")
+
+    def _call_back(self, problem: str) -> None:
+        then, self._then = self._then, None
+        if then is not None:
+            then(problem)

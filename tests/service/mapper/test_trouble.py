@@ -16,7 +16,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, MapError
 from trolley.gridmap.wire import map_message
 from trolley.messages import PoseEstimate, Zone, Zones
-from trolley.messages.request_params import MapNamed, PauseMap, SaveMap
+from trolley.messages.request_params import Capture, MapNamed, PauseMap, SaveMap
 from trolley.runtime.lockstep import _LockstepHost
 from trolley.runtime.service import Service, every
 from trolley.scan_matching.sweep import read_sweep
@@ -248,6 +248,48 @@ def test_a_backup_that_fails_as_the_map_is_canceled_is_no_trouble(
     stage.bus.run(KEPT_S)
     assert slow
     assert health[-1].state == "ok"
+
+
+def with_places(stage: Stage, num: int) -> Pose2D:
+    """Map a draft with places where the robot is then; returns where that is, true_T_place."""
+    stage.map("draft", seconds=3.0)
+    stage.bus.run(1.5)
+    for number in range(num):
+        stage.ask(requests.POSE_CAPTURE, Capture(name=f"place {number}"))
+    stage.bus.run(0.5)
+    return stage.world.map_T_base
+
+
+def test_places_go_along_to_a_saved_map_however_many_once_tour_is_there(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    true_T_map = stage.world.map_T_base
+    true_T_place = with_places(stage, 300)
+    poses = stage.bus.record(topics.POSES)
+    stage.bus.kill("tour")
+    stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
+    stage.bus.run(3.0)
+    assert {one.state for one in stage.poses[-10:]} == {"localized"}
+    stage.begin("tour")
+    stage.bus.run(3.0)
+    assert stage.status.message == "The map home is saved and in use."
+    assert {place.map for place in poses[-1].poses} == {"home"}
+    true_T_home = stage.straightened(true_T_map)
+    for place in poses[-1].poses:
+        assert (true_T_home @ place.pose).distance_to(true_T_place) < 0.05
+
+
+def test_places_that_could_not_go_along_to_a_saved_map_are_told_of(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    with_places(stage, 1)
+    stage.bus.kill("tour")
+    stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
+    stage.bus.run(30.0)
+    assert stage.status.state == "idle"
+    assert "Places were not moved along" in stage.status.message
 
 
 def test_a_name_that_is_taken_is_refused(stage: Stage) -> None:

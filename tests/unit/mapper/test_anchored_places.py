@@ -28,24 +28,40 @@ def place(name: str = "sofa", x: float = 1.0, on: str = "home") -> SavedPose:
 def test_a_place_goes_where_its_part_of_the_map_goes() -> None:
     core, places = Moving(), AnchoredPlaces()
     places.update([place(), place("away", on="other")], "home", core)
-    assert places.moved(core) == []
+    assert places.moved(core) is None
     core.by = Pose2D(0.0, 0.5, 0.0)
-    (moved,) = places.moved(core)
+    moved = places.moved(core)
+    assert moved is not None
     assert (moved.name, moved.map, moved.note) == ("sofa", "home", "soft")
     assert moved.pose.y == pytest.approx(0.5)
-    assert places.moved(core) == []  # it is on its way to the store
-    places.update([moved], "home", core)
+    assert places.moved(core) == moved  # as long as it is not stored
     core.by = Pose2D(0.0, 0.6, 0.0)
-    assert places.moved(core)[0].pose.y == pytest.approx(0.6)
+    places.update([moved], "home", core)
+    places.stored(moved)
+    moved = places.moved(core)
+    assert moved is not None
+    assert moved.pose.y == pytest.approx(0.6)
+
+
+def test_a_place_goes_back_to_where_it_was_stored_if_a_person_puts_it_there() -> None:
+    core, places = Moving(), AnchoredPlaces()
+    places.update([place()], "home", core)
+    core.by = Pose2D(0.0, 0.5, 0.0)
+    moved = places.moved(core)
+    assert moved is not None
+    places.stored(moved)
+    places.update([place(x=3.0)], "home", core)
+    places.update([moved], "home", core)
+    assert places.moved(core) is None
 
 
 def test_a_hair_is_no_move() -> None:
     core, places = Moving(), AnchoredPlaces()
     places.update([place()], "home", core)
     core.by = Pose2D(0.004, 0.0, 0.001)
-    assert places.moved(core) == []
+    assert places.moved(core) is None
     core.by = Pose2D(0.012, 0.0, 0.0)
-    assert len(places.moved(core)) == 1
+    assert places.moved(core) is not None
 
 
 def test_what_a_person_moves_stays_where_it_was_put() -> None:
@@ -53,7 +69,7 @@ def test_what_a_person_moves_stays_where_it_was_put() -> None:
     places.update([place(x=1.0)], "home", core)
     core.by = Pose2D(0.0, 0.5, 0.0)
     places.update([place(x=3.0)], "home", core)
-    assert places.moved(core) == []
+    assert places.moved(core) is None
 
 
 def test_what_was_deleted_is_not_brought_back() -> None:
@@ -61,7 +77,7 @@ def test_what_was_deleted_is_not_brought_back() -> None:
     places.update([place()], "home", core)
     places.update([], "home", core)
     core.by = Pose2D(0.0, 0.5, 0.0)
-    assert places.moved(core) == []
+    assert places.moved(core) is None
     assert places.anchors == {}
 
 
@@ -71,13 +87,17 @@ def test_anchors_outlive_the_process() -> None:
     core.by = Pose2D(0.0, 0.5, 0.0)
     again = AnchoredPlaces(places.anchors)
     again.update([place()], "home", core)
-    assert again.moved(core)[0].pose.y == pytest.approx(0.5)
+    moved = again.moved(core)
+    assert moved is not None
+    assert moved.pose.y == pytest.approx(0.5)
 
 
 def test_all_go_along_to_a_map_of_another_name() -> None:
     core, places = Moving(), AnchoredPlaces()
     places.update([place(), place("desk", 2.0)], "home", core)
-    assert {(one.name, one.map) for one in places.moved(core, "home2")} == {
-        ("sofa", "home2"),
-        ("desk", "home2"),
-    }
+    for name in ("sofa", "desk"):
+        moved = places.moved(core, "home2")
+        assert moved is not None
+        assert (moved.name, moved.map) == (name, "home2")
+        places.stored(moved)
+    assert places.moved(core, "home2") is None
