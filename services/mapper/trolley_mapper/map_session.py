@@ -85,7 +85,8 @@ class MapSession:
             return estimate
         before, self.estimate = self.estimate, estimate
         if before is not None and not self.core.is_paused:
-            self.seconds += min((estimate.stamp_ns - before.stamp_ns) * 1e-9, LONGEST_GAP_S)
+            gap_s = (estimate.stamp_ns - before.stamp_ns) * 1e-9
+            self.seconds += min(max(gap_s, 0.0), LONGEST_GAP_S)
         self.loops += estimate.closed_loop
         if self.explorer is not None and self.is_exploring and estimate.state == "mapping":
             ranges = scan.ranges.astype(np.float64)

@@ -95,6 +95,8 @@ class Mapping:
         """Take note that the odometry starts over; the robot itself has not moved."""
         if self.inputs is not None:
             self.inputs.begin_epoch()
+        if self.session is not None and self.session.core is not None:
+            self.session.core.begin_epoch()
 
     def check_idle(self) -> None:
         """Refuse while a map is being made or handed over, or may be about to be continued.

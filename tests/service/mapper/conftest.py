@@ -55,9 +55,9 @@ class Base(Service):
         if "tf/laser" not in self.silent:
             self.publish(topics.TF, self.world.mounting(), "laser")
 
-    def restart(self) -> None:
+    def restart(self, later_s: int = 120) -> None:
         """Begin anew: later, and with the odometry at zero."""
-        self.run_ns, self.began_ns = self.stamp() + 120_000_000_000, self.monotonic_ns
+        self.run_ns, self.began_ns = self.stamp() + later_s * 1_000_000_000, self.monotonic_ns
         self.world.odom_T_base = Pose2D.identity()
         self.tell_time()
 

@@ -344,6 +344,18 @@ def test_a_new_run_of_base_does_not_tear_the_map(stage: Stage) -> None:
     assert at.distance_to(stage.world.map_T_base) < 0.05
 
 
+def test_a_map_grows_on_though_robot_time_begins_earlier(stage: Stage) -> None:
+    true_T_map = stage.map(seconds=4.0)
+    scans, seconds = stage.status.scans, stage.status.seconds
+    stage.base.restart(later_s=-5)
+    stage.drive(3.0, 0.2, 0.2)
+    stage.bus.run(1.0)
+    assert stage.status.scans > scans
+    assert stage.status.seconds > seconds
+    assert stage.pose.state == "mapping"
+    assert stage.error_m(true_T_map) < 0.05
+
+
 def test_a_map_handed_over_just_after_a_new_run_of_base_gets_the_pose_of_before(
     stage: Stage,
 ) -> None:

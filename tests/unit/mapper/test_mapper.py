@@ -357,6 +357,21 @@ def test_a_part_that_was_joined_in_a_wrong_place_is_cut_off_and_joined_in_the_ri
     assert wall_error_m(drive.mapper.grid(), world) <= 0.0708
 
 
+def test_undo_forgets_nothing_of_before_robot_time_began_earlier(make_drive: MakeDrive) -> None:
+    drive = make_drive()
+    drive.stamp_ns = 20_000_000_000
+    for _ in range(30):
+        drive.scan(vx=0.25)
+    before = drive.mapper.num_keyframes
+    drive.stamp_ns = 18_000_000_000
+    drive.mapper.begin_epoch()
+    for _ in range(30):
+        drive.scan(vx=-0.25, wz=0.5)
+    assert drive.mapper.num_keyframes > before
+    drive.mapper.undo(60.0)
+    assert drive.mapper.num_keyframes == before
+
+
 def test_undo_forgets_and_tracking_goes_on(make_drive: MakeDrive) -> None:
     drive = make_drive()
     for _ in range(60):

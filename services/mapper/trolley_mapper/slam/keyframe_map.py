@@ -150,10 +150,17 @@ class KeyframeMap:
         self.anchors.forget(self.store, [number])
         self.store.dissolve(number)
 
-    def rows_since(self, stamp_ns: int) -> list[int]:
-        """Return the rows of the keyframes taken since; the first stays: the map begins there."""
-        keyframes = self.store.keyframes
-        return [row for row, one in enumerate(keyframes) if row > 0 and one.stamp_ns >= stamp_ns]
+    def newest_rows(self, age_ns: int, now_ns: int) -> list[int]:
+        """Return the rows of the keyframes up to an age; the first stays: the map begins there.
+
+        One that seems to have been taken later than now is of a time that began later.
+        """
+        rows: list[int] = []
+        for row in range(len(self.store) - 1, 0, -1):
+            if not 0 <= now_ns - self.store.keyframes[row].stamp_ns <= age_ns:
+                break
+            rows.insert(0, row)
+        return rows
 
     def remove(self, rows: Sequence[int]) -> None:
         """Remove keyframes, given by their rows, and redraw the map."""

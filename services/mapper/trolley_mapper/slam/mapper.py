@@ -99,6 +99,7 @@ class Mapper:
         self._neighbourhood = Neighbourhood(config)
         self._back_end = BackEnd(config)
         self._latest: ScanInput | None = None
+        self._is_new_run = False
         self._is_blind = False
         # Over the part that was joined last, or begun where the robot stood, as long as it is
         # doubted; and why one was cut off.
@@ -115,8 +116,16 @@ class Mapper:
 
     # One scan.
 
+    def begin_epoch(self) -> None:
+        """Take note that base started over: its time may begin earlier than that of before."""
+        self._is_new_run = True
+
     def step(self, scan: ScanInput) -> MapEstimate | Reject:
         """Take one scan and its odometry into account."""
+        if self._is_new_run and self._latest is not None:
+            earlier_ns = min(self._latest.stamp_ns, scan.stamp_ns - 1)
+            self._latest = replace(self._latest, stamp_ns=earlier_ns)
+        self._is_new_run = False
         reject = problem_of(scan, None if self._latest is None else self._latest.stamp_ns)
         if reject is not None:
             return reject
@@ -433,14 +442,15 @@ class Mapper:
     def undo(self, seconds: float) -> Pose2D | None:
         """Remove what was mapped in the last seconds of robot time; tracking goes on.
 
-        The first keyframe stays: it is where the map begins.
+        The first keyframe stays: it is where the map begins. So does what was mapped before a new
+        run of base, whose time began earlier.
 
         Returns:
             map_T_base of the newest keyframe that is left; None when there is none.
         """
         if self._map.is_empty or self._latest is None:
             return None
-        rows = self._map.rows_since(self._latest.stamp_ns - round(seconds * 1e9))
+        rows = self._map.newest_rows(round(seconds * 1e9), self._latest.stamp_ns)
         if rows:
             self._remove(rows)
         store = self._map.store
