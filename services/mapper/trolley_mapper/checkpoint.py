@@ -32,6 +32,8 @@ class Checkpoint(Struct, frozen=True, kw_only=True):
     zone_ties: dict[str, ZoneTie] = {}
     zones_deleted: list[str] = []
     anchors: dict[str, Anchor] = {}
+    barriers: list[Zone] = []
+    in_mirrors: list[str] = []
     seconds: float = 0.0
     loops: int = 0
     is_paused: bool = False

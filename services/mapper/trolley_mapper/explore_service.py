@@ -189,7 +189,9 @@ class ExploreService:
         clearance = _clearance(robot, self._config.resolution_m)
         self._home = session.core.anchor(pose)
         self._is_wanted = False
-        explorer = Explorer(self._service.new_id(), clearance, limits, self._sees_all_round)
+        explorer = Explorer(
+            self._service.new_id(), clearance, limits, self._sees_all_round, session.barriers
+        )
         session.explore_with(explorer)
         self._set_off(explorer)
 

@@ -17,6 +17,8 @@ from trolley.zones import is_known
 from trolley_mapper.anchored_places import AnchoredPlaces
 from trolley_mapper.anchored_zones import AnchoredZones
 from trolley_mapper.checkpoint import Checkpoint
+from trolley_mapper.edit.map_transform import moved_zones
+from trolley_mapper.explore.barriers import Barriers
 from trolley_mapper.slam.estimate import MapEstimate
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
@@ -42,6 +44,7 @@ class MapSession:
         self.zones = AnchoredZones()
         self.core: Mapper | None = None
         self.explorer: Explorer | None = None
+        self.barriers = Barriers()
         self.places = AnchoredPlaces()
         self.estimate: MapEstimate | None = None
         self.seconds = 0.0
@@ -69,6 +72,7 @@ class MapSession:
             checkpoint.zones, checkpoint.zone_ties, checkpoint.zones_deleted
         )
         session.places = AnchoredPlaces(checkpoint.anchors)
+        session.barriers = Barriers(checkpoint.barriers, checkpoint.in_mirrors)
         session.seconds, session.loops = checkpoint.seconds, checkpoint.loops
         session.core = Mapper.from_bytes(config, checkpoint.core)
         if checkpoint.is_paused:
@@ -127,18 +131,16 @@ class MapSession:
     @property
     def zones_shown(self) -> list[Zone]:
         """Its zones, and lines that the robot could not get past while exploring: not saved."""
-        barriers = [] if self.explorer is None else self.explorer.barriers
-        return [*self.zones.all, *barriers]
+        return [*self.zones.all, *self.barriers.zones]
 
     @property
     def suspects(self) -> list[SuspectLine]:
         """Mirrors in which the robot has seen itself while exploring, and that nobody has drawn."""
-        seen = [] if self.explorer is None else self.explorer.mirrors
         known = [zone.points for zone in self.zones.all if zone.kind == "mirror"]
         return [
             SuspectLine(points=one.points, score=1.0)
-            for one in seen
-            if not is_known(one.points, known)
+            for one in self.barriers.zones
+            if one.name in self.barriers.in_mirrors and not is_known(one.points, known)
         ]
 
     @property
@@ -185,8 +187,7 @@ class MapSession:
 
         self.places.tie_loose(self.core)
         new_T_old = self.core.turn(job)
-        if self.explorer is not None:
-            self.explorer.turn(new_T_old)
+        self.barriers.zones = moved_zones(self.barriers.zones, new_T_old.inverse())
         if self.estimate is not None:
             self.estimate = replace(
                 self.estimate,
@@ -224,6 +225,8 @@ class MapSession:
             zone_ties=dict(self.zones.ties),
             zones_deleted=sorted(self.zones.deleted),
             anchors=dict(self.places.anchors),
+            barriers=list(self.barriers.zones),
+            in_mirrors=list(self.barriers.in_mirrors),
             seconds=self.seconds,
             loops=self.loops,
             is_paused=self.core.is_paused,

@@ -19,6 +19,7 @@ from trolley.messages.request_params import ExploreMap, MapNamed, PauseMap, Send
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import every, on
 from trolley_mapper import checkpoint
+from trolley_mapper.map_session import MapSession
 from trolley_mapper.service import MapperService
 from trolley_planner.service import PlannerService
 
@@ -95,6 +96,15 @@ class Stage:
         true_T_map = self.world.grid.origin @ START
         known = grid.values_at(true_T_map.inverse().transform_points(points))
         return float(np.count_nonzero(known == 0)) / len(known)
+
+
+def session_of(stage: Stage) -> MapSession:
+    """The map in the making."""
+    mapper = stage.bus.nodes["mapper"].service
+    assert isinstance(mapper, MapperService)
+    session = mapper._mapping.session
+    assert session is not None
+    return session
 
 
 @pytest.fixture
@@ -190,6 +200,30 @@ def test_a_mapper_that_comes_back_says_that_exploring_waits(
     stage.bus.run(1.0)
     assert stage.status.state == "mapping"
     assert "tell it to continue" in stage.status.message
+
+
+def test_a_mirror_that_was_seen_is_known_to_a_mapper_that_comes_back_and_to_who_explores_again(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint, "PERIOD_NS", 2_000_000_000)
+    zones = stage.bus.record(topics.ZONES)
+    suspects = stage.bus.record(topics.SUSPECTS)
+    stage.explore()
+    explorer = session_of(stage).explorer
+    assert explorer is not None
+    explorer._mirror = Pose2D(3.9, 0.6, 0.0)  # as if it had seen itself
+    stage.bus.run(6.0)
+    (mirror,) = zones[-1].zones
+    stage.bus.kill("mapper")
+    stage.bus.add(MapperService(stage.config))
+    stage.bus.run(3.0)
+    assert zones[-1].zones == [mirror]
+    assert [line.points for line in suspects[-1].lines] == [mirror.points]
+    stage.bus.ask(requests.MAP_EXPLORE, ExploreMap())
+    assert stage.bus.run_until(lambda: session_of(stage).explorer is not None, 5.0)
+    session = session_of(stage)
+    assert session.zones_shown == [mirror]
+    assert [line.points for line in session.suspects] == [mirror.points]
 
 
 def test_exploring_needs_a_map_in_the_making(stage: Stage) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,11 +37,17 @@ class Barriers:
 
     A mirror shows rooms behind it that grow as the robot comes near; that nothing is found there
     never ends exploring, but that the robot cannot get there does.
+
+    Args:
+        zones: barriers of a run before.
+        in_mirrors: the names of those where the robot has seen its own image.
     """
 
-    def __init__(self) -> None:
-        self.zones: list[Zone] = []
+    def __init__(self, zones: Iterable[Zone] = (), in_mirrors: Iterable[str] = ()) -> None:
+        self.zones = list(zones)
         """Lines across the way, as mirrors."""
+        self.in_mirrors = list(in_mirrors)
+        """Names of those where the robot has seen its own image."""
         self._stands: list[Pose2D] = []
         self._track: deque[Pose2D] = deque(maxlen=PARAMS.num_poses)
 

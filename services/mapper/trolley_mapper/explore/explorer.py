@@ -24,7 +24,6 @@ from trolley.gridmap import GridMap
 from trolley.messages import BaseState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
 from trolley.under_way import GOAL_GOES
-from trolley_mapper.edit.map_transform import moved_zones
 from trolley_mapper.explore import sentences
 from trolley_mapper.explore.barriers import Barriers
 from trolley_mapper.explore.exploration_goal import (
@@ -153,10 +152,16 @@ class Explorer:
         clearance: that the robot needs.
         limits: how far and how much.
         sees_all_round: whether its lidar does; else it must turn to what it wants to see.
+        barriers: of the map; new ones are added.
     """
 
     def __init__(
-        self, run: str, clearance: Clearance, limits: Limits, sees_all_round: bool = True
+        self,
+        run: str,
+        clearance: Clearance,
+        limits: Limits,
+        sees_all_round: bool = True,
+        barriers: Barriers | None = None,
     ) -> None:
         self.state: State = "exploring"
         self.reason = ""
@@ -164,12 +169,10 @@ class Explorer:
         self.clearance, self.limits = clearance, limits
         self._run, self._sees_all_round = run, sees_all_round
         self._visited = VisitedFrontiers()
-        self._barriers = Barriers()
+        self._barriers = Barriers() if barriers is None else barriers
         self._own_image = OwnImage()
         # Where a mirror was seen (`map`, x pointing into it) since the last step.
         self._mirror: Pose2D | None = None
-        # Names of the barriers where the robot has seen its own image.
-        self._in_mirrors: set[str] = set()
         self._goal: ExplorationGoal | None = None
         self._speed_mps: float | None = None
         # The frontier that was driven to last, and how much floor was known then [m^2].
@@ -200,11 +203,6 @@ class Explorer:
     def barriers(self) -> list[Zone]:
         """Lines that it takes for walls: mirrors, and where the robot could not get on."""
         return self._barriers.zones
-
-    @property
-    def mirrors(self) -> list[Zone]:
-        """Those of the barriers where the robot has seen its own image."""
-        return [one for one in self.barriers if one.name in self._in_mirrors]
 
     @property
     def num_missed(self) -> int:
@@ -341,10 +339,6 @@ class Explorer:
         self._mirror = found or self._mirror
 
     # The map.
-    def turn(self, new_T_old: Pose2D) -> None:
-        """Turn where the barriers are, as the map was turned when it was saved."""
-        self._barriers.zones = moved_zones(self.barriers, new_T_old.inverse())
-
     def wants_survey(self, now_s: float) -> bool:
         """Whether `step` needs to see the map now (robot time [s])."""
         if not self.is_under_way:
@@ -390,7 +384,7 @@ class Explorer:
         mirror, self._mirror = self._mirror, None
         if mirror is not None:
             self._barriers.lay(mirror, grid)
-            self._in_mirrors.add(self.barriers[-1].name)
+            self._barriers.in_mirrors.append(self.barriers[-1].name)
             self._surveyed_s = None
 
     def _is_lost(self, scene: Scene, now_s: float) -> bool:
