@@ -33,10 +33,16 @@ class AnchoredPlaces:
 
     Args:
         anchors: of a run before, by the name of the place.
+        saved_at: when these places had been saved, which a new pose changes, but not the mapper.
     """
 
-    def __init__(self, anchors: Mapping[str, Anchor] | None = None) -> None:
+    def __init__(
+        self,
+        anchors: Mapping[str, Anchor] | None = None,
+        saved_at: Mapping[str, str | None] | None = None,
+    ) -> None:
         self.anchors = dict(anchors or {})
+        self.saved_at = dict(saved_at or {})
         self._stored: dict[str, SavedPose] = {}
         self._moved: SavedPose | None = None
         """What is being stored, or was refused."""
@@ -51,8 +57,10 @@ class AnchoredPlaces:
             known = before.get(name)
             is_news = known is not None and place != self._moved
             was_moved = is_news and differ(known.pose, place.pose)
-            if name not in self.anchors or was_moved:
+            is_saved_anew = place.saved_at != self.saved_at.get(name, place.saved_at)
+            if name not in self.anchors or was_moved or is_saved_anew:
                 self.anchors[name] = core.anchor(place.pose)
+        self.saved_at = {name: place.saved_at for name, place in self._stored.items()}
 
     def tie_anew(self, core: MapAnchoring) -> None:
         """Tie all places to the map as it is now."""

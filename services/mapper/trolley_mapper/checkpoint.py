@@ -32,6 +32,8 @@ class Checkpoint(Struct, frozen=True, kw_only=True):
     zone_ties: dict[str, ZoneTie] = {}
     zones_deleted: list[str] = []
     anchors: dict[str, Anchor] = {}
+    saved_at: dict[str, str | None] = {}
+    """When the places had been saved that are tied to the map."""
     barriers: list[Zone] = []
     in_mirrors: list[str] = []
     seconds: float = 0.0

@@ -71,7 +71,7 @@ class MapSession:
         session.zones = AnchoredZones(
             checkpoint.zones, checkpoint.zone_ties, checkpoint.zones_deleted
         )
-        session.places = AnchoredPlaces(checkpoint.anchors)
+        session.places = AnchoredPlaces(checkpoint.anchors, checkpoint.saved_at)
         session.barriers = Barriers(checkpoint.barriers, checkpoint.in_mirrors)
         session.seconds, session.loops = checkpoint.seconds, checkpoint.loops
         session.core = Mapper.from_bytes(config, checkpoint.core)
@@ -196,10 +196,6 @@ class MapSession:
                 map_T_odom=new_T_old @ self.estimate.map_T_odom,
             )
 
-    def rename(self, name: str) -> None:
-        """Give the map the name under which it was saved."""
-        self.name = name
-
     @property
     def revision(self) -> tuple[object, ...]:
         """Differs from the previous one whenever a checkpoint would."""
@@ -225,6 +221,7 @@ class MapSession:
             zone_ties=dict(self.zones.ties),
             zones_deleted=sorted(self.zones.deleted),
             anchors=dict(self.places.anchors),
+            saved_at=dict(self.places.saved_at),
             barriers=list(self.barriers.zones),
             in_mirrors=list(self.barriers.in_mirrors),
             seconds=self.seconds,

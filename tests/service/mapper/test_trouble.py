@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.flatland import Flatland
 
 from trolley import codes, requests, topics
@@ -84,6 +85,22 @@ def test_a_mapper_that_is_killed_goes_on_with_its_map(stage: Stage) -> None:
     stage.bus.run(2.0)
     assert stage.pose.state == "localized"
     assert stage.error_m(stage.straightened(true_T_map)) < 0.08
+
+
+@pytest.mark.usefixtures("often")
+def test_a_place_that_was_moved_while_no_mapper_ran_stays_there(make_stage: MakeStage) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    poses = stage.bus.record(topics.POSES)
+    with_places(stage, 1)
+    stage.drive(KEPT_S, 0.1)
+    stage.bus.kill("mapper")
+    (place,) = poses[-1].poses
+    moved = replace(place, pose=Pose2D(0.3, 0.2, 0.0), saved_at="2026-02-03T10:00:00Z")
+    stage.ask(requests.POSES_PUT, moved)
+    stage.begin("mapper")
+    stage.drive(2.0, 0.1)
+    assert stage.status.state == "mapping"
+    assert poses[-1].poses == [moved]
 
 
 @pytest.mark.usefixtures("often")
