@@ -163,6 +163,16 @@ class MapStarter:
         """Whether a map is about to begin."""
         return self._pending is not None
 
+    def check_idle(self) -> None:
+        """Refuse while a map is being made, or is about to be.
+
+        Raises:
+            Refused: `mapping` or `not_ready`.
+        """
+        self._mapping.check_idle()
+        if self.is_waiting:
+            raise Refused(codes.MAPPING, "A map is being made; save or cancel it first.")
+
     @answers(requests.MAP_NEW)
     def begin_new(self, params: MapNamed) -> Later[MappingStatus]:
         """Begin a map where the robot stands."""
@@ -175,9 +185,7 @@ class MapStarter:
         return self._begin(MapSession(self._config.mapper, params.name, params.name), params)
 
     def _begin(self, session: MapSession, params: MapNamed) -> Later[MappingStatus]:
-        self._mapping.check_idle()
-        if self._pending is not None:
-            raise Refused(codes.MAPPING, "A map is being made; save or cancel it first.")
+        self.check_idle()
         if self._is_editing():
             raise Refused(codes.NOT_READY, "A map is being edited; try again when that is done.")
         resolution_m = self._config.mapper.resolution_m

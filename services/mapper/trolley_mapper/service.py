@@ -28,7 +28,6 @@ class MapperService(Service):
     def __init__(self, config: RobotConfig) -> None:
         self._mapping = Mapping(self, config, on_end=self._stop_exploring)
         self._explore = ExploreService(self, config.mapper, self._mapping)
-        self._editor = MapEditor(self, config, check_idle=self._mapping.check_idle)
         self._idle_since_ns = 0
         self._starter = MapStarter(
             self,
@@ -37,6 +36,7 @@ class MapperService(Service):
             is_editing=lambda: self._editor.is_editing,
             explore=self._explore.begin_when_ready,
         )
+        self._editor = MapEditor(self, config, check_idle=self._starter.check_idle)
         saver = MapSaver(self, config, self._mapping)
         wishes = ZoneWishes(self._mapping)
         self.parts = (self._starter, saver, wishes, self._explore, self._mapping, self._editor)

@@ -288,6 +288,16 @@ def test_a_map_that_is_long_in_loading_gets_its_zones_all_the_same(
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))
 
 
+def test_no_edit_begins_while_a_map_is_about_to(home: Home) -> None:
+    home.base.silent = {"scan"}
+    asks, answers = home.bus.nodes["tour"].service, []
+    asks.request(requests.MAP_EXTEND, MapNamed(name="flat"), answers.append)
+    home.bus.run(0.5)
+    assert not answers
+    turn = EditMap(name="flat", ops=[Turn(angle=0.5)])
+    assert home.refusal(requests.MAP_EDIT, turn).code == codes.MAPPING
+
+
 def test_places_that_are_not_known_are_not_left_behind(home: Home) -> None:
     before = home.files()
     home.bus.kill("tour")
