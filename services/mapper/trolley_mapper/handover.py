@@ -138,9 +138,7 @@ class MapSaver:
         name = params.name or session.name
         if name != session.extends or name == configured_name(self._config):
             check_name_is_free(self._service.maps.path, self._config, name)
-        core = session.core
-        if core is None or (core.num_keyframes == 0 and session.extends is None):
-            raise Refused(codes.NOT_READY, "Nothing has been mapped yet.")
+        core = session.mapped_core()
         session.zones.follow(core)
         # What is extended has its zones at the localizer; what was drawn since follows.
         zones = list(session.zones.all) if name != session.extends else []

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import structs
 
+from trolley import codes
+from trolley.codes import Refused
 from trolley.config import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
@@ -167,6 +169,16 @@ class MapSession:
         self.places.tie_anew(self.core)
         self.seconds = max(0.0, self.seconds - seconds)
         return left is not None
+
+    def mapped_core(self) -> "Mapper":
+        """Return the core.
+
+        Raises:
+            Refused: `not_ready` as long as nothing has been mapped.
+        """
+        if self.core is None or (self.core.num_keyframes == 0 and self.extends is None):
+            raise Refused(codes.NOT_READY, "Nothing has been mapped yet.")
+        return self.core
 
     @property
     def num_loose(self) -> int:

@@ -1,7 +1,6 @@
 """Zones that people draw while a map is being made."""
 
-from trolley import codes, requests
-from trolley.codes import Refused
+from trolley import requests
 from trolley.messages import Zone
 from trolley.messages.request_params import Named
 from trolley.runtime.service import answers
@@ -23,10 +22,9 @@ class ZoneWishes:
     def put(self, zone: Zone) -> Zone:
         """Lay a zone on the map."""
         session = self._mapping.check_may_change()
-        if session.core is None or (session.core.num_keyframes == 0 and session.extends is None):
-            raise Refused(codes.NOT_READY, "Nothing has been mapped yet.")
+        core = session.mapped_core()
         zone = check_zone(zone, zone.name)
-        session.zones.put(zone, session.core)
+        session.zones.put(zone, core)
         self._mapping.publish_zones(session)
         return zone
 
