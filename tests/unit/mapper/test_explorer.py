@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench.harness.houses import draw_house, free_poses
+from bench.mapper import perfect_robot
 from bench.mapper.perfect_robot import CLEARANCE, LIMITS, REACH_M, PerfectRobot, advance
 from numpy.typing import NDArray
 
@@ -20,7 +21,7 @@ from trolley.messages.request_params import SendGoal
 from trolley_mapper.explore import sentences
 from trolley_mapper.explore.exploration_goal import Action, Cancel, Limits, Scene, Send, Survey
 from trolley_mapper.explore.explorer import PARAMS, Explorer
-from trolley_mapper.explore.frontiers import Frontier, FrontierReport
+from trolley_mapper.explore.frontiers import Clearance, Frontier, FrontierReport
 from trolley_mapper.explore.traversable_area import lay_out_area
 
 EDGE = 0.05
@@ -370,6 +371,27 @@ def test_a_corridor_longer_than_the_lidar_sees_is_explored_to_its_end() -> None:
     robot = SeesEchoes(GridMap("corridor", EDGE, Pose2D(-0.4, -0.4, 0.0), cells), START)
     assert explored(robot).state == "done"
     assert robot.share_found() > 0.97
+
+
+@pytest.mark.parametrize(
+    ("clearance", "width_m"),
+    [
+        pytest.param(Clearance(0.245, 0.445), 0.8, id="0.5 x 0.4 m"),
+        pytest.param(Clearance(0.125, 0.571), 1.1, id="0.5 x 0.3 m about its rear axle"),
+    ],
+)
+def test_a_corridor_with_less_room_than_goals_have_elsewhere_is_explored(
+    clearance: Clearance, width_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(perfect_robot, "CLEARANCE", clearance)
+    cells = np.full((84, 250), OCCUPIED, np.int8)
+    cells[2:-2, 2:62] = cells[2:-2, 188:-2] = FREE
+    cells[12 : 12 + round(width_m / EDGE), 62:188] = FREE
+    robot = PerfectRobot(GridMap("corridor", EDGE, Pose2D.identity(), cells), Pose2D(2.0, 3.0, 0.0))
+    explorer = Explorer("run", clearance, LIMITS)
+    robot.explore(explorer)
+    assert explorer.state == "done"
+    assert robot.share_found() > 0.98
 
 
 def test_a_corner_that_is_small_and_far_is_left_out_and_said() -> None:

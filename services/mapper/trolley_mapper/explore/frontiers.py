@@ -12,6 +12,7 @@ from trolley.gridmap.kernels import spread_over
 from trolley_mapper.explore.traversable_area import TraversableArea
 from trolley_mapper.kernels.frontiers import (
     FREE,
+    NONE,
     STRAIGHT,
     UNKNOWN,
     UNREACHED,
@@ -37,6 +38,9 @@ class FrontierParams:
     """Least floor for each metre of the way that is worth it [m^2/m]."""
     num_goals: int = 8
     """Goals that are compared for each frontier."""
+    num_clearances: int = 3
+    """Number of clearances, from standing down to passing, that goals are sought with one after
+    the other: robots drive through corridors with less room than their goals have elsewhere."""
     max_step_aside_m: float = 0.6
     """Greatest distance to the begin of a path where the robot stands too near to an obstacle [m].
     """
@@ -51,7 +55,7 @@ class Clearance:
 
     Attributes:
         passing_m: from whatever it drives past [m].
-        standing_m: from whatever is round its goals [m].
+        standing_m: from whatever is round its goals, where a frontier has such a place near it [m].
     """
 
     passing_m: float
@@ -123,24 +127,24 @@ def find_frontiers(area: TraversableArea, here: Pose2D, clearance: Clearance) ->
     cost, seed = _empty(area), _empty(area)
     start = _nearest_passable(area, here, passable)
     spread_into(cost, seed, passable, start, UNREACHED // 2)
-    standing = np.flatnonzero((cost != UNREACHED) & (room_m >= clearance.standing_m)).astype(
-        np.int32
-    )
     near, goal = _empty(area), _empty(area)
     free = (area.kinds == FREE).astype(np.uint8)
-    spread_into(near, goal, free, standing, _steps(area, PARAMS.max_distance_m))
     frontiers: list[Frontier] = []
-    unreachable: list[tuple[float, float]] = []
-    for cells in _frontier_cells(area, free, clearance.width_m):
-        places = np.unique(goal.ravel()[cells])
-        places = places[places >= 0]
-        if places.size:
+    left = _frontier_cells(area, free, clearance.width_m)
+    for least_m in np.linspace(clearance.standing_m, clearance.passing_m, PARAMS.num_clearances):
+        standing = np.flatnonzero((cost != UNREACHED) & (room_m >= least_m)).astype(np.int32)
+        spread_into(near, goal, free, standing, _steps(area, PARAMS.max_distance_m))
+        pieces, left = left, []
+        for cells in pieces:
+            if (goal.ravel()[cells] == NONE).all():
+                left.append(cells)
+                continue
             found = _best_goal(area, cells, near, goal, cost)
             if found.gain_m2 >= clearance.width_m**2:
                 frontiers.append(found)
-        elif len(cells) * area.resolution >= 2.0 * clearance.width_m:
-            at = area.place(int(cells[len(cells) // 2]))
-            unreachable.append((at.x, at.y))
+    wide = [cells for cells in left if len(cells) * area.resolution >= 2.0 * clearance.width_m]
+    places = [area.place(int(cells[len(cells) // 2])) for cells in wide]
+    unreachable = [(place.x, place.y) for place in places]
     return FrontierReport(
         frontiers, unreachable, _connected_area(area, free, here), bool(start.size)
     )
