@@ -69,6 +69,7 @@ class ExploreService:
         self._is_wanted = False
         self._speed_mps: float | None = None
         self._watches: RobotWatches | None = None
+        # Where this map was first explored from.
         self._home: Anchor | None = None
         self._set_off_ns = 0
         self._is_surveying = False
@@ -95,6 +96,7 @@ class ExploreService:
     def end(self) -> None:
         """Drive nowhere any more: the map is finished."""
         self.stop()
+        self._home = None
         if self._watches is not None:
             self._watches.close()
             self._watches = None
@@ -187,7 +189,7 @@ class ExploreService:
 
         limits = Limits(self._config.explore_radius_m, self._config.explore_area_m2)
         clearance = _clearance(robot, self._config.resolution_m)
-        self._home = session.core.anchor(pose)
+        self._home = self._home or session.core.anchor(pose)
         self._is_wanted = False
         explorer = Explorer(
             self._service.new_id(), clearance, limits, self._sees_all_round, session.barriers

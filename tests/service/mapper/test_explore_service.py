@@ -127,6 +127,18 @@ def test_two_rooms_are_found_and_the_robot_comes_back(stage: Stage) -> None:
     assert stage.status.area == pytest.approx(10.5, abs=1.5)
 
 
+def test_exploring_once_more_ends_where_it_first_began(stage: Stage) -> None:
+    stage.explore()
+    assert stage.bus.run_until(lambda: stage.status.exploring == "done", 150.0)
+    stage.bus.ask(requests.GOAL_SEND, SendGoal(id="mine", pose=Pose2D(0.8, 0.4, 0.0), frame="map"))
+    assert stage.bus.run_until(lambda: stage.goals[-1].state == "arrived", 30.0)
+    assert stage.world.pose.distance_to(START) > 0.6
+    stage.bus.ask(requests.MAP_EXPLORE)
+    assert stage.bus.run_until(lambda: stage.status.exploring == "exploring", 5.0)
+    assert stage.bus.run_until(lambda: stage.status.exploring == "done", 60.0)
+    assert stage.world.pose.distance_to(START) < 0.25
+
+
 def test_it_stands_after_a_hand_on_the_robot_until_it_is_told(stage: Stage) -> None:
     stage.explore()
     stage.base.say("ok", "teleop")

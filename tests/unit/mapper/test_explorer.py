@@ -310,6 +310,25 @@ def test_a_planner_that_is_not_ready_is_asked_again_for_a_while() -> None:
     assert (explorer.state, explorer.reason) == ("paused", codes.NOT_READY)
 
 
+@pytest.mark.parametrize(("opens_after_s", "message"), [(40.0, "is back"), (1e9, "could not")])
+def test_home_is_tried_for_a_while_where_something_stands_in_the_way(
+    opens_after_s: float, message: str
+) -> None:
+    shut_s: list[float] = []
+
+    def is_shut(goal: SendGoal) -> bool:
+        if goal.pose == START:
+            shut_s.append(robot.now_s)
+        return goal.pose == START and robot.now_s - shut_s[0] < opens_after_s
+
+    robot = PerfectRobot(two_rooms(), START, fails=is_shut)
+    explorer = explored(robot)
+    assert explorer.state == "done"
+    assert message in explorer.message
+    assert shut_s[-1] - shut_s[0] < PARAMS.wait_s + 5.0
+    assert len(shut_s) <= PARAMS.wait_s / PARAMS.survey_period_s + 2
+
+
 def test_a_goal_that_takes_too_long_is_given_up() -> None:
     robot, explorer = PerfectRobot(two_rooms(), START), make_explorer()
     explorer.begin(None, None)

@@ -84,7 +84,7 @@ class ExplorerParams:
     answer_s: float = 5.0
     """Silence after which a goal is sent again [s]."""
     wait_s: float = 60.0
-    """Time to wait for a planner, or for a pose [s]."""
+    """Time to wait for a planner, or for the path home to become free [s]."""
     start_s: float = 15.0
     """Time within which the map must show somewhere to go [s]."""
     min_area_m2: float = 1.0
@@ -124,7 +124,6 @@ class Progress:
     """Wide frontiers without a path to them, once no other is left."""
     num_left_out: int = 0
     """Small frontiers that were not worth the way, once no other is left."""
-    has_failed_home: bool = False
 
     def update(self, area_m2: float) -> None:
         """Take in how much floor there is."""
@@ -265,7 +264,7 @@ class Explorer:
         elif refused.code == codes.STOPPED:
             self._pause_for(codes.STOPPED)
         else:
-            self._fail(refused.code, refused.message)
+            self._fail(refused.code, refused.message, now_s)
 
     def hear_goal(self, status: GoalStatus, now_s: float) -> None:
         """React to what the planner says of its goal."""
@@ -273,7 +272,7 @@ class Explorer:
         if goal is not None and status.id == goal.id:
             goal.heard_s = now_s
             self._since.pop("refused", None)
-            self._hear_own(goal, status)
+            self._hear_own(goal, status, now_s)
         elif status.id is None or status.state not in GOAL_GOES:
             return
         elif status.id.startswith(f"map-{self._run}-"):
@@ -283,12 +282,12 @@ class Explorer:
             self._others.goal = status.id
             self._pause_for(codes.OTHER_GOAL)
 
-    def _hear_own(self, goal: ExplorationGoal, status: GoalStatus) -> None:
+    def _hear_own(self, goal: ExplorationGoal, status: GoalStatus, now_s: float) -> None:
         match status.state:
             case "arrived":
                 self._arrive(goal)
             case "failed":
-                self._fail(status.reason, status.message)
+                self._fail(status.reason, status.message, now_s)
             case "paused":
                 self._pause_for(status.reason or codes.PAUSED)
             case "canceled":
@@ -306,7 +305,7 @@ class Explorer:
         else:
             self._visited.find_or_add(goal.frontier.x, goal.frontier.y).arrivals += 1
 
-    def _fail(self, code: str, why: str) -> None:
+    def _fail(self, code: str, why: str, now_s: float) -> None:
         """Note that a goal failed; where all of them do, the robot itself is stuck."""
         goal, self._goal = self._goal, None
         if goal is None:
@@ -316,10 +315,8 @@ class Explorer:
             self._visited.find_or_add(goal.frontier.x, goal.frontier.y).failures += 1
             if self._progress.num_failed_in_row >= PARAMS.max_failed:
                 self.pause(code, sentences.stuck(why))
-        elif self._progress.has_failed_home:
+        elif self._lasts("shut out", now_s) > PARAMS.wait_s:
             self._finish(sentences.not_home(why))
-        else:
-            self._progress.has_failed_home = True
 
     def _pause_for(self, reason: str) -> None:
         """Pause for a reason of this program's or of the planner's."""
@@ -344,7 +341,9 @@ class Explorer:
         if not self.is_under_way:
             return False
         is_due = self._surveyed_s is None or now_s - self._surveyed_s >= PARAMS.survey_period_s
-        return self._goal is None or (is_due and self._goal.frontier is not None)
+        if self.state == "homing":
+            return self._goal is None and is_due
+        return self._goal is None or is_due
 
     def step(self, scene: Scene, survey: Survey | None, now_s: float) -> None:
         """Choose where to drive, or go on.
@@ -367,12 +366,12 @@ class Explorer:
                 self._choose(scene, survey, now_s)
         elif now_s - goal.sent_s > goal.limit_s:
             self._actions.append(Cancel(goal.id))
-            self._fail(codes.TIMEOUT, sentences.TOO_LONG)
+            self._fail(codes.TIMEOUT, sentences.TOO_LONG, now_s)
         elif goal.standing_s(scene.pose, PARAMS.stand_m, now_s) > PARAMS.stand_s:
             if goal.frontier is not None and goal.goal.pose is not None:
                 self._barriers.add(scene.pose, goal.goal.pose, self.clearance.passing_m, scene.grid)
             self._actions.append(Cancel(goal.id))
-            self._fail(codes.TIMEOUT, sentences.STOOD)
+            self._fail(codes.TIMEOUT, sentences.STOOD, now_s)
         elif now_s - goal.heard_s > PARAMS.answer_s:
             goal.heard_s = now_s
             self._actions.append(Send(goal.goal))
