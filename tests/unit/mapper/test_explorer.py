@@ -23,6 +23,7 @@ from trolley_mapper.explore.exploration_goal import Action, Cancel, Limits, Scen
 from trolley_mapper.explore.explorer import PARAMS, Explorer
 from trolley_mapper.explore.frontiers import Clearance, Frontier, FrontierReport
 from trolley_mapper.explore.traversable_area import lay_out_area
+from trolley_mapper.kernels.frontiers import BLOCKED
 
 EDGE = 0.05
 START = Pose2D(1.0, 1.0, 0.0)
@@ -117,6 +118,22 @@ def test_a_mirror_on_the_map_is_a_wall() -> None:
     robot = PerfectRobot(two_rooms(), START, (door,))
     explored(robot)
     assert max(pose.x for pose in robot.track) < 3.0
+
+
+def test_of_a_mirror_without_end_only_what_lies_on_the_map_is_drawn() -> None:
+    ends = ((9.0, 9.0), (1e12, 1e12))
+    first, far = (
+        lay_out_area(
+            two_rooms(),
+            [Zone(name="mirror", kind="mirror", points=[(-9.0, -9.0), end])],
+            START,
+            CLEARANCE.passing_m,
+            (START, LIMITS.radius_m),
+        )
+        for end in ends
+    )
+    assert np.array_equal(first.kinds, far.kinds)
+    assert first.kinds[first.kinds.shape[0] // 2, first.kinds.shape[0] // 2] == BLOCKED
 
 
 def test_what_a_glass_door_shows_is_explored_no_farther_than_allowed() -> None:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
 from trolley.gridmap import GridMap
+from trolley.gridmap.segments import draw_segments, line_segments
 from trolley.messages import Zone
+from trolley.zones import LINE_KINDS
 from trolley_mapper.kernels.frontiers import BLOCKED, FREE, UNKNOWN
 
 MARGIN_CELLS = 2
@@ -75,11 +77,11 @@ def lay_out_area(
     kinds[(kinds == UNKNOWN) & _disc(area, here, radius_m)] = FREE
     kinds[part.occupied_mask() != 0] = BLOCKED
     kinds[~_disc(area, *within)] = BLOCKED
+    lines = [zone.points for zone in zones if zone.kind in LINE_KINDS]
+    draw_segments(kinds, line_segments(lines, area.map_T_area.inverse()), edge, BLOCKED)
     for zone in zones:
         points = np.array(zone.points, np.float64)
-        if zone.kind in ("mirror", "glass"):
-            _block_line(area, points)
-        elif zone.kind == "keepout" and not polygon_contains(points, here.as_array()[None, :2])[0]:
+        if zone.kind == "keepout" and not polygon_contains(points, here.as_array()[None, :2])[0]:
             _block_polygon(area, points)
     return area
 
@@ -104,26 +106,9 @@ def _disc(area: TraversableArea, centre: Pose2D, radius_m: float) -> NDArray[np.
     return np.asarray(away <= radius_m / area.resolution)
 
 
-def _points_in_cells(area: TraversableArea, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (n, 2) of the map along columns and rows [cells]."""
-    return area.map_T_area.inverse().transform_points(points) / area.resolution
-
-
-def _block_line(area: TraversableArea, points: NDArray[np.float64]) -> None:
-    """Block the cells that a polyline passes."""
-    rows, cols = area.kinds.shape
-    corners = _points_in_cells(area, points)
-    for start, step in zip(corners[:-1], np.diff(corners, axis=0), strict=True):
-        count = max(2, math.ceil(4.0 * float(np.linalg.norm(step))) + 1)
-        passed = np.floor(start + np.linspace(0.0, 1.0, count)[:, None] * step).astype(np.int64)
-        col, row = passed[:, 0], passed[:, 1]
-        inside = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
-        area.kinds[row[inside], col[inside]] = BLOCKED
-
-
 def _block_polygon(area: TraversableArea, points: NDArray[np.float64]) -> None:
     """Block the cells whose centres lie in a polygon."""
-    corners = _points_in_cells(area, points)
+    corners = area.map_T_area.inverse().transform_points(points) / area.resolution
     left, low = (max(math.floor(float(value)), 0) for value in corners.min(axis=0))
     right, high = (math.ceil(float(value)) for value in corners.max(axis=0))
     part = area.kinds[low : max(high, low), left : max(right, left)]
