@@ -145,10 +145,11 @@ def test_what_a_glass_door_shows_is_explored_no_farther_than_allowed() -> None:
     assert max(math.hypot(pose.x, pose.y) for pose in robot.track) < 4.0
 
 
-def test_enough_floor_ends_it() -> None:
+def test_enough_floor_ends_it_and_is_told() -> None:
     robot = PerfectRobot(draw_house(10.0, 3), Pose2D(2.0, 2.0, 0.0))
     explorer = explored(robot, Limits(radius_m=30.0, area_m2=20.0))
     assert explorer.state == "done"
+    assert ", all that [mapper] explore_area_m2 allows" in explorer.message
     assert robot.pose.distance_to(robot.home) < 0.2
 
 
@@ -439,7 +440,7 @@ def test_a_corner_that_is_small_and_far_is_left_out_and_said() -> None:
     assert near.is_worth_the_way
     assert not replace(near, distance_m=9.0).is_worth_the_way
     assert replace(near, distance_m=9.0, gain_m2=2.0).is_worth_the_way
-    assert "1 small corner left out" in sentences.explored(84.0, 0, sentences.AT_HOME, 1)
+    assert "1 small corner left out" in sentences.found(84.0, 0, 1)
 
 
 @pytest.mark.parametrize(("step_m", "is_driven_to"), [(0.1, True), (0.6, False)])

@@ -124,6 +124,8 @@ class Progress:
     """Wide frontiers without a path to them, once no other is left."""
     num_left_out: int = 0
     """Small frontiers that were not worth the way, once no other is left."""
+    is_enough: bool = False
+    """Whether no more floor may be explored although there is some."""
 
     def update(self, area_m2: float) -> None:
         """Take in how much floor there is."""
@@ -424,12 +426,12 @@ class Explorer:
                 self.pause(codes.IN_OBSTACLE, sentences.SHUT_IN)
                 return
         self._since.pop("shut in", None)
-        is_enough = report.area_m2 >= self.limits.area_m2
+        is_enough = best is not None and report.area_m2 >= self.limits.area_m2
         if best is None or is_enough or self._progress.num_barren >= PARAMS.max_barren:
+            self._progress.is_enough = is_enough
             self._progress.num_unreachable = self._count_unreachable(report)
             self._progress.num_left_out = sum(not one.is_worth_the_way for one in report.frontiers)
-            said = sentences.going_home(self.area_m2, self.num_missed, self._progress.num_left_out)
-            self._set("homing", "", said)
+            self._set("homing", "", f"{self._found}. {sentences.GOES_HOME}")
             self._go_home(survey.area, scene, now_s)
         else:
             self._send(best.goal, best, scene.pose, best.distance_m, now_s)
@@ -520,9 +522,12 @@ class Explorer:
 
     def _finish(self, home: str) -> None:
         self._goal = None
-        left_out = self._progress.num_left_out
-        said = sentences.explored(self.area_m2, self.num_missed, home, left_out)
-        self._set("done", "", said)
+        self._set("done", "", f"{self._found}. {home}")
+
+    @property
+    def _found(self) -> str:
+        left_out, is_enough = self._progress.num_left_out, self._progress.is_enough
+        return sentences.found(self.area_m2, self.num_missed, left_out, is_enough)
 
     def _lasts(self, what: str, now_s: float) -> float:
         """Return for how long something lasts [s], which begins now if it did not before."""

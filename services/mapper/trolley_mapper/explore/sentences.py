@@ -3,6 +3,7 @@
 from trolley import codes
 
 BEGINS = "The robot is exploring."
+GOES_HOME = "It is driving back to where it began."
 AT_HOME = "It is back where it began."
 TOO_LONG = "It took too long."
 STOOD = "It did not get on, although the map shows nothing in its way."
@@ -29,14 +30,13 @@ def exploring(area_m2: float, num_frontiers: int) -> str:
     return f"{BEGINS[:-1]}: {area_m2:.0f} m² so far, {_places(num_frontiers)} left to look at."
 
 
-def going_home(area_m2: float, num_missed: int, num_left_out: int = 0) -> str:
-    """Say that it is on its way back."""
-    return f"{_found(area_m2, num_missed, num_left_out)}. It is driving back to where it began."
-
-
-def explored(area_m2: float, num_missed: int, home: str, num_left_out: int = 0) -> str:
-    """Say what came of it; `home` is a sentence of its own."""
-    return f"{_found(area_m2, num_missed, num_left_out)}. {home}"
+def found(area_m2: float, num_missed: int, num_left_out: int = 0, is_enough: bool = False) -> str:
+    """Say what was explored, without a full stop; `is_enough` if no more was allowed."""
+    enough = ", all that [mapper] explore_area_m2 allows" if is_enough else ""
+    missed = f", {_places(num_missed)} could not be reached" if num_missed else ""
+    corners = "corner" if num_left_out == 1 else "corners"
+    left_out = f", {num_left_out} small {corners} left out" if num_left_out else ""
+    return f"Explored: {area_m2:.0f} m²{enough}{missed}{left_out}"
 
 
 def not_home(why: str) -> str:
@@ -52,13 +52,6 @@ def stuck(why: str) -> str:
 def paused(why: str) -> str:
     """Say why it does not go on."""
     return f"Exploring is paused: {_lowered(why)}"
-
-
-def _found(area_m2: float, num_missed: int, num_left_out: int) -> str:
-    missed = f", {_places(num_missed)} could not be reached" if num_missed else ""
-    corners = "corner" if num_left_out == 1 else "corners"
-    left_out = f", {num_left_out} small {corners} left out" if num_left_out else ""
-    return f"Explored: {area_m2:.0f} m²{missed}{left_out}"
 
 
 def _places(count: int) -> str:
