@@ -122,17 +122,14 @@ def find_frontiers(area: TraversableArea, here: Pose2D, clearance: Clearance) ->
         here: map_T_base.
         clearance: that the robot needs.
     """
-    room_m = distance_transform((area.kinds != FREE).astype(np.uint8), area.resolution)
-    passable = (room_m >= clearance.passing_m).astype(np.uint8)
-    cost, seed = _empty(area), _empty(area)
-    start = _nearest_passable(area, here, passable)
-    spread_into(cost, seed, passable, start, UNREACHED // 2)
+    room_m, cost = _paths_from(area, here, clearance)
+    is_reached = cost != UNREACHED
     near, goal = _empty(area), _empty(area)
     free = (area.kinds == FREE).astype(np.uint8)
     frontiers: list[Frontier] = []
     left = _frontier_cells(area, free, clearance.width_m)
     for least_m in np.linspace(clearance.standing_m, clearance.passing_m, PARAMS.num_clearances):
-        standing = np.flatnonzero((cost != UNREACHED) & (room_m >= least_m)).astype(np.int32)
+        standing = np.flatnonzero(is_reached & (room_m >= least_m)).astype(np.int32)
         spread_into(near, goal, free, standing, _steps(area, PARAMS.max_distance_m))
         pieces, left = left, []
         for cells in pieces:
@@ -146,7 +143,7 @@ def find_frontiers(area: TraversableArea, here: Pose2D, clearance: Clearance) ->
     places = [area.place(int(cells[len(cells) // 2])) for cells in wide]
     unreachable = [(place.x, place.y) for place in places]
     return FrontierReport(
-        frontiers, unreachable, _connected_area(area, free, here), bool(start.size)
+        frontiers, unreachable, _connected_area(area, free, here), bool(is_reached.any())
     )
 
 
@@ -154,13 +151,21 @@ def path_length_to(
     area: TraversableArea, here: Pose2D, there: Pose2D, clearance: Clearance
 ) -> float | None:
     """Return the length of the path to a place [m], None if there is none."""
+    _, cost = _paths_from(area, here, clearance)
+    end = _nearest_passable(area, there, cost != UNREACHED)
+    return float(cost.ravel()[end[0]]) * area.resolution / STRAIGHT if end.size else None
+
+
+def _paths_from(
+    area: TraversableArea, here: Pose2D, clearance: Clearance
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return how far each cell is from what is not free [m], and what the path to it costs."""
     room_m = distance_transform((area.kinds != FREE).astype(np.uint8), area.resolution)
-    passable = (room_m >= clearance.passing_m).astype(np.uint8)
+    passable = room_m >= clearance.passing_m
     cost, seed = _empty(area), _empty(area)
-    spread_into(cost, seed, passable, _nearest_passable(area, here, passable), UNREACHED // 2)
-    ends = _nearest_passable(area, there, passable)
-    reached = int(cost.ravel()[ends].min()) if ends.size else UNREACHED
-    return None if reached == UNREACHED else reached * area.resolution / STRAIGHT
+    start = _nearest_passable(area, here, passable)
+    spread_into(cost, seed, passable.astype(np.uint8), start, UNREACHED // 2)
+    return room_m, cost
 
 
 def _empty(area: TraversableArea) -> NDArray[np.int32]:
@@ -179,16 +184,16 @@ def _cell_of(area: TraversableArea, pose: Pose2D) -> int | None:
 
 
 def _nearest_passable(
-    area: TraversableArea, here: Pose2D, passable: NDArray[np.uint8]
+    area: TraversableArea, place: Pose2D, passable: NDArray[np.bool_]
 ) -> NDArray[np.int32]:
-    """Return the passable cell nearest to the robot over free floor; none if it is boxed in."""
-    cell = _cell_of(area, here)
+    """Return the passable cell nearest to a place over free floor; none if it is boxed in."""
+    cell = _cell_of(area, place)
     if cell is None:
         return np.empty(0, np.int32)
     cost, seed = _empty(area), _empty(area)
     free = (area.kinds == FREE).astype(np.uint8)
     spread_into(cost, seed, free, np.array([cell], np.int32), _steps(area, PARAMS.max_step_aside_m))
-    reached = np.flatnonzero((cost != UNREACHED) & (passable != 0))
+    reached = np.flatnonzero((cost != UNREACHED) & passable)
     if not reached.size:
         return np.empty(0, np.int32)
     return reached[[int(np.argmin(cost.ravel()[reached]))]].astype(np.int32)
