@@ -44,8 +44,9 @@ class TourService(Service):
         history = TripHistory(self, problems, float(tour.history_days))
         photos = StopPhotos(self, tour.photos_mb * 1_000_000)
         report = TripReport(self, history, photos, charge)
-        params = params_of(tour)
-        trips = self._trips = TripRunner(self, files, robot, places, tours, report, params)
+        trips = self._trips = TripRunner(
+            self, files, robot, places, tours, report, problems, params_of(tour)
+        )
         self.parts = (
             Offers(self, robot, places, trips, charge),
             Drawings(self),
@@ -53,7 +54,7 @@ class TourService(Service):
             ReturnHome(self, robot, places, trips, charge, problems, battery),
             trips,
             report,
-            Scheduler(self, tours, trips, charge),
+            Scheduler(self, tours, trips, charge, problems),
             history,
             photos,
             places,

@@ -1,4 +1,4 @@
-"""The history of trips, and the schedule."""
+"""The history of trips."""
 
 import contextlib
 import sqlite3
@@ -10,9 +10,8 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import PastTrip, ScheduleEntry, Stop, Tour
+from trolley.messages import PastTrip
 from trolley.messages.request_params import AskHistory
-from trolley.messages.touring import Day
 from trolley_tour.trips import history_file
 
 if TYPE_CHECKING:
@@ -162,56 +161,3 @@ def test_times_are_told_where_the_clock_is_synchronised(home: "Home", monkeypatc
     assert past.results[0].started_at == "2026-11-02T07:29:50Z"
     later = AskHistory(since="2026-11-02T08:00:00+00:00")
     assert home.lockstep.ask(requests.TOUR_HISTORY, later) == []
-
-
-@pytest.fixture
-def berlin(monkeypatch):
-    """Local time is that of Berlin."""
-    import time
-
-    monkeypatch.setenv("TZ", "Europe/Berlin")
-    time.tzset()
-    yield
-    monkeypatch.undo()
-    time.tzset()
-
-
-def put_scheduled(home: "Home", at: str, *days: Day) -> None:
-    schedule = [ScheduleEntry(days=list(days), at=at)]
-    tour = Tour(name="morning", stops=[Stop(name="kitchen")], schedule=schedule)
-    home.lockstep.ask(requests.TOURS_PUT, tour)
-
-
-def set_clock(home: "Home", monkeypatch, utc: str | None) -> None:
-    monkeypatch.setattr(type(home.tour), "utc_now", lambda _: utc)
-    home.lockstep.run(2.0)
-
-
-@pytest.mark.usefixtures("berlin")
-def test_scheduled_tour_starts_once_in_its_minute_of_local_time(home: "Home", monkeypatch):
-    put_scheduled(home, "08:30", "mon")
-    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")  # a Monday, an hour behind Berlin
-    assert home.status.state == "idle"
-    set_clock(home, monkeypatch, "2026-11-02T07:30:05Z")
-    assert (home.status.state, home.status.name) == ("driving", "morning")
-    home.lockstep.run(40.0)
-    assert home.status.state == "done"
-    assert len(home.planner.ids) == 1
-
-
-@pytest.mark.usefixtures("berlin")
-def test_scheduled_tour_does_not_push_another_aside(home: "Home", monkeypatch):
-    put_scheduled(home, "08:30")
-    trip = home.start("corridor", "entrance").trip
-    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")
-    set_clock(home, monkeypatch, "2026-11-02T07:30:05Z")
-    assert home.status.trip == trip
-    assert home.lockstep.counters("tour")["schedule/busy"] == 1
-
-
-@pytest.mark.usefixtures("berlin")
-def test_without_a_synchronised_clock_nothing_starts(home: "Home", monkeypatch):
-    put_scheduled(home, "08:30")
-    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")
-    set_clock(home, monkeypatch, None)
-    assert home.status.state == "idle"

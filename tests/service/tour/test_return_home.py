@@ -266,7 +266,7 @@ def test_a_scheduled_tour_waits_for_a_charged_battery(
         monkeypatch.setattr(type(housed.tour), "utc_now", lambda _, now=now: now)
         live(housed, 3, 0.1)
     assert housed.planner.sent == []
-    assert housed.lockstep.counters("tour")["schedule/low_battery"] == 1
+    assert housed.lockstep.counters("tour")["schedule/skipped"] == 1
 
 
 def test_a_robot_with_a_low_battery_does_not_offer_itself(home: "Home") -> None:

@@ -78,12 +78,14 @@ class TripRecord(Struct, kw_only=True):
     """The trip that waits, paused, for the end of this one."""
     speed: float | None = None
     """It is driven at this speed at most [m/s]; null for as fast as the robot drives."""
+    paused_at: str | None = None
+    """Since when it has been paused, as UTC; null if it is not, or the time is not known yet."""
 
-    SCHEMA: ClassVar[int] = 2
+    SCHEMA: ClassVar[int] = 3
 
     @classmethod
     def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
-        """Return the content of a file of schema 1: it knew no speed."""
+        """Return the content of an older file: schema 1 knew no `speed`, 2 no `paused_at`."""
         del schema
         return plain
 

@@ -8,6 +8,7 @@ from trolley.messages import BaseState, GoalStatus, Tour, TourStatus
 from trolley.messages.request_params import Nothing, StartTour, WhichGoal
 from trolley.runtime.service import Service, answers, every
 from trolley_tour import sentences
+from trolley_tour.problems import Problems
 from trolley_tour.robot_state import RobotState
 from trolley_tour.state_files import StateFiles
 from trolley_tour.stored.checks import checked_tour
@@ -20,6 +21,8 @@ from trolley_tour.trips.trip import Trip
 from trolley_tour.trips.trip_params import TripParams
 
 TRIP_FILE = "trip.toml"
+SKIPPED = "schedule"
+"""The problem that a tour was due and skipped; it is over once one is started."""
 
 
 class TripRunner:
@@ -37,6 +40,7 @@ class TripRunner:
         places: Places,
         tours: Tours,
         report: TripReport,
+        problems: Problems,
         params: TripParams,
     ) -> None:
         self._service = service
@@ -45,6 +49,7 @@ class TripRunner:
         self._places = places
         self._tours = tours
         self._report = report
+        self._problems = problems
         self._params = params
         self._trip: Trip | None = None
         self._epoch_ns: int | None = None
@@ -136,6 +141,7 @@ class TripRunner:
         if self._trip is not None and self.is_busy:
             self._trip.stop(self._moment, codes.REPLACED, "Another trip was started.")
             self._carry_out()
+        self._problems.set(SKIPPED, None)
         return self._set_off(tour, speed=speed)
 
     def begin_way_home(self, tour: Tour, charge: float) -> None:

@@ -8,10 +8,13 @@ from trolley.messages import Tour
 from trolley.messages.touring import Day
 from trolley.runtime.service import Service, every
 from trolley_tour.charge_monitor import ChargeMonitor
+from trolley_tour.problems import Problems
 from trolley_tour.stored.checks import parse_utc
 from trolley_tour.stored.tours import Tours
-from trolley_tour.trips.runner import TripRunner
+from trolley_tour.trips.runner import SKIPPED, TripRunner
 
+LONGEST_PAUSE = datetime.timedelta(minutes=30)
+"""A trip that has been paused for longer gives way: nobody is about to go on with it."""
 _DAYS: tuple[str, ...] = get_args(Day)
 
 
@@ -51,12 +54,18 @@ class Scheduler:
     """Looks each second what is due, once the host's clock is synchronised."""
 
     def __init__(
-        self, service: Service, tours: Tours, trips: TripRunner, charge: ChargeMonitor
+        self,
+        service: Service,
+        tours: Tours,
+        trips: TripRunner,
+        charge: ChargeMonitor,
+        problems: Problems,
     ) -> None:
         self._service = service
         self._tours = tours
         self._trips = trips
         self._charge = charge
+        self._problems = problems
         self._minutes = Minutes()
 
     @every(1.0, clock="local")
@@ -67,17 +76,30 @@ class Scheduler:
             return
         minute = self._minutes.next(moment.astimezone())
         for tour in [] if minute is None else tours_due(self._tours.items.values(), minute):
-            self._start(tour)
+            self._start(tour, moment.astimezone())
 
-    def _start(self, tour: Tour) -> None:
-        """Start a tour, unless the battery is low or a trip is under way or paused."""
-        log = self._service.log
-        if self._charge.is_low:
-            self._service.count("schedule/low_battery")
-            log.warning("A tour was due but the battery is low", tour=tour.name)
-        elif self._trips.is_busy:
-            self._service.count("schedule/busy")
-            log.warning("A tour was due but another trip is not over", tour=tour.name)
-        else:
-            log.info("A tour is due", tour=tour.name)
+    def _start(self, tour: Tour, now: datetime.datetime) -> None:
+        """Start a tour, or say why not until another one is started."""
+        obstacle = self._obstacle(now)
+        if not obstacle:
+            self._service.log.info("A tour is due", tour=tour.name)
             self._trips.begin(tour)
+            return
+        due = f"{now:%Y-%m-%d at %H:%M}"
+        sentence = f"The tour “{tour.name}”, due on {due}, was skipped: {obstacle}."
+        self._service.count("schedule/skipped")
+        self._service.log.warning(sentence)
+        self._problems.set(SKIPPED, sentence)
+
+    def _obstacle(self, now: datetime.datetime) -> str:
+        """What keeps a tour from starting, in words, "" if nothing does."""
+        if self._charge.is_low:
+            return "the battery was low"
+        trip = self._trips.record
+        if trip is None or trip.is_over:
+            return ""
+        if trip.is_under_way:
+            return "another tour was under way"
+        paused_at = parse_utc(trip.paused_at or "")
+        is_left = paused_at is not None and now - paused_at > LONGEST_PAUSE
+        return "" if is_left else "another tour was paused"

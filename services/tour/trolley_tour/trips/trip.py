@@ -302,10 +302,12 @@ class Trip:
     # Time.
     def tick(self, at: Moment) -> None:
         """Let time pass: dwell, wait, time out, ask again."""
-        step_s = self._step(at)
-        if self.is_held or not self.record.is_under_way:
+        step_s, record = self._step(at), self.record
+        if record.state == "paused" and record.paused_at is None and at.utc is not None:
+            record.paused_at, self.needs_saving = at.utc, True
+        if self.is_held or not record.is_under_way:
             return
-        self.record.seconds += step_s
+        record.seconds += step_s
         match self._phase:
             case Dwelling(left_s):
                 self._phase = Dwelling(left_s - step_s)
@@ -460,7 +462,8 @@ class Trip:
     def _tell(self, state: TripState, reason: str, message: str) -> None:
         """Set what the record says, which is saved where the state changes."""
         record = self.record
-        self.needs_saving |= state != record.state
+        if state != record.state:
+            record.paused_at, self.needs_saving = None, True
         record.state, record.reason, record.message = state, reason, message
 
 

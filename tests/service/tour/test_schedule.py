@@ -1,0 +1,158 @@
+"""Tours that start by themselves, and what keeps them from it."""
+
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+import pytest
+
+from trolley import requests, topics
+from trolley.messages import ScheduleEntry, Stop, Tour
+from trolley.messages.touring import Day
+
+if TYPE_CHECKING:
+    from .conftest import Home
+
+DUE = datetime(2026, 11, 2, 7, 30, 5, tzinfo=UTC)
+"""A Monday, at half past eight in Berlin."""
+
+
+@pytest.fixture
+def berlin(monkeypatch):
+    """Local time is that of Berlin."""
+    import time
+
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
+def put_scheduled(home: "Home", at: str, *days: Day) -> None:
+    schedule = [ScheduleEntry(days=list(days), at=at)]
+    tour = Tour(name="morning", stops=[Stop(name="kitchen")], schedule=schedule)
+    home.lockstep.ask(requests.TOURS_PUT, tour)
+
+
+def set_clock(home: "Home", monkeypatch, utc: str | None) -> None:
+    monkeypatch.setattr(type(home.tour), "utc_now", lambda _: utc)
+    home.lockstep.run(2.0)
+
+
+@pytest.mark.usefixtures("berlin")
+def test_scheduled_tour_starts_once_in_its_minute_of_local_time(home: "Home", monkeypatch):
+    put_scheduled(home, "08:30", "mon")
+    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")  # a Monday, an hour behind Berlin
+    assert home.status.state == "idle"
+    set_clock(home, monkeypatch, "2026-11-02T07:30:05Z")
+    assert (home.status.state, home.status.name) == ("driving", "morning")
+    home.lockstep.run(40.0)
+    assert home.status.state == "done"
+    assert len(home.planner.ids) == 1
+
+
+@pytest.mark.usefixtures("berlin")
+def test_scheduled_tour_does_not_push_another_aside(home: "Home", monkeypatch):
+    put_scheduled(home, "08:30")
+    trip = home.start("corridor", "entrance").trip
+    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")
+    set_clock(home, monkeypatch, "2026-11-02T07:30:05Z")
+    assert home.status.trip == trip
+    assert home.lockstep.counters("tour")["schedule/skipped"] == 1
+
+
+@pytest.mark.usefixtures("berlin")
+def test_without_a_synchronised_clock_nothing_starts(home: "Home", monkeypatch):
+    put_scheduled(home, "08:30")
+    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")
+    set_clock(home, monkeypatch, None)
+    assert home.status.state == "idle"
+
+
+def let_come_due(home: "Home", monkeypatch: pytest.MonkeyPatch, due: datetime = DUE) -> None:
+    """Let half a minute before and the moment itself come."""
+    for moment in (due - timedelta(seconds=30), due):
+        set_clock(home, monkeypatch, moment.isoformat())
+
+
+def health(home: "Home") -> tuple[str, str]:
+    heard = home.lockstep.record(topics.HEALTH, "tour")
+    home.lockstep.run(2.0)
+    return heard[-1].state, heard[-1].message
+
+
+def pause(home: "Home") -> None:
+    home.lockstep.ask(requests.TOUR_PAUSE)
+
+
+def stop_and_let_go(home: "Home") -> None:
+    home.base.say(mode="stopped")
+    home.lockstep.run(0.3)
+    home.base.say()
+
+
+def take_the_joystick_and_let_go(home: "Home") -> None:
+    home.base.say(source="teleop")
+    home.lockstep.run(0.3)
+    home.base.say()
+
+
+@pytest.mark.usefixtures("berlin")
+@pytest.mark.parametrize("interrupt", [pause, stop_and_let_go, take_the_joystick_and_let_go])
+@pytest.mark.parametrize("with_restart", [False, True])
+def test_a_trip_that_has_been_paused_for_long_gives_way_to_a_tour_that_is_due(
+    home: "Home",
+    monkeypatch: pytest.MonkeyPatch,
+    interrupt: "Callable[[Home], None]",
+    with_restart: bool,
+):
+    put_scheduled(home, "08:30")
+    set_clock(home, monkeypatch, (DUE - timedelta(minutes=20)).isoformat())
+    trip = home.start("corridor", "entrance").trip
+    interrupt(home)
+    home.lockstep.run(1.0)
+    assert home.status.state == "paused"
+    if with_restart:
+        home.restart_tour()
+    let_come_due(home, monkeypatch)
+    assert (home.status.state, home.status.trip) == ("paused", trip)
+    assert health(home) == (
+        "degraded",
+        "The tour “morning”, due on 2026-11-02 at 08:30, was skipped: another tour was paused.",
+    )
+    let_come_due(home, monkeypatch, DUE + timedelta(days=1))
+    assert (home.status.state, home.status.name) == ("driving", "morning")
+    assert health(home) == ("ok", "")
+
+
+@pytest.mark.usefixtures("berlin")
+def test_a_trip_that_went_on_meanwhile_has_not_been_paused_for_long(
+    home: "Home", monkeypatch: pytest.MonkeyPatch
+):
+    put_scheduled(home, "08:30")
+    set_clock(home, monkeypatch, (DUE - timedelta(hours=1)).isoformat())
+    trip = home.start("corridor", repeat=0).trip
+    pause(home)
+    home.lockstep.run(1.0)
+    home.lockstep.ask(requests.TOUR_RESUME)
+    set_clock(home, monkeypatch, (DUE - timedelta(minutes=2)).isoformat())
+    pause(home)
+    let_come_due(home, monkeypatch)
+    assert (home.status.state, home.status.trip) == ("paused", trip)
+
+
+@pytest.mark.usefixtures("berlin")
+def test_what_was_skipped_is_told_until_somebody_starts_a_tour(
+    home: "Home", monkeypatch: pytest.MonkeyPatch
+):
+    put_scheduled(home, "08:30")
+    home.start("corridor", "entrance")
+    let_come_due(home, monkeypatch)
+    home.run_until("done")
+    assert health(home) == (
+        "degraded",
+        "The tour “morning”, due on 2026-11-02 at 08:30, was skipped: another tour was under way.",
+    )
+    home.start("kitchen")
+    assert health(home) == ("ok", "")
