@@ -5,7 +5,6 @@ from trolley.codes import Refused
 from trolley.messages import Offer, Path
 from trolley.messages.request_params import AskOffer, SendGoal
 from trolley.runtime.service import Later, Service, answers
-from trolley.under_way import GOAL_GOES
 from trolley_tour.charge_monitor import ChargeMonitor
 from trolley_tour.robot_state import RobotState
 from trolley_tour.stored.places import Places
@@ -58,9 +57,10 @@ class Offers:
 
     def _occupied(self) -> str:
         """The code of why the robot is not free, "" if it is."""
-        goal, base = self._robot.goal.latest, self._robot.base.latest
-        if self._trips.is_busy or (goal is not None and goal.state in GOAL_GOES):
-            return codes.BUSY
+        occupation = codes.BUSY if self._trips.is_busy else self._robot.occupation
+        if occupation:
+            return occupation
+        base = self._robot.base.latest
         battery = None if base is None else base.battery
         if battery is not None and battery.charging:
             return codes.CHARGING

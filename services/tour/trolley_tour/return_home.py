@@ -13,7 +13,6 @@ from trolley_tour.problems import Problems
 from trolley_tour.robot_state import RobotState
 from trolley_tour.stored.places import Places
 from trolley_tour.trips.runner import TripRunner
-from trolley_tour.trips.trip import PLANNER
 
 HOME_TOUR = Tour(stops=[Stop(name=HOME, retries=20)])
 AT_HOME_M = 0.3
@@ -57,8 +56,7 @@ class ReturnHome:
 
     def _activity(self) -> Activity:
         record, goal, base = self._trips.record, self._robot.goal.latest, self._robot.base.latest
-        is_by_hand = self._robot.command_source not in (None, PLANNER)
-        if base is None or base.mode in ("stopped", "fault") or is_by_hand:
+        if base is None or base.mode in ("stopped", "fault") or self._robot.is_driven_by_hand:
             return "held"
         if record is not None and record.is_under_way:
             if self._trips.is_held or record.battery is not None:

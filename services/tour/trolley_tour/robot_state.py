@@ -2,10 +2,14 @@
 
 from collections.abc import Callable
 
-from trolley import topics
+from trolley import codes, topics
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, PoseEstimate
 from trolley.runtime.service import Service, Watch
+from trolley.under_way import GOAL_GOES
+
+PLANNER = "planner"
+"""The service that drives goals, and the source of its velocity commands."""
 
 
 class RobotState:
@@ -49,3 +53,18 @@ class RobotState:
     def command_source(self) -> str | None:
         """Whose velocity commands the base follows, None where nobody's."""
         return None if self.base.latest is None else self.base.latest.source
+
+    @property
+    def is_driven_by_hand(self) -> bool:
+        """Whether the base follows other commands than the planner's."""
+        return self.command_source not in (None, PLANNER)
+
+    @property
+    def occupation(self) -> str:
+        """The code of what it does for somebody, trips apart; "" where it is free."""
+        goal, pose = self.goal.latest, self.pose.latest
+        if goal is not None and goal.state in GOAL_GOES:
+            return codes.BUSY
+        if self.is_driven_by_hand:
+            return codes.TAKEN_OVER
+        return codes.MAPPING if pose is not None and pose.state == "mapping" else ""

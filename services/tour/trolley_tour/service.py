@@ -54,7 +54,7 @@ class TourService(Service):
             ReturnHome(self, robot, places, trips, charge, problems, battery),
             trips,
             report,
-            Scheduler(self, tours, trips, charge, problems),
+            Scheduler(self, tours, robot, trips, charge, problems),
             history,
             photos,
             places,

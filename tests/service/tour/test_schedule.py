@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from trolley import requests, topics
+from trolley import codes, requests, topics
+from trolley.geometry import Pose2D
 from trolley.messages import ScheduleEntry, Stop, Tour
+from trolley.messages.request_params import AskOffer, SendGoal, WhichGoal
 from trolley.messages.touring import Day
 
+from .conftest import replace
+
 if TYPE_CHECKING:
-    from .conftest import Home
+    from .conftest import Home, Plan
 
 DUE = datetime(2026, 11, 2, 7, 30, 5, tzinfo=UTC)
 """A Monday, at half past eight in Berlin."""
@@ -156,3 +160,60 @@ def test_what_was_skipped_is_told_until_somebody_starts_a_tour(
     )
     home.start("kitchen")
     assert health(home) == ("ok", "")
+
+
+def send_a_goal(home: "Home") -> None:
+    home.lockstep.ask(requests.GOAL_SEND, SendGoal(id="persons", pose=Pose2D(1.0, 1.0, 0.0)))
+
+
+def drive_by_hand(home: "Home") -> None:
+    home.base.say(source="teleop")
+
+
+def extend_the_map(home: "Home") -> None:
+    home.localizer.estimate = replace(home.localizer.estimate, state="mapping")
+
+
+@pytest.mark.usefixtures("berlin")
+@pytest.mark.parametrize(
+    ("occupy", "code", "why"),
+    [
+        (send_a_goal, codes.BUSY, "the robot was driving to a goal"),
+        (drive_by_hand, codes.TAKEN_OVER, "somebody was driving the robot"),
+        (extend_the_map, codes.MAPPING, "a map was being made"),
+    ],
+)
+def test_a_tour_that_is_due_leaves_an_occupied_robot_alone(
+    home: "Home",
+    plan: "type[Plan]",
+    monkeypatch: pytest.MonkeyPatch,
+    occupy: "Callable[[Home], None]",
+    code: str,
+    why: str,
+):
+    put_scheduled(home, "08:30")
+    home.planner.script = [plan(seconds=100.0)]
+    occupy(home)
+    home.lockstep.run(1.0)
+    let_come_due(home, monkeypatch)
+    assert home.status.state == "idle"
+    assert health(home)[1].endswith(f", was skipped: {why}.")
+    offer = home.lockstep.ask(requests.TOUR_OFFER, AskOffer(pose=Pose2D(1.0, 1.0, 0.0)))
+    assert (offer.free, offer.reason) == (False, code)
+
+
+@pytest.mark.usefixtures("berlin")
+def test_a_goal_that_has_been_paused_for_long_gives_way_to_a_tour_that_is_due(
+    home: "Home", plan: "type[Plan]", monkeypatch: pytest.MonkeyPatch
+):
+    put_scheduled(home, "08:30")
+    home.planner.script = [plan(seconds=100.0)]
+    send_a_goal(home)
+    set_clock(home, monkeypatch, (DUE - timedelta(minutes=20)).isoformat())
+    home.lockstep.ask(requests.GOAL_PAUSE, WhichGoal(id="persons"))
+    home.lockstep.run(2.0)
+    let_come_due(home, monkeypatch)
+    assert health(home)[1].endswith(", was skipped: a goal was paused.")
+    assert home.status.state == "idle"
+    let_come_due(home, monkeypatch, DUE + timedelta(days=1))
+    assert (home.status.state, home.status.name) == ("driving", "morning")

@@ -4,17 +4,26 @@ import datetime
 from collections.abc import Iterable
 from typing import get_args
 
+from trolley import codes
 from trolley.messages import Tour
 from trolley.messages.touring import Day
 from trolley.runtime.service import Service, every
+from trolley.under_way import trip_of
 from trolley_tour.charge_monitor import ChargeMonitor
 from trolley_tour.problems import Problems
+from trolley_tour.robot_state import RobotState
 from trolley_tour.stored.checks import parse_utc
 from trolley_tour.stored.tours import Tours
 from trolley_tour.trips.runner import SKIPPED, TripRunner
 
 LONGEST_PAUSE = datetime.timedelta(minutes=30)
-"""A trip that has been paused for longer gives way: nobody is about to go on with it."""
+"""A trip or goal that has been paused for longer gives way: nobody is about to go on with it."""
+OCCUPATIONS = {
+    codes.BUSY: "the robot was driving to a goal",
+    codes.TAKEN_OVER: "somebody was driving the robot",
+    codes.MAPPING: "a map was being made",
+}
+"""What the robot was doing when a tour was due."""
 _DAYS: tuple[str, ...] = get_args(Day)
 
 
@@ -57,16 +66,19 @@ class Scheduler:
         self,
         service: Service,
         tours: Tours,
+        robot: RobotState,
         trips: TripRunner,
         charge: ChargeMonitor,
         problems: Problems,
     ) -> None:
         self._service = service
         self._tours = tours
+        self._robot = robot
         self._trips = trips
         self._charge = charge
         self._problems = problems
         self._minutes = Minutes()
+        self._goal_paused_at: datetime.datetime | None = None
 
     @every(1.0, clock="local")
     def _start_due_tours(self) -> None:
@@ -74,6 +86,11 @@ class Scheduler:
         moment = None if now is None else parse_utc(now)
         if moment is None:
             return
+        goal = self._robot.goal.latest
+        if goal is None or goal.state != "paused" or trip_of(goal.id) is not None:
+            self._goal_paused_at = None
+        elif self._goal_paused_at is None:
+            self._goal_paused_at = moment
         minute = self._minutes.next(moment.astimezone())
         for tour in [] if minute is None else tours_due(self._tours.items.values(), minute):
             self._start(tour, moment.astimezone())
@@ -95,11 +112,13 @@ class Scheduler:
         """What keeps a tour from starting, in words, "" if nothing does."""
         if self._charge.is_low:
             return "the battery was low"
-        trip = self._trips.record
-        if trip is None or trip.is_over:
-            return ""
-        if trip.is_under_way:
+        trip, goal_paused_at = self._trips.record, self._goal_paused_at
+        if trip is not None and trip.is_under_way:
             return "another tour was under way"
-        paused_at = parse_utc(trip.paused_at or "")
-        is_left = paused_at is not None and now - paused_at > LONGEST_PAUSE
-        return "" if is_left else "another tour was paused"
+        if trip is not None and not trip.is_over:
+            paused_at = parse_utc(trip.paused_at or "")
+            if paused_at is None or now - paused_at <= LONGEST_PAUSE:
+                return "another tour was paused"
+        if goal_paused_at is not None and now - goal_paused_at <= LONGEST_PAUSE:
+            return "a goal was paused"
+        return OCCUPATIONS.get(self._robot.occupation, "")

@@ -15,13 +15,12 @@ from trolley.messages.request_params import SendGoal
 from trolley.messages.touring import TripState
 from trolley.under_way import GOAL_GOES, trip_of
 from trolley_tour import sentences
+from trolley_tour.robot_state import PLANNER
 from trolley_tour.trips.actions import Action, Cancel, Pause, Send
 from trolley_tour.trips.goal_attempt import GoalAttempt
 from trolley_tour.trips.record import Moment, TripRecord
 from trolley_tour.trips.trip_params import TripParams
 
-PLANNER = "planner"
-"""The service that drives goals, and the source of its velocity commands."""
 WAITS_FOR_PLANNER = (codes.NOT_READY, codes.TIMEOUT)
 """Refusals after which the same goal is sent again until the planner takes it."""
 
