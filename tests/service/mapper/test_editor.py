@@ -29,7 +29,7 @@ from trolley.messages import (
     Zone,
     Zones,
 )
-from trolley.messages.request_params import LoadMap, MapNamed
+from trolley.messages.request_params import LoadMap, MapNamed, StartTour
 from trolley_localizer.map_server import MapServer
 from trolley_mapper.edit import editor, map_switch, map_versions
 from trolley_tour.stored import places, tours
@@ -137,6 +137,16 @@ def test_a_goal_that_was_sent_while_its_map_was_turned_is_canceled(home: Home) -
     assert planner.num_canceled == 0  # it holds on the map as it lies
     home.edit(Turn(angle=0.5, about=(1.0, 1.0)))
     assert planner.num_canceled == 1
+
+
+def test_a_map_does_not_turn_under_a_trip(home: Home) -> None:
+    turn = EditMap(name="flat", ops=[Turn(angle=0.5, about=(1.0, 1.0))])
+    home.ask(requests.TOUR_START, StartTour(name="round"))
+    for change in (requests.TOUR_PAUSE, requests.TOUR_RESUME, requests.TOUR_STOP):
+        assert home.refusal(requests.MAP_EDIT, turn).code == codes.BUSY
+        home.bus.run(0.5)
+        home.ask(change)
+    assert home.ask(requests.MAP_EDIT, turn).state == "saved"
 
 
 def test_under_another_name_the_old_map_stays_and_the_robot_goes_over(home: Home) -> None:

@@ -11,13 +11,20 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.messages import EditMap, MapEdited
 from trolley.runtime.service import Later, Service, answers, every
-from trolley.under_way import GOAL_UNDER_WAY
+from trolley.under_way import what_is_under_way
 from trolley_mapper.edit.map_edit import Edited, Situation, edit
 from trolley_mapper.edit.map_switch import MapSwitch, SwitchPlan, pending_plan
 from trolley_mapper.edit.map_versions import MapVersions
 from trolley_mapper.map_names import configured_file
 
-WANTED: tuple[Any, ...] = (topics.POSE, topics.ZONES, topics.POSES, topics.TOURS, topics.GOAL)
+WANTED: tuple[Any, ...] = (
+    topics.POSE,
+    topics.ZONES,
+    topics.POSES,
+    topics.TOURS,
+    topics.GOAL,
+    topics.TOUR,
+)
 """What an edit has to know of the robot."""
 Facts = dict[str, Any]
 ANSWER_NS = 1_400_000_000
@@ -141,7 +148,7 @@ class MapEditor:
 
     def _change(self, task: EditTask, facts: Facts) -> None:
         params = task.params
-        estimate, zones, goal = facts["pose"], facts["zones"], facts["goal"]
+        estimate, zones = facts["pose"], facts["zones"]
         # Its zones are published with each map, a pose only once the lidar has seen something.
         is_on = params.name in [one.map for one in (estimate, zones) if one is not None]
         if is_on and (zones is None or zones.map != params.name):
@@ -151,7 +158,7 @@ class MapEditor:
         situation = Situation(
             configured=configured_file(self._config),
             is_on=is_on,
-            is_driving=goal is not None and goal.state in GOAL_UNDER_WAY,
+            under_way=what_is_under_way(facts["goal"], facts["tour"]),
             zones=tuple(zones.zones) if is_on and zones is not None else (),
             places=None if facts["poses"] is None else tuple(facts["poses"].poses),
             tours=None if facts["tours"] is None else tuple(facts["tours"].tours),

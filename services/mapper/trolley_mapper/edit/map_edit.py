@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -44,7 +44,7 @@ class Situation:
     Attributes:
         configured: the YAML file of `[map] file`, which is never written.
         is_on: whether the robot is on the map.
-        is_driving: whether a goal is under way.
+        under_way: a goal or a trip that is not over, if any.
         zones: of the map, where the robot is on it.
         places: all saved ones; None where the tour service does not answer.
         tours: all of them, likewise.
@@ -54,7 +54,7 @@ class Situation:
 
     configured: Path | None
     is_on: bool
-    is_driving: bool
+    under_way: Literal["goal", "trip", ""]
     zones: tuple[Zone, ...]
     places: tuple[SavedPose, ...] | None
     tours: tuple[Tour, ...] | None
@@ -208,8 +208,8 @@ class _Edit:
         """Refuse what would leave zones, places or a robot where they do not belong any more."""
         situation, is_turned = self._situation, self._old_T_new != Pose2D.identity()
         in_place = self._target == self._name
-        if is_turned and situation.is_on and situation.is_driving:
-            raise Refused(codes.BUSY, "The robot is driving; its goal would move with the map.")
+        if is_turned and situation.is_on and situation.under_way:
+            raise Refused(codes.BUSY, _BUSY[situation.under_way])
         if not in_place or not (is_turned or is_more):
             return
         if not situation.is_on:
@@ -357,6 +357,10 @@ def _known(items: tuple[Item, ...] | None) -> tuple[Item, ...]:
     return items
 
 
+_BUSY = {
+    "goal": "The robot is driving; its goal would move with the map.",
+    "trip": "A tour is under way or paused, and its stops would move with the map; end it first.",
+}
 _WORDS = {
     "EraseArea": "erased",
     "EraseStroke": "erased",
