@@ -69,7 +69,7 @@ class Form(NamedTuple):
 FORMS = {
     **{name.replace("/", "_"): Form(kind, schema_of(kind)) for name, kind in KINDS.items()},
     "mapping.bin": Form(Checkpoint, Checkpoint(name="a", core=b"").schema),
-    "map_edit.json": Form(SwitchPlan, 2),
+    "map_edit.json": Form(SwitchPlan, 3),
     "viewer_trip": Form(TripFile, TripFile.SCHEMA),
     "settings.toml": Form(KeptSettings, schema_of(KeptSettings)),
     "base_settings.toml": Form(SavedSettings, schema_of(SavedSettings)),
@@ -325,7 +325,7 @@ def test_a_plan_tells_its_schema(tmp_path: Path):
     content = json.loads((FOLDER / "unmarked" / "map_edit.json").read_bytes())
     plan = msgspec.convert(content, SwitchPlan)
     store_plan(tmp_path, plan)
-    assert json.loads((tmp_path / "map_edit.json").read_bytes())["schema"] == 2
+    assert json.loads((tmp_path / "map_edit.json").read_bytes())["schema"] == 3
 
 
 def test_zones_beside_a_map_that_cannot_be_read_are_kept_when_it_is_edited(tmp_path: Path):

@@ -143,8 +143,11 @@ def list_tours(as_json: bool) -> None:
     elif not tours:
         say("No tours are stored yet; use `trolley tour import` or the viewer.")
     else:
-        rows = [(tour.name, str(len(tour.stops)), _laps(tour), _times(tour)) for tour in tours]
-        print_table(("NAME", "STOPS", "LAPS", "TIMES"), rows)
+        rows = [
+            (tour.name, tour.map or "-", str(len(tour.stops)), _laps(tour), _times(tour))
+            for tour in tours
+        ]
+        print_table(("NAME", "MAP", "STOPS", "LAPS", "TIMES"), rows)
 
 
 def _laps(tour: Tour) -> str:
@@ -174,7 +177,8 @@ def show_tour(name: str, as_json: bool) -> None:
         print_json(tour)
         return
     starts = f"; starts {_times(tour)}" if tour.schedule else ""
-    say(f"{tour.name}, laps: {_laps(tour)}{starts}")
+    on_map = f" on {tour.map}" if tour.map else ""
+    say(f"{tour.name}{on_map}, laps: {_laps(tour)}{starts}")
     rows = [_stop_row(index, stop) for index, stop in enumerate(tour.stops)]
     print_table(("STOP", "PLACE", "VIA", "STAY", "IF IT FAILS"), rows)
 

@@ -11,6 +11,8 @@ from trolley.messages.types import Count, Covariance, NonNegative, Positive, Sha
 Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
 TripState = Literal["idle", "driving", "dwelling", "waiting", "paused", "done", "failed", "stopped"]
 
+MAX_ROUNDS = 1_000_000
+"""Of a tour; more can only be meant as forever."""
 HOME = "home"
 """The place that a robot returns to: when its battery is low, or when it is told to go home."""
 
@@ -92,15 +94,27 @@ class Tour(Struct, frozen=True, kw_only=True):
     """A trip through several places. `repeat` 0 = forever; `resume`: continue after a reboot.
 
     `there_and_back`: after the last stop the others are visited in reverse order. `name` may be
-    left out if it is in the key, and for a trip that is started without being saved.
+    left out if it is in the key, and for a trip that is started without being saved. `map` is where
+    poses and `via` of its stops lie: the current map if it is left out, "" if there are none, or
+    for any map.
     """
 
     name: str = ""
     stops: Annotated[list[Stop], Meta(min_length=1, max_length=1000)]
-    repeat: Count = 1
+    repeat: Annotated[int, Meta(ge=0, le=MAX_ROUNDS)] = 1
     there_and_back: bool = False
     schedule: list[ScheduleEntry] = []
     resume: bool = False
+    map: str = ""
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether it has poses of its own, rather than names of places only."""
+        return any(stop.pose is not None or stop.via for stop in self.stops)
+
+    def is_for(self, map_name: str | None) -> bool:
+        """Say whether it can be driven on this map, None for one that is not known."""
+        return map_name is None or self.map in ("", map_name)
 
 
 class Tours(Struct, frozen=True, kw_only=True):

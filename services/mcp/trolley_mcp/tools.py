@@ -217,12 +217,15 @@ async def _tours(call: Call, _: NoParams) -> Answer:
     stored = await call.robot.latest(topics.TOURS)
     if stored is None:
         raise Refused(codes.NOT_READY, "The tour service is not running.")
-    tours = stored.tours[:MOST_LISTED]
+    estimate = await call.robot.latest(topics.POSE)
+    on_map = None if estimate is None else estimate.map
+    tours = [tour for tour in stored.tours if tour.is_for(on_map)][:MOST_LISTED]
     data = [
         {"name": tour.name, "stops": [stop.name or "a point" for stop in tour.stops[:MOST_LISTED]]}
         for tour in tours
     ]
-    text = ", ".join(tour.name for tour in tours) + "." if tours else "No tours are stored."
+    names = ", ".join(tour.name for tour in tours)
+    text = f"{names}." if names else "No tours are stored for this map."
     return Answer(text, {"tours": data})
 
 

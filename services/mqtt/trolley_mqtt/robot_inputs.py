@@ -84,9 +84,13 @@ class RobotInputs:
 
     @property
     def names(self) -> Names:
-        """The places on the robot's map, and the tours."""
+        """The places on the robot's map, and the tours that can be driven on it."""
         tours = [] if self.tours.latest is None else self.tours.latest.tours
-        return Names([place.name for place in self._places], [tour.name for tour in tours])
+        on_map = None if self.pose.latest is None else self.pose.latest.map
+        return Names(
+            [place.name for place in self._places],
+            [tour.name for tour in tours if tour.is_for(on_map)],
+        )
 
     @property
     def knows_names(self) -> bool:

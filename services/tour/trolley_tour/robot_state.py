@@ -55,6 +55,11 @@ class RobotState:
         return None if self.base.latest is None else self.base.latest.source
 
     @property
+    def is_mapping(self) -> bool:
+        """Whether its map is being made or extended."""
+        return self.pose.latest is not None and self.pose.latest.state == "mapping"
+
+    @property
     def is_driven_by_hand(self) -> bool:
         """Whether the base follows other commands than the planner's."""
         return self.command_source not in (None, PLANNER)
@@ -62,9 +67,9 @@ class RobotState:
     @property
     def occupation(self) -> str:
         """The code of what it does for somebody, trips apart; "" where it is free."""
-        goal, pose = self.goal.latest, self.pose.latest
+        goal = self.goal.latest
         if goal is not None and goal.state in GOAL_GOES:
             return codes.BUSY
         if self.is_driven_by_hand:
             return codes.TAKEN_OVER
-        return codes.MAPPING if pose is not None and pose.state == "mapping" else ""
+        return codes.MAPPING if self.is_mapping else ""

@@ -39,7 +39,7 @@ class TourService(Service):
         charge = self._charge = ChargeMonitor(battery)
         robot = self._robot = RobotState(self)
         places = self.places = Places(self, files, robot)
-        tours = self.tours = Tours(self, files)
+        tours = self.tours = Tours(self, files, robot)
         capture = self._capture = PoseCapture(self, places, robot)
         history = TripHistory(self, problems, float(tour.history_days))
         photos = StopPhotos(self, tour.photos_mb * 1_000_000)

@@ -131,6 +131,24 @@ def test_zones_places_tours_and_the_robot_turn_with_their_map(home: Home) -> Non
         assert estimate.pose.distance_to(wanted @ START) < 0.1
 
 
+def test_tours_of_another_map_stay_as_they_are(home: Home) -> None:
+    """One that tells no map, as none did before, turns with any."""
+    stops = [Stop(pose=Pose2D(2.0, 2.0, 0.0))]
+    cellar = Tour(name="cellar", map="cellar", stops=stops)
+    home.ask(requests.TOURS_PUT, cellar)
+
+    def stored() -> dict[str, Tour]:
+        return {tour.name: tour for tour in home.tours[-1].tours}
+
+    home.edit(Turn(angle=0.5, about=(1.0, 1.0)))
+    assert stored()["round"].map == "flat"
+    home.edit(Crop(corners=((-1.0, -1.0), (9.0, 9.0))), as_name="small")
+    assert stored()["round"].map == "small"
+    home.edit(TakeBack(), name="small")
+    assert stored()["round"].map == "flat"
+    assert stored()["cellar"] == cellar
+
+
 def test_a_goal_that_was_sent_while_its_map_was_turned_is_canceled(home: Home) -> None:
     planner = home.bus.add(Planner())
     home.edit(EraseStroke(points=[(2.0, 2.0)], width=0.1))

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import pytest
 import support
 
-from trolley.messages import BaseState, Battery
+from trolley import topics
+from trolley.geometry import Pose2D
+from trolley.messages import BaseState, Battery, Stop, Tour, Tours
 
 if TYPE_CHECKING:
     from .conftest import Bridge
@@ -41,6 +43,17 @@ def test_each_place_and_tour_has_a_button(bridge: "Bridge") -> None:
     assert len({entity["unique_id"] for entity in bridge.announced.values()}) == len(
         bridge.announced
     )
+
+
+def test_a_tour_of_another_map_has_no_button(bridge: "Bridge") -> None:
+    stops = [Stop(pose=Pose2D(1.0, 0.0, 0.0))]
+    tours = [Tour(name=on_map, stops=stops, map=on_map) for on_map in ("home", "attic")]
+    for on_map in ("home", "attic"):
+        bridge.robot.map = on_map
+        bridge.robot.publish(topics.TOURS, Tours(stamp_ns=0, tours=tours))
+        bridge.run(1.5)
+        names = {entity["name"] for entity in bridge.announced.values()}
+        assert [one for one in ("home", "attic") if f"Tour {one}" in names] == [on_map]
 
 
 def test_a_button_does_what_the_bridge_understands(bridge: "Bridge") -> None:

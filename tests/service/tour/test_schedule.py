@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from trolley import codes, requests, topics
+from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import ScheduleEntry, Stop, Tour
-from trolley.messages.request_params import AskOffer, SendGoal, WhichGoal
+from trolley.messages.request_params import AskOffer, SendGoal, StartTour, WhichGoal
 from trolley.messages.touring import Day
 
 from .conftest import replace
@@ -217,3 +218,20 @@ def test_a_goal_that_has_been_paused_for_long_gives_way_to_a_tour_that_is_due(
     assert home.status.state == "idle"
     let_come_due(home, monkeypatch, DUE + timedelta(days=1))
     assert (home.status.state, home.status.name) == ("driving", "morning")
+
+
+@pytest.mark.usefixtures("berlin")
+def test_a_tour_of_another_map_is_not_started(home: "Home", monkeypatch: pytest.MonkeyPatch):
+    schedule = [ScheduleEntry(at="08:30")]
+    stops = [Stop(pose=Pose2D(1.0, 1.0, 0.0))]
+    cellar = Tour(name="cellar round", stops=stops, schedule=schedule, map="cellar")
+    home.lockstep.ask(requests.TOURS_PUT, cellar)
+    with pytest.raises(Refused) as refused:
+        home.lockstep.ask(requests.TOUR_START, StartTour(name="cellar round"))
+    assert refused.value.code == codes.WRONG_MAP
+    assert refused.value.message == (
+        "The tour 'cellar round' is on the map cellar, the robot is on apartment."
+    )
+    let_come_due(home, monkeypatch)
+    assert home.status.state == "idle"
+    assert health(home)[1].endswith(", was skipped: the robot was not on its map cellar.")

@@ -56,10 +56,29 @@ def test_pose_without_a_map_belongs_to_the_present_one(empty: "Home"):
     assert saved.pose.yaw == pytest.approx(4.0 - 2 * 3.141592653589793)
 
 
+def test_a_tour_with_poses_of_its_own_belongs_to_the_present_map(empty: "Home"):
+    def put_on(tour: Tour, **pose: str) -> str:
+        estimate = empty.localizer.estimate
+        empty.localizer.estimate = msgspec.structs.replace(estimate, **pose)
+        empty.lockstep.run(0.5)
+        return empty.lockstep.ask(requests.TOURS_PUT, tour).map
+
+    assert put_on(TOUR) == "apartment"
+    passing = Stop(name="kitchen", via=[Pose2D(1.0, 0.0, 0.0)])
+    assert put_on(Tour(name="past", stops=[passing])) == "apartment"
+    assert put_on(msgspec.structs.replace(TOUR, map="cellar")) == "cellar"
+    by_name = Tour(name="by name", stops=[Stop(name="kitchen")], map="cellar")
+    assert put_on(by_name) == ""  # its places say for themselves where they are
+    assert put_on(TOUR, map="draft", state="mapping") == ""  # the map is to get its name yet
+    with pytest.raises(Refused):
+        put_on(msgspec.structs.replace(TOUR, map="a/b"))
+
+
 def test_requests_put_and_delete(empty: "Home"):
     assert empty.lockstep.ask(requests.POSES_PUT, PLACE) == PLACE
-    assert empty.lockstep.ask(requests.TOURS_PUT, TOUR) == TOUR
-    assert empty.lockstep.ask(requests.TOURS_DELETE, Named(name="evening")) == TOUR
+    tour = msgspec.structs.replace(TOUR, map="apartment")
+    assert empty.lockstep.ask(requests.TOURS_PUT, TOUR) == tour
+    assert empty.lockstep.ask(requests.TOURS_DELETE, Named(name="evening")) == tour
     assert empty.lockstep.ask(requests.POSES_DELETE, Named(name="kitchen")) == PLACE
     with pytest.raises(Refused) as caught:
         empty.lockstep.ask(requests.POSES_DELETE, Named(name="kitchen"))
@@ -86,10 +105,10 @@ def test_delete_with_a_wildcard_is_dropped(empty: "Home"):
 
 def test_what_is_stored_survives_a_kill(empty: "Home"):
     empty.lockstep.ask(requests.POSES_PUT, PLACE)
-    empty.lockstep.ask(requests.TOURS_PUT, TOUR)
+    tour = empty.lockstep.ask(requests.TOURS_PUT, TOUR)
     empty.restart_tour()
     assert empty.tour.places.items == {"kitchen": PLACE}
-    assert empty.tour.tours.items == {"evening": TOUR}
+    assert empty.tour.tours.items == {"evening": tour}
     ((_, listed),) = get(empty, "tours")
     assert listed["tours"][0]["name"] == "evening"
 

@@ -71,6 +71,20 @@ def test_a_trip_so_long_that_its_first_results_are_left_out_is_told_to_its_end(
     assert result.exit_code == 1, "one stop was skipped, however long ago"
 
 
+def test_tours_are_listed_with_their_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    stops = [Stop(name="sofa")]
+    stored = [Tour(name="day", stops=stops), Tour(name="night", stops=stops, map="cellar")]
+    robot = SimpleNamespace(latest=lambda topic: Tours(stamp_ns=1, tours=stored))
+    monkeypatch.setattr(tour, "one_robot", lambda: contextlib.nullcontext(robot))
+    listed = CliRunner().invoke(tour.tour_command, ["list"]).output.splitlines()
+    assert [line.split()[:3] for line in listed[1:]] == [
+        ["day", "-", "1"],
+        ["night", "cellar", "1"],
+    ]
+    shown = CliRunner().invoke(tour.tour_command, ["show", "night"])
+    assert shown.output.startswith("night on cellar, laps: 1")
+
+
 def test_a_tour_is_shown_by_its_name_as_macos_writes_accents(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -316,12 +316,18 @@ class _Edit:
         return [moved_place(place, target, step) for place in mine]
 
     def _tours(self) -> list[Tour]:
-        """Return the tours that have poses of their own, as they are to be."""
-        if self._old_T_new == Pose2D.identity():
+        """Return the tours with poses of their own on the map, as they are to be.
+
+        Those that tell no map are of this one where it turns, for want of better knowledge.
+        """
+        step, target = self._old_T_new, self._target
+        is_turned = step != Pose2D.identity()
+        if target == self._name and not is_turned:
             return []
+        maps = (self._name, "") if is_turned else (self._name,)
         known = _known(self._situation.tours)
-        moved = [(tour, moved_tour(tour, self._old_T_new)) for tour in known]
-        return [after for before, after in moved if after != before]
+        mine = (tour for tour in known if tour.has_poses and tour.map in maps)
+        return [moved_tour(tour, target, step) for tour in mine]
 
     def _say(self, what: str) -> None:
         words = _WORDS.get(what, what)

@@ -45,7 +45,7 @@ class SwitchPlan(Struct, frozen=True, kw_only=True):
     Zones, places and tours are given as they are to be, so that telling twice does no harm.
     """
 
-    schema: int = 2
+    schema: int = 3
     """Version of the file's format. Files of the first version have none."""
     map: str
     """The map to be loaded."""

@@ -54,8 +54,8 @@ def moved_place(place: SavedPose, map_name: str, old_T_new: Pose2D) -> SavedPose
     )
 
 
-def moved_tour(tour: Tour, old_T_new: Pose2D) -> Tour:
-    """Return a tour with the poses moved that stand in it, rather than names of places."""
+def moved_tour(tour: Tour, map_name: str, old_T_new: Pose2D) -> Tour:
+    """Return a tour whose own poses lie where they are on the new map."""
     new_T_old = old_T_new.inverse()
 
     def moved(stop: Stop) -> Stop:
@@ -65,4 +65,4 @@ def moved_tour(tour: Tour, old_T_new: Pose2D) -> Tour:
             via=[new_T_old @ pose for pose in stop.via],
         )
 
-    return msgspec.structs.replace(tour, stops=[moved(stop) for stop in tour.stops])
+    return msgspec.structs.replace(tour, map=map_name, stops=[moved(stop) for stop in tour.stops])

@@ -2,7 +2,7 @@
 
 import datetime
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from msgspec import Struct, structs
 
@@ -11,6 +11,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose, Stop, Tour
 from trolley.messages.mapping import MAP_NAME, MAX_COORDINATE_M
+from trolley.messages.touring import MAX_ROUNDS
 from trolley.messages.types import fit_into_a_message
 from trolley.names import canonical, free_name, name_problem
 from trolley.suggestions import did_you_mean
@@ -33,6 +34,16 @@ class ToursFile(Struct, frozen=True, kw_only=True):
     """`tours.toml`."""
 
     tours: list[Tour] = []
+
+    SCHEMA: ClassVar[int] = 2
+
+    @classmethod
+    def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
+        """Return the content of a file of schema 1: tours had no map, and any number of rounds."""
+        del schema
+        for tour in plain.get("tours", []):
+            tour["repeat"] = min(tour.get("repeat", 1), MAX_ROUNDS)
+        return plain
 
 
 def plain_name(name: str) -> str:
@@ -85,8 +96,7 @@ def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> Save
     on_map = pose.map or map_name
     if on_map is None:
         raise Refused(codes.NOT_READY, "No map is loaded yet; say which map the pose is on.")
-    if not MAP_NAME.fullmatch(on_map):
-        raise Refused(codes.BAD_REQUEST, f"{on_map!r} is not a valid map name.")
+    _check_map_name(on_map)
     if max(abs(pose.pose.x), abs(pose.pose.y)) > MAX_COORDINATE_M:
         raise Refused(
             codes.BAD_REQUEST, f"Coordinates may be {MAX_COORDINATE_M:.0f} m at most.", name=name
@@ -98,15 +108,25 @@ def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> Save
     return structs.replace(pose, name=name, map=on_map, pose=pose.pose.wrapped())
 
 
-def checked_tour(tour: Tour, key: str | None = None) -> Tour:
+def _check_map_name(name: str) -> None:
+    if not MAP_NAME.fullmatch(name):
+        raise Refused(codes.BAD_REQUEST, f"{name!r} is not a valid map name.")
+
+
+def checked_tour(tour: Tour, key: str | None = None, map_name: str | None = None) -> Tour:
     """The tour as it is stored or driven; one that is only driven needs no name.
+
+    Poses of its own without a map belong to the current one.
 
     Raises:
         Refused: Something in it is not allowed.
     """
+    on_map = (tour.map or map_name or "") if tour.has_poses else ""
+    if on_map:
+        _check_map_name(on_map)
     stops = [_checked_stop(stop, index) for index, stop in enumerate(tour.stops)]
     name = key_name(key, tour.name) if key is not None or tour.name else ""
-    return structs.replace(tour, name=name, stops=stops)
+    return structs.replace(tour, name=name, stops=stops, map=on_map)
 
 
 def _checked_stop(stop: Stop, index: int) -> Stop:

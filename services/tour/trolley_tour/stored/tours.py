@@ -9,6 +9,7 @@ from trolley.messages import Tours as TourList
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Later, Service, answers, gets, on, on_delete
 from trolley.suggestions import did_you_mean
+from trolley_tour.robot_state import RobotState
 from trolley_tour.state_files import StateFiles
 from trolley_tour.stored import checks
 from trolley_tour.stored.named_store import Answer, NamedStore, WishLog, answer_later
@@ -19,9 +20,10 @@ TOURS_FILE = "tours.toml"
 class Tours:
     """The stored tours by name."""
 
-    def __init__(self, service: Service, files: StateFiles) -> None:
+    def __init__(self, service: Service, files: StateFiles, robot: RobotState) -> None:
         self._service = service
         self._files = files
+        self._robot = robot
         self._wishes = WishLog(service, "tours")
         self._store: NamedStore[Tour] = NamedStore(
             lambda tours: checks.ToursFile(tours=tours),
@@ -50,7 +52,9 @@ class Tours:
         return tour
 
     def _put(self, tour: Tour, key: str, answer: Answer[Tour]) -> None:
-        checked = checks.checked_tour(tour, key)
+        # A map in the making still changes its name, and where things lie on it.
+        on_map = None if self._robot.is_mapping else self._robot.map_name
+        checked = checks.checked_tour(tour, key, on_map)
         self._store.change(lambda items: (checks.with_item(items, checked), checked), answer)
 
     @on(topics.STORED_TOUR)

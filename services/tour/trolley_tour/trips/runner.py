@@ -102,6 +102,10 @@ class TripRunner:
             tour = checked_tour(params.tour)
         else:
             tour = self._tours.find(params.name or "")
+        map_name = self._robot.map_name
+        if not tour.is_for(map_name):
+            why = f"The tour {tour.name!r} is on the map {tour.map}, the robot is on {map_name}."
+            raise Refused(codes.WRONG_MAP, why, map=tour.map)
         for stop in tour.stops:
             if stop.name is not None and stop.name not in self._places.items:
                 message = f"The tour needs the saved pose {stop.name!r}, which does not exist."

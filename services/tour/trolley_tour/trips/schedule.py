@@ -97,7 +97,7 @@ class Scheduler:
 
     def _start(self, tour: Tour, now: datetime.datetime) -> None:
         """Start a tour, or say why not until another one is started."""
-        obstacle = self._obstacle(now)
+        obstacle = self._obstacle(tour, now)
         if not obstacle:
             self._service.log.info("A tour is due", tour=tour.name)
             self._trips.begin(tour)
@@ -108,10 +108,12 @@ class Scheduler:
         self._service.log.warning(sentence)
         self._problems.set(SKIPPED, sentence)
 
-    def _obstacle(self, now: datetime.datetime) -> str:
+    def _obstacle(self, tour: Tour, now: datetime.datetime) -> str:
         """What keeps a tour from starting, in words, "" if nothing does."""
         if self._charge.is_low:
             return "the battery was low"
+        if not tour.is_for(self._robot.map_name):
+            return f"the robot was not on its map {tour.map}"
         trip, goal_paused_at = self._trips.record, self._goal_paused_at
         if trip is not None and trip.is_under_way:
             return "another tour was under way"

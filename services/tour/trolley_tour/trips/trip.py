@@ -106,7 +106,7 @@ class Trip:
             source: Who drove the robot until now.
         """
         self._source, self._asked_ns = source, at.robot_ns or 0
-        self.record.started_at, self.record.map = at.utc, at.map
+        self.record.started_at, self.record.map = at.utc, self.record.tour.map or at.map
         self.record.goal_before = goal_before
         self._drive(at)
 

@@ -67,7 +67,8 @@ class TourTab:
         self._past.update(view.robot_name, view.past, trip, view.now_ns, is_shown=editing is None)
         if self._list is not None and self._editor is not None:
             tours = None if stored is None else stored.tours
-            self._list.update(tours, is_open=editing is None, can_start=view.can_tour)
+            on_map = None if view.map is None else view.map.name
+            self._list.update(tours, on_map, is_open=editing is None, can_start=view.can_tour)
             self._editor.update(view, tours or [], is_shown=editing is not None)
         self._draw(view, editing)
 

@@ -167,6 +167,9 @@ def test_every_sentence_of_the_wire_can_be_said(code: str) -> None:
         "Stop 2 (kitchen): not reached within 2 min; trying again in 10 s.",
         "Planner did not answer in time.",
         "The tour “dawn”, due on 2026-11-02 at 08:30, was skipped: another tour was paused.",
+        "The tour “dawn”, due on 2026-11-02 at 08:30, was skipped: the robot was "
+        "not on its map hall.",
+        "The tour 'dawn' is on the map hall, the robot is on cellar.",
         "Merged cellar (3.1 m of its walls match, 88%): home is stored as version 3.",
     ],
 )

@@ -56,6 +56,8 @@ class Draft:
     there_and_back: bool = False
     resume: bool = False
     times: tuple[ScheduleEntry, ...] = field(default=())
+    map: str = ""
+    """Where its spots lie, "" for the robot's map."""
 
     @classmethod
     def of(cls, tour: Tour) -> "Draft":
@@ -80,6 +82,7 @@ class Draft:
             there_and_back=tour.there_and_back,
             resume=tour.resume,
             times=tuple(tour.schedule),
+            map=tour.map,
         )
 
     def tour(self, find: Find) -> Tour:
@@ -110,6 +113,7 @@ class Draft:
             there_and_back=self.there_and_back,
             resume=self.resume,
             schedule=list(self.times),
+            map=self.map,
         )
 
     # Edits of the points.

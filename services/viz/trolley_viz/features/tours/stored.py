@@ -56,8 +56,18 @@ class TourList:
         new.on_press(lambda: choices.edit(None))
         self._undo.on_press(lambda: history.undo("tour"))
 
-    def update(self, tours: Sequence[Tour] | None, *, is_open: bool, can_start: bool) -> None:
-        """Show the tours (None: not known yet) and what can be undone, or hide all that."""
+    def update(
+        self,
+        tours: Sequence[Tour] | None,
+        map_name: str | None,
+        *,
+        is_open: bool,
+        can_start: bool,
+    ) -> None:
+        """Show the tours (None: not known yet) and what can be undone, or hide all that.
+
+        One of another map than the robot's can neither be started nor edited: its points lie there.
+        """
         self._folder.visible = is_open
         if not is_open:
             return
@@ -73,11 +83,12 @@ class TourList:
             if name not in self._cards:
                 self._cards[name] = self._add(name)
             folder, text, choice = self._cards[name]
-            choice.turn_off(*([] if can_start else [START]))
-            folder.order = order
             tour = self._tours[name]
+            is_here = tour.is_for(map_name)
+            choice.turn_off(*([START, EDIT] if not is_here else [] if can_start else [START]))
+            folder.order = order
             names = {stop.name for stop in tour.stops if stop.name}
-            text.content = card(name, summary(tour), names)
+            text.content = card(name, summary(tour, map_name), names)
         self._rest.content = self._rest_text(tours, len(found))
         show_undo(self._undo, self._history, "tour")
 
@@ -105,9 +116,11 @@ class TourList:
         return folder, text, choice
 
 
-def summary(tour: Tour) -> str:
-    """Say what a tour is in a line: its places, how often, when."""
+def summary(tour: Tour, map_name: str | None = None) -> str:
+    """Say what a tour is in a line: its places, on which other map, how often, when."""
     parts = [stops_text([stop.name for stop in tour.stops])]
+    if not tour.is_for(map_name):
+        parts.append(f"on the map “{tour.map}”")
     if tour.there_and_back:
         parts.append("there and back")
     if tour.repeat != 1:

@@ -410,6 +410,26 @@ def test_a_tour_is_made_saved_and_started(stage: "Stage", tour: PretendTour, pag
     assert tour.started == ["evening"]
 
 
+def test_a_tour_of_another_map_is_neither_started_nor_edited(
+    stage: "Stage", tour: PretendTour, page: PageOf
+) -> None:
+    make_tour(stage, page)
+    tour.put(msgspec.structs.replace(tour.tours["evening"], map="cellar"))
+    settle(stage)
+    assert "on the map “cellar”" in page.text()
+    for action in ("Start", "Edit"):
+        with pytest.raises(NotThere):
+            page.within("evening").press(action)
+    page.within("evening").press("Copy")
+    settle(stage)
+    assert tour.tours["evening 2"].map == "cellar"
+
+
+def test_an_edited_tour_stays_on_its_map() -> None:
+    stored = Tour(name="round", stops=[HALL], map="cellar")
+    assert Draft.of(stored).tour(PLACES.get) == stored
+
+
 def test_what_is_missing_is_said_and_cannot_be_saved(
     stage: "Stage", tour: PretendTour, page: PageOf
 ) -> None:
