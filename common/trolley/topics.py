@@ -231,7 +231,7 @@ POSES = Topic("poses", m.SavedPoses, "tour", "on change", Qos.STATE)
 SAVED_POSE = Topic("poses/{name}", m.SavedPose, "tour", "stored", Qos.STATE, Kind.STORED)
 TOURS = Topic("tours", m.Tours, "tour", "on change", Qos.STATE)
 STORED_TOUR = Topic("tours/{name}", m.Tour, "tour", "stored", Qos.STATE, Kind.STORED)
-TOUR = Topic("tour", m.TourStatus, "tour", "on change, 1 Hz", Qos.STATE, real_time=True)
+TOUR = Topic("tour", m.TourStatus, "tour", "on change, 1 Hz on a trip", Qos.STATE, real_time=True)
 MARKER = Topic(
     "markers/{ns}/{id}",
     m.Marker,

@@ -115,7 +115,7 @@ class Expected:
 
 
 _NUMBER = r"(\d+(?:\.\d+)?)"
-ON_CHANGE_ONLY = ("on change", "if any", "stored", "while it runs")
+ON_CHANGE_ONLY = ("on change", "on change, 1 Hz on a trip", "if any", "stored", "while it runs")
 
 
 def expected(topic: Topic[Any]) -> Expected:

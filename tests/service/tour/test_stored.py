@@ -117,6 +117,7 @@ def test_what_is_stored_survives_a_kill(empty: "Home"):
     ("key", "body"),
     [
         ("poses/kitchen", {"name": "corridor", "map": "a", "pose": {"x": 1, "y": 2, "yaw": 0}}),
+        ("tours/long", {"stops": [{"name": "kitchen"}], "repeat": 1_000_001}),
         ("poses/.hidden", {"map": "a", "pose": {"x": 1, "y": 2, "yaw": 0}}),
         ("poses/..", {"map": "a", "pose": {"x": 1, "y": 2, "yaw": 0}}),
         ("poses/kitchen", {"map": "../etc", "pose": {"x": 1, "y": 2, "yaw": 0}}),

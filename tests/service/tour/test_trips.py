@@ -429,3 +429,17 @@ def test_status_tells_the_tour_as_it_was_when_the_trip_began(home: "Home"):
     home.start(Stop(name="corridor", via=via))
     home.lockstep.run(1.5)
     assert home.status.tour is None
+
+
+def test_a_trip_that_does_not_go_on_is_not_told_again_each_second(home: "Home"):
+    """With 300 stops it takes 350 kB each time."""
+    home.start("corridor", "kitchen")
+    for request, state in ((requests.TOUR_PAUSE, "paused"), (requests.TOUR_STOP, "stopped")):
+        home.lockstep.run(3.0)
+        assert home.status.state == "driving" or state == "stopped"
+        home.lockstep.ask(request)
+        home.lockstep.run(0.5)
+        num = len(home.statuses)
+        home.lockstep.run(5.0)
+        assert (home.status.state, len(home.statuses)) == (state, num)
+    assert home.lockstep.get("trolley/trolley/tour") != []

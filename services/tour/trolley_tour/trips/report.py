@@ -11,7 +11,7 @@ from trolley_tour.trips.record import TripRecord
 
 
 class TripReport:
-    """Publishes `tour`, once a second and on change."""
+    """Publishes `tour` on change, and once a second unless its trip is paused or over."""
 
     def __init__(
         self, service: Service, history: TripHistory, photos: StopPhotos, charge: ChargeMonitor
@@ -72,7 +72,8 @@ class TripReport:
 
     @every(1.0, clock="local")
     def _publish_each_second(self) -> None:
-        self._publish(self.status())
+        if self._record is None or self._record.is_under_way:
+            self._publish(self.status())
 
     def _publish(self, status: TourStatus) -> None:
         self._published = status

@@ -8,6 +8,7 @@ import msgspec
 from trolley import topics
 from trolley.messages import BaseState, GoalStatus, TourStatus
 from trolley.topics import Topic
+from trolley.under_way import TRIP_GOES
 
 LIVE_S = 3.0
 """What comes once a second or more often is old after this [s]."""
@@ -72,8 +73,10 @@ def overdue_s(
 def _goes_on(message: msgspec.Struct) -> bool:
     """Whether such a message is repeated at least once a second as long as it holds."""
     match message:
-        case BaseState() | TourStatus():
+        case BaseState():
             return True
+        case TourStatus():
+            return message.state in TRIP_GOES
         case GoalStatus():
             return message.state in ("driving", "recovering")
         case _:
