@@ -2,11 +2,39 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Generic, Literal, TypeVar
+
+from trolley.messages import SavedPose, Tour, Zone
+from trolley_viz.words.sentences import Tell
 
 MAX_STEPS = 30
 Kind = Literal["drive", "map", "place", "tour", "zone"]
 """What a step is about; each is offered where the like is done."""
+T = TypeVar("T", bound=SavedPose | Tour | Zone)
+
+
+@dataclass(frozen=True)
+class Change(Generic[T]):
+    """Something that is stored by name, before and after; None where there is none."""
+
+    before: T | None
+    after: T | None
+
+    def reversed(self) -> "Change[T]":
+        """The change that takes this one back."""
+        return Change(self.after, self.before)
+
+    def is_overtaken(self, stored: Callable[[str], T | None], tell: Tell) -> bool:
+        """Whether something else is stored since then; the person is told of it."""
+        left: dict[str, T | None] = {}
+        if self.before is not None:
+            left[self.before.name] = None
+        if self.after is not None:
+            left[self.after.name] = self.after
+        other = next((name for name, one in left.items() if stored(name) != one), None)
+        if other is not None:
+            tell("Not undone", f"Somebody else has changed “{other}” since then.", "warn")
+        return other is not None
 
 
 @dataclass(frozen=True, eq=False)

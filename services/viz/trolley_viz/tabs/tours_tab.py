@@ -30,7 +30,7 @@ class TourTab:
         self.tab = tab
         self._session = session
         actions = session.actions
-        self._stored = TourActions(actions)
+        self._stored = TourActions(actions, lambda: session.view)
         self._edited_on = ""
         """The robot whose tour is edited."""
         self._drawing = TourDrawing(

@@ -52,6 +52,12 @@ class RobotActions:
         """The goals that the person has queued."""
         self.search = Search(tell)
         """What the person waits for after *Find position*."""
+        self._num_asked = 0
+
+    @property
+    def is_asking(self) -> bool:
+        """Whether an answer is awaited."""
+        return self._num_asked > 0
 
     def forget(self) -> None:
         """Forget what was done and queued, as when another robot is followed."""
@@ -162,6 +168,7 @@ class RobotActions:
         robot = self._robot()
 
         def finish(reply: Any) -> None:
+            self._num_asked -= 1
             if isinstance(reply, Refused):
                 self._service.log.info("Refused", request=request.name, code=reply.code)
                 self.tell(failed, refusal(reply), "bad")
@@ -175,6 +182,7 @@ class RobotActions:
 
         if self.before_ask is not None:
             self.before_ask(request)
+        self._num_asked += 1
         self._service.request(request, params, finish, robot=robot)
 
     # Inside.

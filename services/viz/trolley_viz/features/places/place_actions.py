@@ -1,17 +1,18 @@
 """What people do to saved places; each can be taken back."""
 
 from collections.abc import Callable
-from typing import Any
 
+from msgspec import convert
 from msgspec.structs import replace
 
 from trolley import requests, topics
 from trolley.geometry.frames import MAP
-from trolley.messages import SavedPose, Tour
-from trolley.messages.request_params import Capture, Named
-from trolley_viz.controls.undo import Step
+from trolley.messages import CapturedPose, SavedPose, Tour
+from trolley.messages.request_params import Capture
+from trolley_viz.controls.undo import Change
 from trolley_viz.features.driving.aiming import Aiming, ignore
 from trolley_viz.features.driving.robot_actions import RobotActions
+from trolley_viz.features.driving.stored_things import StoredThings
 from trolley_viz.pointing.pointer import Pointed, Tool
 from trolley_viz.robots.view import View
 
@@ -26,6 +27,14 @@ class PlaceActions:
         self._actions = actions
         self._aiming = aiming
         self._view = view
+        self._things = StoredThings(
+            actions,
+            "place",
+            requests.POSES_PUT,
+            requests.POSES_DELETE,
+            self.stored,
+            self._tours_led_on,
+        )
 
     def stored(self, name: str) -> SavedPose | None:
         """The saved place of a name."""
@@ -37,7 +46,8 @@ class PlaceActions:
         if not (name := self._new_name(name)):
             return
 
-        def saved(_: Any) -> None:
+        def saved(reply: CapturedPose) -> None:
+            self._things.remember(f"Save “{name}”", Change(None, _place_of(reply)))
             self._saved(name, done)
 
         self._actions.ask(requests.POSE_CAPTURE, Capture(name=name, icon=icon), "Not saved", saved)
@@ -56,26 +66,26 @@ class PlaceActions:
     def put_new(self, place: SavedPose, done: Callable[[str], None]) -> None:
         """Save a new place."""
         if name := self._new_name(place.name):
-            self._put(replace(place, name=name), "Not saved", lambda _: self._saved(name, done))
+            change = Change(None, replace(place, name=name))
+            title = f"Save “{name}”"
+            self._things.change(title, change, "Not saved", lambda _: self._saved(name, done))
 
     def change(self, place: SavedPose, name: str, icon: str, note: str) -> None:
         """Give a place another name, icon or note; tours still find it."""
         name = name.strip()
+        change = Change(place, replace(place, name=name, icon=icon, note=note))
         if name == place.name:
-            changed = replace(place, icon=icon, note=note)
-            self._replace(place, changed, f"Change “{name}”", "Not changed")
+            self._things.change(f"Change “{name}”", change, "Not changed")
         elif self._new_name(name):
-            self._rename(place, replace(place, name=name, icon=icon, note=note), is_undo=False)
+            self._things.change(f"Rename “{place.name}”", change, "Not renamed")
 
     def move_here(self, place: SavedPose) -> None:
         """Move a place to where the robot stands."""
 
-        def captured(_: Any) -> None:
+        def captured(reply: CapturedPose) -> None:
             # A capture knows no note: it is put back.
-            now = self.stored(place.name)
-            if place.note and now is not None:
-                self._put(replace(now, note=place.note), "Its note was lost")
-            self._remember(f"Move “{place.name}”", lambda: self._put(place, "Not moved back"))
+            moved = replace(_place_of(reply), note=place.note)
+            self._things.change(f"Move “{place.name}”", Change(place, moved), "Its note was lost")
 
         params = Capture(name=place.name, icon=place.icon, replace=True)
         self._actions.ask(requests.POSE_CAPTURE, params, "Not moved", captured)
@@ -86,22 +96,22 @@ class PlaceActions:
         def pointed_out(pointed: Pointed) -> None:
             pose = self._aiming.pose_at(pointed, place.pose.yaw)
             moved = replace(place, pose=pose, covariance=None, saved_at=None)
-            self._replace(place, moved, f"Move “{place.name}”", "Not moved")
+            self._things.change(f"Move “{place.name}”", Change(place, moved), "Not moved")
 
         self._point(place.name, pointed_out)
 
     def delete(self, place: SavedPose) -> None:
         """Forget a place."""
 
-        def deleted(_: Any) -> None:
-            self._remember(f"Delete “{place.name}”", lambda: self._put(place, "Not restored"))
+        def deleted(_: SavedPose) -> None:
             tours = [tour.name for tour in self._tours() if _stops_at(tour, place.name)]
             if tours:
                 listed = ", ".join(f"“{name}”" for name in tours[:5])
                 text = f"These tours stop there and can no longer find it: {listed}."
                 self._actions.tell(f"“{place.name}” is gone", text, "warn")
 
-        self._actions.ask(requests.POSES_DELETE, Named(name=place.name), "Not deleted", deleted)
+        title = f"Delete “{place.name}”"
+        self._things.change(title, Change(place, None), "Not deleted", deleted)
 
     # Inside.
     def _new_name(self, name: str) -> str:
@@ -118,10 +128,6 @@ class PlaceActions:
 
     def _saved(self, name: str, done: Callable[[str], None]) -> None:
         self._actions.tell("Saved", f"This place is now called “{name}”.", "good")
-        self._remember(
-            f"Save “{name}”",
-            lambda: self._actions.ask(requests.POSES_DELETE, Named(name=name), "Not deleted"),
-        )
         done(name)
 
     def _point(self, name: str, done: Callable[[Pointed], None]) -> None:
@@ -135,38 +141,10 @@ class PlaceActions:
 
         self._aiming.arm(Tool(PLACE, ignore, pointed_out), PLACE_HINT.format(name=name))
 
-    def _put(
-        self, place: SavedPose, failed: str, done: Callable[[Any], None] | None = None
-    ) -> None:
-        self._actions.ask(requests.POSES_PUT, place, failed, done)
-
-    def _replace(self, before: SavedPose, after: SavedPose, title: str, failed: str) -> None:
-        def done(_: Any) -> None:
-            self._remember(title, lambda: self._put(before, "Not changed back"))
-
-        self._put(after, failed, done)
-
-    def _rename(self, before: SavedPose, after: SavedPose, *, is_undo: bool) -> None:
-        """Save it under the new name, point the tours there, and only then delete the old name."""
-
-        def put(_: Any) -> None:
-            for tour in self._tours():
-                if _stops_at(tour, before.name):
-                    led = _led_to(tour, before.name, after.name)
-                    self._actions.ask(requests.TOURS_PUT, led, f"“{tour.name}” was not changed")
-            old = Named(name=before.name)
-            self._actions.ask(requests.POSES_DELETE, old, "The old name was not deleted", deleted)
-
-        def deleted(_: Any) -> None:
-            if not is_undo:
-                self._remember(
-                    f"Rename “{before.name}”", lambda: self._rename(after, before, is_undo=True)
-                )
-
-        self._put(after, "Not renamed", put)
-
-    def _remember(self, title: str, undo: Callable[[], None]) -> None:
-        self._actions.history.add(Step("place", title, undo))
+    def _tours_led_on(self, before: SavedPose, after: SavedPose) -> list[Tour]:
+        """The tours that stop at a place, with its new name."""
+        tours = (tour for tour in self._tours() if _stops_at(tour, before.name))
+        return [_led_to(tour, before.name, after.name) for tour in tours]
 
     def _tours(self) -> list[Tour]:
         tours = self._view().streams.latest(topics.TOURS)
@@ -181,3 +159,8 @@ def _led_to(tour: Tour, old: str, new: str) -> Tour:
     """The tour with its stops renamed."""
     stops = [replace(stop, name=new) if stop.name == old else stop for stop in tour.stops]
     return replace(tour, stops=stops)
+
+
+def _place_of(captured: CapturedPose) -> SavedPose:
+    """What a capture stored."""
+    return convert(captured, SavedPose, from_attributes=True)

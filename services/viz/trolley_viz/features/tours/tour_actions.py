@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 
 from msgspec import structs
 
-from trolley import requests
+from trolley import requests, topics
 from trolley.messages import Tour
-from trolley.messages.request_params import Named
-from trolley_viz.controls.undo import Step
+from trolley_viz.controls.undo import Change
 from trolley_viz.features.driving.robot_actions import RobotActions
+from trolley_viz.features.driving.stored_things import StoredThings
+from trolley_viz.robots.view import View
 
 _LONGEST_NAME = 64
 
@@ -19,10 +20,19 @@ class TourActions:
 
     Args:
         actions: asks the robot, and remembers what can be taken back.
+        view: what is known of it.
     """
 
-    def __init__(self, actions: RobotActions) -> None:
+    def __init__(self, actions: RobotActions, view: Callable[[], View]) -> None:
         self._actions = actions
+
+        def stored(name: str) -> Tour | None:
+            tours = view().streams.latest(topics.TOURS)
+            return next((one for one in tours.tours if one.name == name), None) if tours else None
+
+        self._things = StoredThings(
+            actions, "tour", requests.TOURS_PUT, requests.TOURS_DELETE, stored
+        )
 
     def save(self, tour: Tour, before: Tour | None, saved: Callable[[], None]) -> None:
         """Save a tour.
@@ -32,34 +42,18 @@ class TourActions:
             before: what it was, None for a new one; one of another name is deleted.
             saved: called when it is saved.
         """
-        renamed = before is not None and before.name != tour.name
-
-        def undo() -> None:
-            if before is not None:
-                self._actions.ask(requests.TOURS_PUT, before, "Not undone")
-            if before is None or renamed:
-                self._actions.ask(requests.TOURS_DELETE, Named(name=tour.name), "Not undone")
 
         def done(_: Tour) -> None:
-            if before is not None and renamed:
-                old = Named(name=before.name)
-                self._actions.ask(requests.TOURS_DELETE, old, "The old name was not deleted")
-            self._actions.history.add(Step("tour", f"Save the tour {tour.name}", undo))
             self._actions.tell("Saved", f"The tour {tour.name} is saved.", "good")
             saved()
 
-        self._actions.ask(requests.TOURS_PUT, tour, "Not saved", done)
+        title = f"Save the tour {tour.name}"
+        self._things.change(title, Change(before, tour), "Not saved", done)
 
     def delete(self, tour: Tour) -> None:
         """Delete a stored tour."""
-
-        def done(was: Tour) -> None:
-            def undo() -> None:
-                self._actions.ask(requests.TOURS_PUT, was, "Not undone")
-
-            self._actions.history.add(Step("tour", f"Delete the tour {was.name}", undo))
-
-        self._actions.ask(requests.TOURS_DELETE, Named(name=tour.name), "Not deleted", done)
+        title = f"Delete the tour {tour.name}"
+        self._things.change(title, Change(tour, None), "Not deleted")
 
     def duplicate(self, tour: Tour, tours: Sequence[Tour]) -> None:
         """Save the same tour under another name; times of day are not copied."""

@@ -14,7 +14,8 @@ from trolley.messages import SuspectLine, Zone, Zones
 from trolley.messages.mapping import ZoneKind
 from trolley.names import canonical
 from trolley.zones import LINE_KINDS
-from trolley_viz.features.zones.requests import Change, ZoneRequests
+from trolley_viz.controls.undo import Change
+from trolley_viz.features.zones.requests import ZoneRequests
 from trolley_viz.pointing.canvas import Canvas, Phase, PointerHandlers, outline_of
 from trolley_viz.pointing.sketch import (
     Point,

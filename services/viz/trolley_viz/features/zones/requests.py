@@ -1,7 +1,6 @@
 """Requests to store, change and delete zones from one browser, with undo."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from trolley import requests
@@ -10,32 +9,8 @@ from trolley.messages import Zone
 from trolley.messages.request_params import Named
 from trolley.requests import Request
 from trolley.runtime.service import Service
-from trolley_viz.controls.undo import History, Step
+from trolley_viz.controls.undo import Change, History, Step
 from trolley_viz.words.sentences import Tell, refusal
-
-
-@dataclass(frozen=True)
-class Change:
-    """One zone before and after; None where there is none."""
-
-    before: Zone | None
-    after: Zone | None
-
-    @property
-    def name(self) -> str:
-        """The zone's name, for people."""
-        zone = self.after or self.before
-        return "" if zone is None else zone.name
-
-    @property
-    def title(self) -> str:
-        """Name the change for the undo button, such as “Delete “hall””."""
-        what = "Add" if self.before is None else "Delete" if self.after is None else "Change"
-        return f"{what} “{self.name}”"
-
-    def reversed(self) -> "Change":
-        """The change that takes this one back."""
-        return Change(self.after, self.before)
 
 
 class ZoneRequests:
@@ -68,7 +43,7 @@ class ZoneRequests:
 
     def ask(
         self,
-        change: Change,
+        change: Change[Zone],
         done: Callable[[Zone | None], None],
         refused: Callable[[], None] = lambda: None,
     ) -> None:
@@ -84,31 +59,27 @@ class ZoneRequests:
         self._make(change, made, refused)
 
     # Inside.
-    def _remember(self, change: Change) -> None:
+    def _remember(self, change: Change[Zone]) -> None:
         """Let the person take a change back, as long as there is the same map."""
         map_name = self._map_name()
 
         def undo() -> None:
             self._take_back(change, step)
 
-        step = Step("zone", change.title, undo, lambda: self._map_name() in ("", map_name))
+        step = Step("zone", _title(change), undo, lambda: self._map_name() in ("", map_name))
         self._history.add(step)
 
-    def _take_back(self, change: Change, step: Step) -> None:
+    def _take_back(self, change: Change[Zone], step: Step) -> None:
         """Take a change back, unless somebody changed that zone again."""
-        if not self.is_busy and self._stored(change.name) != change.after:
-            self._tell(
-                "Not undone", f"Somebody else has changed “{change.name}” since then.", "warn"
-            )
-            return
-        # What is refused can be tried again.
-        self._make(change.reversed(), lambda _: None, lambda: self._history.add(step))
+        if self.is_busy or not change.is_overtaken(self._stored, self._tell):
+            # What is refused can be tried again.
+            self._make(change.reversed(), lambda _: None, lambda: self._history.add(step))
 
     def _stored(self, name: str) -> Zone | None:
         return next((zone for zone in self._zones() if zone.name == name), None)
 
     def _make(
-        self, change: Change, made: Callable[[Zone], None], refused: Callable[[], None]
+        self, change: Change[Zone], made: Callable[[Zone], None], refused: Callable[[], None]
     ) -> None:
         before, after = change.before, change.after
         robot = self._robot()  # for both requests: another may be followed when the second is sent
@@ -133,7 +104,7 @@ class ZoneRequests:
                 robot,
             )
 
-    def _problem(self, change: Change) -> str:
+    def _problem(self, change: Change[Zone]) -> str:
         """Why a change cannot be asked for now; "" if it can."""
         before, after = change.before, change.after
         if self.is_busy:
@@ -163,3 +134,10 @@ class ZoneRequests:
                 done(reply)
 
         self._service.request(request, params, finish, robot=robot)
+
+
+def _title(change: Change[Zone]) -> str:
+    """Name a change for the undo button, such as “Delete “hall””."""
+    what = "Add" if change.before is None else "Delete" if change.after is None else "Change"
+    zone = change.after or change.before
+    return f"{what} “{'' if zone is None else zone.name}”"

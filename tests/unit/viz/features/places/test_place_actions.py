@@ -9,7 +9,7 @@ import pytest
 
 from trolley import requests, topics
 from trolley.geometry import Pose2D
-from trolley.messages import SavedPose, Stop, Tour
+from trolley.messages import CapturedPose, SavedPose, Stop, Tour
 from trolley_viz.controls.undo import History
 from trolley_viz.features.places.place_actions import PlaceActions
 from trolley_viz.pointing.pointer import Pointed
@@ -31,6 +31,7 @@ class House:
         }
         self.told: list[str] = []
         self.history = History()
+        self.is_asking = False
         self.pointed: Pointed | None = Pointed(1.0, 2.0, 0.25)
         self.armed = True
         streams = SimpleNamespace(latest=self._latest)
@@ -48,20 +49,28 @@ class House:
     def ask(
         self, request: Any, params: Any, failed: str, done: Callable[[Any], None] | None = None
     ) -> None:
+        reply = params
         if request is requests.POSE_CAPTURE:
-            self.poses[params.name] = SavedPose(
-                name=params.name, map="room", pose=HERE, icon=params.icon
+            reply = CapturedPose(
+                name=params.name,
+                map="room",
+                pose=HERE,
+                icon=params.icon,
+                state="localized",
+                match=1.0,
+                age=0.0,
             )
+            self.poses[params.name] = msgspec.convert(reply, SavedPose, from_attributes=True)
         elif request is requests.POSES_PUT:
-            self.poses[params.name] = params
+            reply = self.poses[params.name] = msgspec.structs.replace(params, map="room")
         elif request is requests.POSES_DELETE:
-            del self.poses[params.name]
+            reply = self.poses.pop(params.name)
         elif request is requests.TOURS_PUT:
             self.tours[params.name] = params
         else:
             raise AssertionError(request.name)
         if done is not None:
-            done(params)
+            done(reply)
 
     def tell(self, title: str, text: str, tone: str) -> None:
         self.told.append(text)
@@ -164,3 +173,57 @@ def test_a_place_that_is_deleted_can_be_brought_back(house: House) -> None:
     assert "“other”" not in house.told[0]
     house.history.undo()
     assert house.poses == {"kitchen": KITCHEN}
+
+
+DOOR = SavedPose(name="door", pose=HERE)
+DONE: dict[str, Callable[[PlaceActions], None]] = {
+    "save": lambda places: places.put_new(DOOR, lambda _: None),
+    "save here": lambda places: places.save_here("door", "", lambda _: None),
+    "change": lambda places: places.change(KITCHEN, "kitchen", "coffee", ""),
+    "move": lambda places: places.move_here(KITCHEN),
+    "point": lambda places: places.point_move(KITCHEN),
+    "rename": lambda places: places.change(KITCHEN, "Küche", "home", "by the oven"),
+    "delete": lambda places: places.delete(KITCHEN),
+}
+
+
+@pytest.mark.parametrize(
+    ("mine", "name"),
+    [
+        ("save", "door"),
+        ("save here", "door"),
+        ("change", "kitchen"),
+        ("move", "kitchen"),
+        ("point", "kitchen"),
+        ("rename", "Küche"),
+        ("rename", "kitchen"),
+        ("delete", "kitchen"),
+    ],
+)
+def test_undo_leaves_what_somebody_else_did_since(house: House, mine: str, name: str) -> None:
+    DONE[mine](house.places)
+    theirs = SavedPose(name=name, map="room", pose=Pose2D(-2.0, 1.0, 0.0), note="mind the cable")
+    house.poses[name] = theirs
+    before = dict(house.poses)
+    house.history.undo()
+    assert house.poses == before
+    assert house.told[-1] == f"Somebody else has changed “{name}” since then."
+    assert house.history.last() is None
+
+
+def test_undo_pressed_twice_at_once_blames_nobody(house: House) -> None:
+    DONE["change"](house.places)
+    house.is_asking = True
+    house.history.undo()
+    assert house.told == ["The last change has not been saved yet."]
+    house.is_asking = False
+    house.history.undo()
+    assert house.poses == {"kitchen": KITCHEN}
+
+
+def test_undo_does_not_bring_back_what_somebody_else_deleted(house: House) -> None:
+    DONE["change"](house.places)
+    del house.poses["kitchen"]
+    house.history.undo()
+    assert house.poses == {}
+    assert house.told == ["Somebody else has changed “kitchen” since then."]

@@ -528,6 +528,46 @@ def test_a_deleted_tour_is_brought_back(stage: "Stage", tour: PretendTour, page:
     assert tour.tours == before
 
 
+@pytest.mark.parametrize("name", ["evening", "night"])
+def test_undo_leaves_a_tour_that_somebody_else_changed_since(
+    stage: "Stage", tour: PretendTour, page: PageOf, name: str
+) -> None:
+    make_tour(stage, page)
+    edit_tour(stage, page)
+    page.type("Name", "night")
+    settle(stage)
+    page.press("Save")
+    settle(stage)
+    tour.put(Tour(name=name, stops=[Stop(pose=Pose2D(1.0, 1.0, 0.0))]))
+    settle(stage)
+    before = dict(tour.tours)
+    undo(page)
+    settle(stage)
+    assert tour.tours == before
+    told = f"Somebody else has changed “{name}” since then."
+    assert stage.browsers[0].notices[-1] == ("Not undone", told)
+
+
+def test_undo_neither_deletes_nor_overwrites_a_tour_that_somebody_else_worked_on(
+    stage: "Stage", tour: PretendTour, page: PageOf
+) -> None:
+    make_tour(stage, page)
+    mine = tour.tours["evening"]
+    theirs = Tour(name="evening", stops=[Stop(pose=Pose2D(1.0, 1.0, 0.0))])
+    tour.put(theirs)
+    settle(stage)
+    undo(page)
+    settle(stage)
+    assert tour.tours == {"evening": theirs}
+    page.within("evening").press("Delete")
+    settle(stage)
+    tour.put(mine)
+    settle(stage)
+    undo(page)
+    settle(stage)
+    assert tour.tours == {"evening": mine}
+
+
 def test_who_saved_meanwhile_is_not_overwritten_unasked(
     stage: "Stage", tour: PretendTour, page: PageOf
 ) -> None:

@@ -1,0 +1,91 @@
+"""Places or tours that one browser stores, renames and deletes; each change can be undone."""
+
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+from trolley import requests
+from trolley.messages import SavedPose, Tour
+from trolley.messages.request_params import Named
+from trolley.requests import Request
+from trolley_viz.controls.undo import Change, Kind, Step
+from trolley_viz.features.driving.robot_actions import RobotActions
+
+T = TypeVar("T", bound=SavedPose | Tour)
+
+
+class StoredThings(Generic[T]):
+    """What the robot keeps of one kind, by name.
+
+    Args:
+        actions: asks the robot, and remembers what can be undone.
+        kind: what the steps for Undo are about.
+        put: stores one.
+        delete: deletes one.
+        stored: what is stored under a name now.
+        follow: the tours as they have to be once the first has become the second.
+    """
+
+    def __init__(
+        self,
+        actions: RobotActions,
+        kind: Kind,
+        put: Request[T, T],
+        delete: Request[Named, T],
+        stored: Callable[[str], T | None],
+        follow: Callable[[T, T], Sequence[Tour]] = lambda before, after: (),
+    ) -> None:
+        self._actions, self._kind = actions, kind
+        self._put, self._delete = put, delete
+        self._stored, self._follow = stored, follow
+
+    def change(
+        self, title: str, change: Change[T], failed: str, done: Callable[[T], None] | None = None
+    ) -> None:
+        """Make a change that can be undone.
+
+        Args:
+            title: says what is done.
+            change: what there is before and after.
+            failed: says that it was not done.
+            done: gets it as it was saved.
+        """
+
+        def changed(saved: T) -> None:
+            deleted = change.after is None
+            self.remember(title, Change(saved, None) if deleted else Change(change.before, saved))
+            if done is not None:
+                done(saved)
+
+        self._make(change, failed, changed)
+
+    def remember(self, title: str, change: Change[T]) -> None:
+        """Let the person take a change back."""
+
+        def undo() -> None:
+            if self._actions.is_asking:
+                self._actions.tell("Not undone", "The last change has not been saved yet.", "warn")
+                self._actions.history.add(step)
+            elif not change.is_overtaken(self._stored, self._actions.tell):
+                self._make(change.reversed(), "Not undone")
+
+        step = Step(self._kind, title, undo)
+        self._actions.history.add(step)
+
+    def _make(
+        self, change: Change[T], failed: str, done: Callable[[T], None] = lambda _: None
+    ) -> None:
+        before, after, ask = change.before, change.after, self._actions.ask
+        if before is None or after is None or before.name == after.name:
+            if after is not None:
+                ask(self._put, after, failed, done)
+            elif before is not None:
+                ask(self._delete, Named(name=before.name), failed, done)
+            return
+        old, tours = Named(name=before.name), self._follow(before, after)
+
+        def put(saved: T) -> None:
+            for tour in tours:
+                ask(requests.TOURS_PUT, tour, f"“{tour.name}” was not changed")
+            ask(self._delete, old, "The old name was not deleted", lambda _: done(saved))
+
+        ask(self._put, after, failed, put)
