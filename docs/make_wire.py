@@ -38,8 +38,8 @@ counter-clockwise, x is forward and y left; frames are `map` → `odom` → `bas
 **Encoding.** Messages are maps with field names: streams as msgpack (`application/msgpack`),
 answers as JSON unless the selector says `?format=msgpack`. Where the table says *binary*, `get`
 answers msgpack unless it says `?format=json`. Unknown fields are ignored in streams and refused
-by name in requests. Arrays are little-endian bytes in C order, in JSON base64. Other numbers are
-finite; unknown values are `null`.
+by name in requests. Arrays are little-endian bytes in C order, in JSON base64. Other numbers lie
+between -1e12 and 1e12; unknown values are `null`.
 
 **Reading.** `get` on a stream's key gives the latest value, from anywhere:
 `zenoh --mode client --connect tcp/127.0.0.1:7447 get --decoder json -s trolley/trolley/pose`.

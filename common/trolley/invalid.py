@@ -5,6 +5,7 @@ from typing import Any
 
 from msgspec import inspect as shapes
 
+from trolley.geometry.pose import LARGEST
 from trolley.messages.driving import GoalId
 from trolley.messages.editing import EditId
 from trolley.messages.mapping import MapName
@@ -37,8 +38,6 @@ _SENTENCES = {
     "Integer value out of range": "the number is too large",
     "Number out of range": "the number is too large",
 }
-_LARGE = 1e308
-"""A bound from here on only says that a number is finite."""
 _MOST_CHOICES = 8
 """Where more words are allowed, a message does not list them."""
 _PATTERN = re.compile(r"Expected `str` matching regex '(.*)'\Z", re.DOTALL)
@@ -100,8 +99,8 @@ def plain_words(text: str, choices: list[str], field: str = "field") -> str:
         )
         return f"{needed} is needed, not {got}"
     if found := _BOUND.match(text):
-        if abs(float(found[2])) >= _LARGE:
-            return "it must be a finite number"
+        if abs(float(found[2])) >= LARGEST:
+            return f"it must be a number between -{LARGEST:.0e} and {LARGEST:.0e}"
         return f"it must be {_BOUNDS[found[1]]} {found[2]}"
     if found := _LENGTH.match(text):
         kind, bound, count = found.groups()

@@ -68,8 +68,8 @@ class Numbers(msgspec.Struct, forbid_unknown_fields=True):
         ({"drinks": [{"type": "beer"}]}, "`drinks[0].type`: it may be `Cup` or `Pot`, not 'beer'"),
         ({"letter": "z"}, "`letter`: 'z' is not among the values that it may have"),
         ({"word": None}, "`word`: text is needed, not nothing"),
-        ({"place": math.nan}, "`place`: it must be a finite number"),
-        ({"place": math.inf}, "`place`: it must be a finite number"),
+        ({"place": math.nan}, "`place`: it must be a number between -1e+12 and 1e+12"),
+        ({"place": math.inf}, "`place`: it must be a number between -1e+12 and 1e+12"),
         ({"fewer": 1}, "unknown field `fewer`"),
     ],
 )

@@ -18,6 +18,7 @@ from trolley.config.base import ExtraSensorConfig
 from trolley.config.load import RobotConfig
 from trolley.config.robot import FootprintConfig, PoseConfig
 from trolley.drivers import BOARDS, BUILT_IN, LIDARS, BoardSensor, Driver, Drivers
+from trolley.geometry.pose import LARGEST
 
 INLINE: dict[type[msgspec.Struct], str] = {
     FootprintConfig: "{length_m, width_m}, {radius_m} or {polygon_m = [[x, y], ...]}",
@@ -28,7 +29,6 @@ INLINE: dict[type[msgspec.Struct], str] = {
 DRIVER_TABLES = {BOARDS: "base.chassis.settings", LIDARS: "base.lidar.settings"}
 COMMENT_WIDTH = 94
 """Of the text of a comment."""
-_LARGE = 1e15
 
 
 class Key(NamedTuple):
@@ -198,7 +198,7 @@ def _range(shape: shapes.Type) -> tuple[float | None, float | None]:
     greatest = shape.lt if shape.le is None else shape.le
     return (
         None if least is None else float(least),
-        None if greatest is None or greatest >= _LARGE else float(greatest),
+        None if greatest is None or greatest >= LARGEST else float(greatest),
     )
 
 
@@ -278,5 +278,5 @@ def _bounds(shape: shapes.FloatType | shapes.IntType) -> str:
     return " ".join(
         f"{word} {bound:g}" if abs(bound) < 1e6 else f"{word} {bound}"
         for word, bound in bounds.items()
-        if bound is not None and abs(bound) < _LARGE
+        if bound is not None and abs(bound) < LARGEST
     )

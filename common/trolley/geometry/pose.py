@@ -12,7 +12,6 @@ Source:
 """
 
 import math
-import sys
 from collections.abc import Sequence
 from typing import Annotated, Any, Self
 
@@ -70,7 +69,9 @@ def wrap_angles(angles: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
 
 # NaN passes a plain `float` field but fails every comparison, so bounds refuse it and both
 # infinities. msgspec checks them when it decodes, not when a value is constructed.
-Finite = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+LARGEST = 1e12
+"""Largest number of a message: sums, products and squares of such numbers are finite, too."""
+Finite = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 
 # Length of the (x, y) part of a unit quaternion beyond which the rotation is not "about z":
 # 0.01 is a tilt of 1.1 degrees, above the rounding of hand-typed values.

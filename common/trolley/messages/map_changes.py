@@ -20,7 +20,7 @@ class MapChange(Struct, frozen=True, kw_only=True):
 
     id: str
     kind: ChangeKind
-    points: list[Point]
+    points: Annotated[list[Point], Meta(min_length=1)]
     strokes: Annotated[list[Stroke], Meta(max_length=1000)]
     width: Positive
     seconds: NonNegative

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
-from trolley.geometry.pose import Pose2D
+from trolley.geometry.pose import LARGEST, Pose2D
 from trolley.messages.driving import GoalId
 from trolley.messages.mapping import MapName
 from trolley.messages.touring import Tour
@@ -48,8 +48,8 @@ class SendGoal(Struct, frozen=True, kw_only=True):
     name: str | None = None
     frame: str | None = None
     via: Annotated[list[Pose2D], Meta(max_length=1000)] = []
-    xy_tolerance: Annotated[float, Meta(ge=FINEST_XY_M, le=1e308)] = 0.05
-    yaw_tolerance: Annotated[float, Meta(ge=FINEST_YAW_RAD, le=1e308)] = 0.05
+    xy_tolerance: Annotated[float, Meta(ge=FINEST_XY_M, le=LARGEST)] = 0.05
+    yaw_tolerance: Annotated[float, Meta(ge=FINEST_YAW_RAD, le=LARGEST)] = 0.05
     speed: Positive | None = None
 
     def __post_init__(self) -> None:

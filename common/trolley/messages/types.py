@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
-from trolley.geometry.pose import Finite
+from trolley.geometry.pose import LARGEST, Finite
 
 StampNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 """Robot time [ns]; 0 = the sender has no robot time."""
@@ -16,10 +16,10 @@ StampNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 """A part of the whole, 0 to 1."""
 
-NonNegative = Annotated[float, Meta(ge=0.0, le=1e308)]
+NonNegative = Annotated[float, Meta(ge=0.0, le=LARGEST)]
 """A finite number that is not negative."""
 
-Positive = Annotated[float, Meta(gt=0.0, le=1e308)]
+Positive = Annotated[float, Meta(gt=0.0, le=LARGEST)]
 """A finite number above zero."""
 
 Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]

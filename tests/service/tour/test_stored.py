@@ -123,6 +123,7 @@ def test_what_is_stored_survives_a_kill(empty: "Home"):
         ("poses/kitchen", {"map": "../etc", "pose": {"x": 1, "y": 2, "yaw": 0}}),
         ("poses/kitchen", {"map": "a", "pose": {"x": None, "y": 2, "yaw": 0}}),
         ("poses/kitchen", {"map": "a", "pose": {"x": 1e300, "y": 2, "yaw": 0}}),
+        ("poses/kitchen", {"map": "a", "pose": {"x": 2e6, "y": 2, "yaw": 0}}),
         ("poses/kitchen", {"map": "a"}),
         ("poses/kitchen", {"map": "a", "pose": {"x": 1, "y": 2, "yaw": 0}, "saved_at": "noon"}),
         ("poses/" + 65 * "a", {"map": "a", "pose": {"x": 1, "y": 2, "yaw": 0}}),
@@ -130,6 +131,8 @@ def test_what_is_stored_survives_a_kill(empty: "Home"):
         ("tours/evening", {"name": "morning", "stops": [{"name": "kitchen"}]}),
         ("tours/evening", {"stops": [{"name": "../kitchen"}]}),
         ("tours/evening", {"stops": [{}]}),
+        ("tours/evening", {"stops": [{"pose": {"x": 1, "y": -2e6, "yaw": 0}}]}),
+        ("tours/evening", {"stops": [{"name": "den", "via": [{"x": 2e6, "y": 2, "yaw": 0}]}]}),
     ],
 )
 def test_bad_wish_changes_nothing_and_is_counted(empty: "Home", key: str, body):

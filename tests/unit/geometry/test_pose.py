@@ -42,9 +42,11 @@ def test_what_is_no_pose_is_refused(bad: list[float]) -> None:
         Pose2D.from_array(bad)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1.1e12, -1.1e12, -1e308])
 @pytest.mark.parametrize("kind", [Pose2D, Twist2D])
-def test_decoding_refuses_what_is_not_finite(kind: type[msgspec.Struct], value: float) -> None:
+def test_decoding_refuses_what_is_not_finite_or_out_of_this_world(
+    kind: type[msgspec.Struct], value: float
+) -> None:
     good = msgspec.to_builtins(kind(1.0, 2.0, 3.0))
     for field in good:
         payload = msgspec.msgpack.encode({**good, field: value})

@@ -15,6 +15,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
+from trolley.geometry.pose import LARGEST
 from trolley.gridmap import GridMap, save_map
 from trolley.messages import (
     ChangedSetting,
@@ -241,7 +242,7 @@ def test_a_pose_where_the_robot_cannot_be_is_refused(
     assert refused.value.code == code
 
 
-@pytest.mark.parametrize("covariance", [[0.0] * 9, [-1e9] * 9, [1e300] * 9])
+@pytest.mark.parametrize("covariance", [[0.0] * 9, [-1e9] * 9, [LARGEST] * 9])
 def test_any_covariance_of_nine_numbers_is_survived(
     make_robot: MakeRobot, covariance: list[float]
 ) -> None:

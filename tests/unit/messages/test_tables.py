@@ -2,11 +2,15 @@
 
 import itertools
 import re
+from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 import pytest
+from support.strategies import message_types
 
 from trolley import codes, requests, topics
+from trolley.geometry.pose import LARGEST
 from trolley.messages.arrays import ARRAY_FIELDS
 from trolley.runtime.bus import matches
 from trolley.topics import Kind
@@ -43,6 +47,26 @@ def test_a_refusal_carries_its_sentence():
 def test_requests_refuse_with_known_codes_beside_the_common_ones():
     for request in requests.REQUESTS:
         assert set(request.refusals) <= set(codes.SENTENCES) - COMMON, request.name
+
+
+def numbers_in(schema: Any) -> Iterator[dict[str, Any]]:
+    """What a JSON schema says of each number that need not be whole."""
+    if isinstance(schema, dict):
+        if schema.get("type") == "number":
+            yield schema
+        schema = list(schema.values())
+    if isinstance(schema, list):
+        for part in schema:
+            yield from numbers_in(part)
+
+
+def test_any_two_numbers_of_messages_can_be_multiplied() -> None:
+    schemas = msgspec.json.schema_components(message_types())[1]
+    assert len(list(numbers_in(schemas))) > 100
+    for number in numbers_in(schemas):
+        bounds = [value for name, value in number.items() if name.endswith("imum")]
+        assert len(bounds) == 2, number
+        assert all(abs(bound) <= LARGEST for bound in bounds), number
 
 
 def test_no_two_topics_share_a_key():

@@ -428,3 +428,34 @@ def test_tokens_are_kept_and_only_their_owner_reads_them(stage: "Stage") -> None
     stage.viz.stop()
     stage.runtime.add(VizService(stage.config))
     assert path.read_text() == tokens
+
+
+FAR = '{"stamp_ns":1,"lines":[{"points":[[-1e308,0],[1e308,0]],"score":1}]}'
+LONG = '{"kind":"line","size":[1e306,1,1],"points":[[0,0,0],[1,1,0]]}'
+NOWHERE = (
+    '{"stamp_ns":1,"map":"room","changes":[{"id":"1","kind":"gone","points":[],"strokes":[],'
+    '"width":0.1,"seconds":1,"score":1}]}'
+)
+OUTSIDE = (
+    '{"stamp_ns":1,"name":"t","trip":"abc","state":"driving","stop":0,'
+    '"tour":{"stops":[{"pose":{"x":1.7e308,"y":0,"yaw":0}}]}}'
+)
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        (topics.MARKER.key("trolley", "me", "1"), LONG),
+        (topics.CHANGES.key("trolley"), NOWHERE),
+        (topics.SUSPECTS.key("trolley"), FAR),
+        (topics.TOUR.key("trolley"), OUTSIDE),
+    ],
+)
+def test_no_message_ends_the_viewer(stage: "Stage", key: str, message: str) -> None:
+    stage.browse()
+    stage.runtime.put(key, message.encode(), "application/json")
+    stage.runtime.run(1.0)
+    small = message.replace("e306", "e12").replace("1.7e308", "1e12").replace("1e308", "1e12")
+    stage.runtime.put(key, small.encode(), "application/json")
+    stage.runtime.run(1.0)
+    assert stage.layer("robot")._frame.visible

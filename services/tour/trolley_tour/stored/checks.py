@@ -97,10 +97,7 @@ def checked_pose(pose: SavedPose, key: str | None, map_name: str | None) -> Save
     if on_map is None:
         raise Refused(codes.NOT_READY, "No map is loaded yet; say which map the pose is on.")
     _check_map_name(on_map)
-    if max(abs(pose.pose.x), abs(pose.pose.y)) > MAX_COORDINATE_M:
-        raise Refused(
-            codes.BAD_REQUEST, f"Coordinates may be {MAX_COORDINATE_M:.0f} m at most.", name=name
-        )
+    _check_coordinates(pose.pose)
     if max(len(pose.icon), len(pose.note)) > MAX_TEXT:
         raise Refused(codes.TOO_LARGE, f"Icon and note may have {MAX_TEXT} characters at most.")
     if pose.saved_at is not None and parse_utc(pose.saved_at) is None:
@@ -132,7 +129,13 @@ def checked_tour(tour: Tour, key: str | None = None, map_name: str | None = None
 def _checked_stop(stop: Stop, index: int) -> Stop:
     if len(stop.via) > MAX_VIA:
         raise Refused(codes.TOO_LARGE, f"Stop {index + 1} has more than {MAX_VIA} via points.")
+    _check_coordinates(*stop.via, *(() if stop.pose is None else (stop.pose,)))
     return stop if stop.name is None else structs.replace(stop, name=plain_name(stop.name))
+
+
+def _check_coordinates(*poses: Pose2D) -> None:
+    if any(max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE_M for pose in poses):
+        raise Refused(codes.BAD_REQUEST, f"Coordinates may be {MAX_COORDINATE_M:.0f} m at most.")
 
 
 def parse_utc(text: str) -> datetime.datetime | None:
