@@ -156,16 +156,20 @@ class RobotActions:
         params: Any,
         failed: str,
         done: Callable[[Any], None] | None = None,
+        then: Callable[[Any, str], None] | None = None,
+        robot: str = "",
     ) -> None:
-        """Send a request to the selected robot and tell people if it is refused.
+        """Send a request to a robot and tell people if it is refused.
 
         Args:
             request: what is asked.
             params: of it.
             failed: says that it was not done.
             done: takes the answer, if the same robot is selected still.
+            then: takes the answer and the robot, whichever is selected: asks it for the rest.
+            robot: whom; the selected one if "".
         """
-        robot = self._robot()
+        robot = robot or self._robot()
 
         def finish(reply: Any) -> None:
             self._num_asked -= 1
@@ -176,6 +180,8 @@ class RobotActions:
             sent = _id_of(reply) if request in SENDING else None
             if sent:
                 self._note_sent(robot, sent)
+            if then is not None:
+                then(reply, robot)
             # What comes next is about the robot that was asked: another may be followed by now.
             if done is not None and robot == self._robot():
                 done(reply)

@@ -39,7 +39,12 @@ class StoredThings(Generic[T]):
         self._stored, self._follow = stored, follow
 
     def change(
-        self, title: str, change: Change[T], failed: str, done: Callable[[T], None] | None = None
+        self,
+        title: str,
+        change: Change[T],
+        failed: str,
+        done: Callable[[T], None] | None = None,
+        robot: str = "",
     ) -> None:
         """Make a change that can be undone.
 
@@ -47,7 +52,8 @@ class StoredThings(Generic[T]):
             title: says what is done.
             change: what there is before and after.
             failed: says that it was not done.
-            done: gets it as it was saved.
+            done: gets it as it was saved, if the same robot is selected still.
+            robot: whose; that of the selected one if "".
         """
 
         def changed(saved: T) -> None:
@@ -56,7 +62,7 @@ class StoredThings(Generic[T]):
             if done is not None:
                 done(saved)
 
-        self._make(change, failed, changed)
+        self._make(change, failed, changed, robot)
 
     def remember(self, title: str, change: Change[T]) -> None:
         """Let the person take a change back."""
@@ -72,20 +78,25 @@ class StoredThings(Generic[T]):
         self._actions.history.add(step)
 
     def _make(
-        self, change: Change[T], failed: str, done: Callable[[T], None] = lambda _: None
+        self,
+        change: Change[T],
+        failed: str,
+        done: Callable[[T], None] = lambda _: None,
+        robot: str = "",
     ) -> None:
         before, after, ask = change.before, change.after, self._actions.ask
         if before is None or after is None or before.name == after.name:
             if after is not None:
-                ask(self._put, after, failed, done)
+                ask(self._put, after, failed, done, robot=robot)
             elif before is not None:
-                ask(self._delete, Named(name=before.name), failed, done)
+                ask(self._delete, Named(name=before.name), failed, done, robot=robot)
             return
         old, tours = Named(name=before.name), self._follow(before, after)
 
-        def put(saved: T) -> None:
+        def put(saved: T, robot: str) -> None:
             for tour in tours:
-                ask(requests.TOURS_PUT, tour, f"“{tour.name}” was not changed")
-            ask(self._delete, old, "The old name was not deleted", lambda _: done(saved))
+                ask(requests.TOURS_PUT, tour, f"“{tour.name}” was not changed", robot=robot)
+            failed = "The old name was not deleted"
+            ask(self._delete, old, failed, lambda _: done(saved), robot=robot)
 
-        ask(self._put, after, failed, put)
+        ask(self._put, after, failed, then=put, robot=robot)

@@ -82,13 +82,14 @@ class PlaceActions:
     def move_here(self, place: SavedPose) -> None:
         """Move a place to where the robot stands."""
 
-        def captured(reply: CapturedPose) -> None:
+        def captured(reply: CapturedPose, robot: str) -> None:
             # A capture knows no note: it is put back.
-            moved = replace(_place_of(reply), note=place.note)
-            self._things.change(f"Move “{place.name}”", Change(place, moved), "Its note was lost")
+            change = Change(place, replace(_place_of(reply), note=place.note))
+            title = f"Move “{place.name}”"
+            self._things.change(title, change, "Its note was lost", robot=robot)
 
         params = Capture(name=place.name, icon=place.icon, replace=True)
-        self._actions.ask(requests.POSE_CAPTURE, params, "Not moved", captured)
+        self._actions.ask(requests.POSE_CAPTURE, params, "Not moved", then=captured)
 
     def point_move(self, place: SavedPose) -> None:
         """Let the person point out where a place should be."""

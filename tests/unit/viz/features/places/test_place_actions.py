@@ -2,17 +2,23 @@
 
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
 
 from trolley import requests, topics
 from trolley.geometry import Pose2D
-from trolley.messages import CapturedPose, SavedPose, Stop, Tour
+from trolley.messages import CapturedPose, SavedPose, SavedPoses, Stop, Tour, Tours
+from trolley.messages.request_params import Capture, Named
+from trolley.runtime.service import Service, answers
 from trolley_viz.controls.undo import History
 from trolley_viz.features.places.place_actions import PlaceActions
+from trolley_viz.features.tours.tour_actions import TourActions
 from trolley_viz.pointing.pointer import Pointed
+
+if TYPE_CHECKING:
+    from ...conftest import Stage
 
 HERE = Pose2D(5.0, 5.0, 1.0)
 KITCHEN = SavedPose(
@@ -47,7 +53,13 @@ class House:
 
     # What the actions are asked for.
     def ask(
-        self, request: Any, params: Any, failed: str, done: Callable[[Any], None] | None = None
+        self,
+        request: Any,
+        params: Any,
+        failed: str,
+        done: Callable[[Any], None] | None = None,
+        then: Callable[[Any, str], None] | None = None,
+        robot: str = "",
     ) -> None:
         reply = params
         if request is requests.POSE_CAPTURE:
@@ -69,6 +81,8 @@ class House:
             self.tours[params.name] = params
         else:
             raise AssertionError(request.name)
+        if then is not None:
+            then(reply, robot)
         if done is not None:
             done(reply)
 
@@ -85,6 +99,56 @@ class House:
 
     def pose_at(self, pointed: Pointed, kept: float | None = None) -> Pose2D:
         return Pose2D(pointed.x, pointed.y, pointed.yaw if pointed.yaw is not None else kept or 0.0)
+
+
+class Keeper(Service):
+    """Keeps places and tours as the tour service does."""
+
+    name = "tour"
+
+    def __init__(self) -> None:
+        self.poses = {"kitchen": KITCHEN}
+        self.tours = {"round": Tour(name="round", stops=[Stop(name="kitchen")])}
+
+    def start(self) -> None:
+        self.publish(topics.POSES, SavedPoses(stamp_ns=1, poses=[*self.poses.values()]))
+        self.publish(topics.TOURS, Tours(stamp_ns=1, tours=[*self.tours.values()]))
+
+    @answers(requests.POSE_CAPTURE)
+    def capture(self, params: Capture) -> CapturedPose:
+        assert params.name is not None
+        self.poses[params.name] = SavedPose(name=params.name, map="room", pose=HERE)
+        return CapturedPose(
+            name=params.name, map="room", pose=HERE, state="localized", match=1.0, age=0.0
+        )
+
+    @answers(requests.POSES_PUT)
+    def put(self, pose: SavedPose) -> SavedPose:
+        self.poses[pose.name] = pose
+        return pose
+
+    @answers(requests.POSES_DELETE)
+    def delete(self, params: Named) -> SavedPose:
+        return self.poses.pop(params.name)
+
+    @answers(requests.TOURS_PUT)
+    def put_tour(self, tour: Tour) -> Tour:
+        self.tours[tour.name] = tour
+        return tour
+
+    @answers(requests.TOURS_DELETE)
+    def delete_tour(self, params: Named) -> Tour:
+        return self.tours.pop(params.name)
+
+
+@pytest.fixture
+def keepers(stage: "Stage") -> tuple[Keeper, Keeper]:
+    """Of the robot that is followed, and of another one."""
+    stage.runtime.add(type(stage.robot)(), robot="kart")
+    both = stage.runtime.add(Keeper()), stage.runtime.add(Keeper(), robot="kart")
+    stage.browse()
+    stage.runtime.run(0.5)
+    return both
 
 
 @pytest.fixture
@@ -227,3 +291,40 @@ def test_undo_does_not_bring_back_what_somebody_else_deleted(house: House) -> No
     house.history.undo()
     assert house.poses == {}
     assert house.told == ["Somebody else has changed “kitchen” since then."]
+
+
+def test_who_follows_another_robot_meanwhile_leaves_no_rename_half_done(
+    stage: "Stage", keepers: tuple[Keeper, Keeper]
+) -> None:
+    mine, other = keepers
+    stage.session.place_actions.change(KITCHEN, "den", "home", "by the oven")
+    stage.session.follow("kart")  # before it is answered
+    stage.runtime.run(0.5)
+    assert list(mine.poses) == ["den"]
+    assert [stop.name for stop in mine.tours["round"].stops] == ["den"]
+    assert list(other.poses) == ["kitchen"]
+    assert stage.session.actions.history.last() is None
+
+
+def test_who_follows_another_robot_meanwhile_leaves_no_two_names_of_a_tour(
+    stage: "Stage", keepers: tuple[Keeper, Keeper]
+) -> None:
+    mine, other = keepers
+    actions, tour = stage.session.actions, mine.tours["round"]
+    tours = TourActions(actions, lambda: stage.session.view)
+    tours.save(msgspec.structs.replace(tour, name="night"), tour, lambda: None)
+    stage.session.follow("kart")
+    stage.runtime.run(0.5)
+    assert list(mine.tours) == ["night"]
+    assert list(other.tours) == ["round"]
+
+
+def test_who_follows_another_robot_meanwhile_loses_no_note(
+    stage: "Stage", keepers: tuple[Keeper, Keeper]
+) -> None:
+    stage.session.place_actions.move_here(KITCHEN)
+    stage.session.follow("kart")
+    stage.runtime.run(0.5)
+    moved, untouched = (one.poses["kitchen"] for one in keepers)
+    assert (moved.pose, moved.note) == (HERE, "by the oven")
+    assert untouched == KITCHEN
