@@ -34,8 +34,8 @@ class Drafting:
         """What the picture shows; None while that is the stored map."""
         self._wanted: Draft | None = None
         self._is_drawing = False
-        self._number = 0
-        """Counts the drafts: what was drawn of one that is over does not count."""
+        self.number = 0
+        """Counts the drafts: what was drawn or asked of one that is over does not count."""
 
     def begin(self, stored: OccupancyGrid) -> None:
         """Begin on a stored map."""
@@ -46,7 +46,7 @@ class Drafting:
         """Forget all of it."""
         self.stored = self._wanted = None
         self.draft, self.drawn = Draft(), None
-        self._number += 1
+        self.number += 1
 
     def go_on_with(self, grid: OccupancyGrid | None) -> bool:
         """Go on with a map that is the same but published again; whether it is the same."""
@@ -98,7 +98,7 @@ class Drafting:
         if self._is_drawing or self._wanted is None or self.stored is None:
             return
         draft, self._wanted, self._is_drawing = self._wanted, None, True
-        base, before, number = self._base(), self.drawn, self._number
+        base, before, number = self._base(), self.drawn, self.number
 
         def work() -> tuple[Drawn, MapModel] | Refused:
             drawn = draw(base, draft, before)
@@ -106,7 +106,7 @@ class Drafting:
 
         def done(result: tuple[Drawn, MapModel] | Refused) -> None:
             self._is_drawing = False
-            if self._number == number:
+            if self.number == number:
                 self._take(draft, result)
             self._draw_wanted()
 

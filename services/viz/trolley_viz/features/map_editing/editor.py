@@ -198,8 +198,11 @@ class MapEditor:
             self._tell("Nothing to save", "Nothing has been changed yet.", "idle")
             return
 
+        number = self.drafting.number
+
         def done(reply: MapEdited) -> None:
-            self.leave()
+            if self.drafting.number == number:
+                self.leave()
             self._tell("Saved", said(reply.message), "good")
 
         self._ask(EditMap(name=stored.name, ops=list(ops), as_name=self._other_name()), done)
@@ -227,6 +230,7 @@ class MapEditor:
 
     def _ask(self, params: EditMap, done: Callable[[MapEdited], None]) -> None:
         self.is_busy = True
+        number = self.drafting.number
 
         def finish(reply: MapEdited | Refused) -> None:
             self.is_busy = False
@@ -234,7 +238,7 @@ class MapEditor:
                 done(reply)
                 return
             self._service.log.info("Refused", request="map/edit", code=reply.code)
-            if reply.code == codes.EXISTS and self.is_open:
+            if reply.code == codes.EXISTS and self.is_open and self.drafting.number == number:
                 self.as_name = self._free_name()
                 self.filled += 1
             self._tell("Not saved", refusal(reply), "bad")

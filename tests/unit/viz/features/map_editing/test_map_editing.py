@@ -23,7 +23,7 @@ from trolley.messages import (
     Turn,
 )
 from trolley.messages.request_params import Nothing
-from trolley.runtime.service import Service, answers
+from trolley.runtime.service import Later, Service, answers
 from trolley_viz.controls.controls import NotThere
 
 if TYPE_CHECKING:
@@ -41,14 +41,19 @@ class Mapper(Service):
         self.asked: list[EditMap] = []
         self.refusal: Refused | None = None
         self.late = 0
+        self.holds = False
+        self.held: Later[MapEdited] | None = None
 
     @answers(requests.MAP_LIST)
     def names(self, _: Nothing) -> list[str]:
         return ["attic", "room"]
 
     @answers(requests.MAP_EDIT)
-    def edit(self, params: EditMap) -> MapEdited:
+    def edit(self, params: EditMap) -> MapEdited | Later[MapEdited]:
         self.asked.append(params)
+        if self.holds:
+            self.held = self.later()
+            return self.held
         if self.refusal is not None:
             raise self.refusal
         name = params.as_name or params.name
@@ -329,3 +334,35 @@ def test_the_steps_so_far_stay_with_their_robot(hand: Hand, mapper: Mapper) -> N
     assert mapper.asked[-1] == EditMap(
         id=mapper.asked[-1].id, name="room", ops=list(steps), as_name="room-2"
     )
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        MapEdited(state="saved", name="room", message="Stored.", version=2),
+        Refused(codes.EXISTS, "The disk is full."),
+    ],
+)
+def test_what_comes_of_one_robot_s_map_leaves_the_draft_of_another_s_alone(
+    hand: Hand, mapper: Mapper, answer: MapEdited | Refused
+) -> None:
+    hand.stage.runtime.add(type(hand.stage.robot)(), robot="kart")
+    hand.stage.runtime.add(Mapper(), robot="kart")
+    hand.editor.turn_to(5.0)
+    mapper.holds = True
+    hand.editor.store()
+    hand.stage.session.follow("kart")
+    hand.wait()
+    hand.editor.open()
+    hand.editor.turn_to(7.0)
+    hand.wait()
+    assert mapper.held is not None
+    if isinstance(answer, Refused):
+        mapper.held.refuse(answer)
+    else:
+        mapper.held.reply(answer)
+    hand.wait()
+    assert hand.browser.notices[-1][0] in ("Saved", "Not saved")
+    assert hand.editor.is_open
+    assert len(hand.editor.drafting.draft.ops) == 1
+    assert hand.editor.as_name == "room"
