@@ -57,7 +57,7 @@ class RobotSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     footprint: FootprintConfig
     """The robot's outline, seen from above."""
     drive: Drive = "differential"
-    """The kind of drive."""
+    """The kind of drive. A simulated robot never drives sideways, not even on mecanum wheels."""
     mesh: str | None = None
     """A glb file of the robot's body, at most 1 MiB, in metres, +y up, +z forward."""
 
