@@ -24,7 +24,7 @@ PERIOD_NS = 30_000_000_000
 class Checkpoint(Struct, frozen=True, kw_only=True):
     """A map in the making as it is stored."""
 
-    schema: int = 3
+    schema: int = 4
     """Version of the file's format. Files of the first version have none."""
     name: MapName
     extends: str | None = None
