@@ -45,6 +45,17 @@ def test_several_robots_are_listed_with_exit_code_2(
     assert everybody.stdout.split() == ["one:", "stopped", "two:", "stopped"]
 
 
+def test_a_goal_that_stays_paused_after_a_resume_is_told(
+    add_robot: Callable, endpoint: str, trolley: Callable
+) -> None:
+    scripted = add_robot("one")
+    assert trolley("resume", "--connect", endpoint).stdout == "Resumed; it can drive again.\n"
+    scripted.current = GoalStatus(stamp_ns=0, id="a", state="paused", reason="stopped")
+    told = "Its goal is still paused: `trolley ask goal/resume` continues it, `trolley cancel` ends"
+    assert told in trolley("resume", "--connect", endpoint).stdout
+    assert "Stopped" not in trolley("status", "--connect", endpoint).stdout
+
+
 def test_nobody_there_is_exit_code_3(endpoint: str, trolley: Callable) -> None:
     for arguments in (["status"], ["go", "kitchen"], ["stop"], ["--robot", "one", "stop"]):
         done = trolley(*arguments, "--connect", endpoint)

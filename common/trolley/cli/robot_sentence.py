@@ -5,6 +5,8 @@ from trolley.cli.show import seconds_text
 from trolley.messages import BaseState, GoalStatus, PoseEstimate, TourStatus
 from trolley.under_way import TRIP_UNDER_WAY
 
+CONTINUES = "`trolley ask goal/resume` continues it, `trolley cancel` ends it."
+"""What there is to do about a paused goal."""
 LOST = {
     "searching": "The robot is working out where it is.",
     "lost": "The robot does not know where it is.",
@@ -47,6 +49,14 @@ def robot_sentence(
     return doing
 
 
+def goal_message(goal: GoalStatus, base: BaseState | None) -> str:
+    """Return what a goal says, or what to do about one that stays paused after a stop."""
+    is_resumed = base is not None and base.mode != "stopped"
+    if is_resumed and (goal.state, goal.reason) == ("paused", codes.STOPPED):
+        return CONTINUES
+    return goal.message
+
+
 def _on_its_way(base: BaseState, goal: GoalStatus | None, trip: TourStatus | None) -> str:
     left = "" if goal is None or goal.eta is None else f", {seconds_text(goal.eta)} left"
     if trip is not None and trip.state in TRIP_UNDER_WAY:
@@ -66,7 +76,7 @@ def _on_its_way(base: BaseState, goal: GoalStatus | None, trip: TourStatus | Non
         case "recovering":
             return _sentence("Trying to get free", goal.message.rstrip(".") if goal else "")
         case "paused":
-            return _sentence("Paused", goal.message.rstrip(".") if goal else "")
+            return _sentence("Paused", goal_message(goal, base).rstrip(".") if goal else "")
         case "failed":
             return _sentence("The last goal failed", goal.message.rstrip(".") if goal else "")
         case "arrived":

@@ -11,7 +11,7 @@ from trolley.cli import exits
 from trolley.cli.columns import Column, table_lines
 from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say
-from trolley.cli.robot_sentence import robot_sentence
+from trolley.cli.robot_sentence import goal_message, robot_sentence
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table, seconds_text
 from trolley.cli.top_picture import short_time, up_seconds
@@ -135,7 +135,7 @@ def problems(found: dict[str, Any]) -> list[str]:
         if service["runs"] and health is not None and health.state in ("failed", "degraded"):
             result.append(f"{name} is {health.state}: {health.message}")
     base: BaseState | None = found["base"]
-    if base is not None and base.may_still_move:
+    if base is not None and (base.may_still_move or (base.mode == "stopped" and base.message)):
         result.append(base.message)
     elif base is not None and base.mode in ("stopped", "fault"):
         result.append(f"the robot is {base.mode}: {base.message or base.reason}")
@@ -168,7 +168,7 @@ def _print(found: dict[str, Any]) -> None:
     say()
     say(sanitize(f"base   {_base_text(found['base'])}"))
     say(sanitize(f"pose   {_pose_text(found['pose'], found['pose_age'])}"))
-    say(sanitize(f"goal   {_goal_text(found['goal'])}"))
+    say(sanitize(f"goal   {_goal_text(found['goal'], found['base'])}"))
     say(sanitize(f"trip   {_trip_text(found['trip'])}"))
     say()
     width = shutil.get_terminal_size().columns
@@ -203,11 +203,12 @@ def _pose_text(pose: PoseEstimate | None, age_s: float | None) -> str:
     return f"{state}{at}, match {pose.match:.0%}" + (f": {pose.message}" if pose.message else "")
 
 
-def _goal_text(goal: GoalStatus | None) -> str:
+def _goal_text(goal: GoalStatus | None, base: BaseState | None) -> str:
     if goal is None or goal.state == "idle":
         return "-"
     eta = f", {seconds_text(goal.eta)} left" if goal.eta is not None else ""
-    return f"{goal.id} {goal.state}{eta}" + (f": {goal.message}" if goal.message else "")
+    message = goal_message(goal, base)
+    return f"{goal.id} {goal.state}{eta}" + (f": {message}" if message else "")
 
 
 def _trip_text(trip: TourStatus | None) -> str:

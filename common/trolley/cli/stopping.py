@@ -7,12 +7,14 @@ import click
 from trolley import codes, topics
 from trolley.cli.options import json_option, where_options
 from trolley.cli.printing import say
+from trolley.cli.robot_sentence import CONTINUES
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import print_json
 from trolley.client import Robot
 from trolley.codes import Refused
 from trolley.connection import RobotUnreachable
 from trolley.messages import BaseState, Odometry
+from trolley.under_way import what_is_under_way
 
 WATCHED_S = 1.2
 """A motor board that does not obey is detected within 0.5 s; a sound robot stands by then."""
@@ -84,6 +86,7 @@ def resume_command(as_json: bool) -> None:
     """Allow a stopped robot to drive again; it does not set off by itself."""
     with one_robot() as robot:
         state = robot.resume()
+        goal, trip = robot.latest(topics.GOAL), robot.latest(topics.TOUR)
     if as_json:
         print_json(state)
     else:
@@ -92,3 +95,6 @@ def resume_command(as_json: bool) -> None:
             if state.mode == "ok"
             else f"Resumed, but it cannot drive yet ({state.mode}): {state.message}"
         )
+        is_paused = goal is not None and goal.state == "paused"
+        if is_paused and what_is_under_way(goal, trip) == "goal":
+            say(f"Its goal is still paused: {CONTINUES}")

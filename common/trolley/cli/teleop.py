@@ -157,6 +157,8 @@ def base_line(base: BaseState | None) -> tuple[str, str | None]:
     why = base.message or codes.SENTENCES.get(base.reason, base.reason)
     if base.mode == "ok" and base.reason:
         text, colour = why, _COLOURS["held"]
+    elif base.mode == "stopped":
+        text = "Stopped."
     elif base.mode != "ok":
         text = f"{base.mode.capitalize()}: {why}" if why else f"{base.mode.capitalize()}."
     if base.may_still_move:

@@ -176,7 +176,9 @@ def check_base(facts: RobotFacts) -> list[Finding]:
     elif base.mode == "fault":
         found.append(problem("base", f"The robot cannot drive: {why}", LOG))
     elif base.mode == "stopped":
-        found.append(warning("base", f"The robot is stopped: {why}", "`trolley resume`"))
+        found.append(
+            warning("base", base.message or f"The robot is stopped: {why}", "`trolley resume`")
+        )
     elif base.mode == "held":
         found.append(
             warning("base", f"The robot is held: {why}", "It continues when that is over.")

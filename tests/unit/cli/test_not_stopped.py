@@ -41,6 +41,14 @@ def test_only_a_resume_ends_it() -> None:
     assert not BaseState(stamp_ns=1, mode="fault", reason="collision").is_halted
 
 
+def test_that_it_is_stopped_is_said_once() -> None:
+    why = "Stopped. `trolley resume` lets it drive."
+    base = BaseState(stamp_ns=1, mode="stopped", reason=codes.BUTTON, message=why)
+    assert base_line(base)[0] == "Stopped. R lets it drive again."
+    assert problems({"services": {}, "base": base, "pose": None}) == [why]
+    assert check_base(RobotFacts("one", 5.0, base=base))[0].sentence == why
+
+
 UNKNOWN = (
     "A stop holds, but it is not known whether the robot stands still: the cable is unplugged."
 )

@@ -158,6 +158,7 @@ def pose(state: PoseState) -> PoseEstimate:
 
 
 BASE = BaseState(stamp_ns=1, mode="ok")
+STOPPED = "Stopped. `trolley resume` lets it drive."
 HERE = pose("localized")
 
 
@@ -174,13 +175,21 @@ def goal(state: GoalState, **fields: Any) -> GoalStatus:
         ((BASE, pose("lost"), None, None), "The robot does not know where it is."),
         (
             (BaseState(stamp_ns=1, mode="stopped", reason="button"), HERE, None, None),
-            "Stopped. `trolley resume` lets it drive.",
+            STOPPED,
         ),
         (
             (BaseState(stamp_ns=1, mode="ok", source="teleop"), HERE, goal("paused"), None),
             "Driven by teleop.",
         ),
         ((BASE, HERE, goal("driving", eta=12.0), None), "Driving to its goal, 12 s left."),
+        (
+            (BASE, HERE, goal("paused", reason="stopped", message=STOPPED), None),
+            "Paused: `trolley ask goal/resume` continues it, `trolley cancel` ends it.",
+        ),
+        (
+            (BASE, HERE, goal("paused", reason="off_map", message="Off the map."), None),
+            "Paused: Off the map.",
+        ),
         ((BASE, HERE, goal("arrived"), None), "It has arrived."),
         (
             (BASE, HERE, goal("failed", message="There is no path."), None),
