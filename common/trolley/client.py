@@ -97,6 +97,8 @@ owner meanwhile."""
 LOOK_AGAIN_S = 0.1
 """How often it is looked whether a robot that was named is there."""
 FIND_TIMEOUT_S = 60.0
+CHECKED_WITHIN_S = 3.0
+"""How long a pose that was found may be `unsure`, since it is checked against further scans."""
 LOAD_TIMEOUT_S = 60.0
 """How long a map may take to be read by a small computer."""
 
@@ -366,6 +368,8 @@ class Robot:
     def find(self, timeout: float = FIND_TIMEOUT_S) -> PoseEstimate:
         """Let the robot search the whole map for its pose, and wait for the result.
 
+        A pose that is still `unsure` after 3 s more is returned as it is.
+
         Raises:
             Refused: `lost` if it is not found, `mapping`; `timeout`.
         """
@@ -377,6 +381,10 @@ class Robot:
                 if _left(deadline) <= 0.0:
                     raise Refused(codes.TIMEOUT, f"Not found after {timeout:g} s.")
                 arrival = self._next(estimates, _left(deadline))
+                found = found if arrival is None else arrival.message
+            checked = _deadline(CHECKED_WITHIN_S)
+            while found.state == "unsure" and _left(checked) > 0.0:
+                arrival = self._next(estimates, _left(checked))
                 found = found if arrival is None else arrival.message
         if found.state not in ("localized", "unsure"):
             raise Refused(codes.LOST, found.message or "The robot was not found on the map.")

@@ -89,6 +89,8 @@ class Rig:
             lambda: f"the viewer is there: {self.command.log}",
         )
         assert self.command.is_running, self.command.log
+        assert "The viewer listens on its own host only" in self.command.log
+        assert "Open the page on this computer, and follow it." in self.command.log
 
     def token_to_look(self) -> str:
         (path,) = self.folder.glob("state/**/viewer_access.toml")

@@ -30,6 +30,7 @@ from trolley.messages import (
     Transform,
     Twist2D,
 )
+from trolley.messages.mapping import PoseState
 from trolley.messages.request_params import Nothing, SendGoal, WhichGoal
 from trolley.runtime.log import Log
 from trolley.runtime.node import Node
@@ -55,6 +56,8 @@ class ScriptedRobot(Service):
         self.current = GoalStatus(stamp_ns=0, id=None, state="idle")
         self.stopped = False
         self.is_blind = False
+        self.pose_states: list[PoseState] = []
+        """What its next poses are; it is localized after them."""
         self.clock_every = 1
         self._num_ticks = 0
         self.sent: list[SendGoal] = []
@@ -118,12 +121,26 @@ class ScriptedRobot(Service):
             map="home",
             pose=map_T_odom @ Pose2D(1.0, 0.0, 0.5),
             covariance=[0.0] * 9,
-            state="localized",
+            state=self.pose_states.pop(0) if self.pose_states else "localized",
             match=0.9,
             spread=0.0,
+            message="checking",
         )
         self.publish(topics.POSE, estimate)
         self.is_up.set()
+
+    @answers(requests.POSE_FIND)
+    def find_it(self, _params: Nothing) -> PoseEstimate:
+        self.pose_states = ["searching", "unsure", "unsure", *self.pose_states]
+        return PoseEstimate(
+            stamp_ns=time.time_ns(),
+            map="home",
+            pose=None,
+            covariance=None,
+            state="searching",
+            match=0.0,
+            spread=0.0,
+        )
 
     @answers(requests.BASE_STOP)
     def stop_it(self, _params: Nothing) -> BaseState:

@@ -56,6 +56,15 @@ def test_a_goal_that_stays_paused_after_a_resume_is_told(
     assert "Stopped" not in trolley("status", "--connect", endpoint).stdout
 
 
+def test_where_it_was_found_is_said_with_what_is_the_matter(
+    add_robot: Callable, endpoint: str, trolley: Callable
+) -> None:
+    add_robot("one")
+    done = trolley("pose", "find", "--connect", endpoint)
+    assert done.stdout.startswith("localized at "), done.stderr
+    assert done.stdout.endswith(": checking\n")
+
+
 def test_nobody_there_is_exit_code_3(endpoint: str, trolley: Callable) -> None:
     for arguments in (["status"], ["go", "kitchen"], ["stop"], ["--robot", "one", "stop"]):
         done = trolley(*arguments, "--connect", endpoint)

@@ -57,6 +57,15 @@ def test_the_single_robot_is_found_and_says_where_it_is(add_robot: Callable, end
         assert estimate.pose == Pose2D(1.0, 2.0, 0.5)
 
 
+@pytest.mark.parametrize(("num_unsure", "state"), [(0, "localized"), (300, "unsure")])
+def test_who_was_found_is_checked_for_a_while(
+    add_robot: Callable, endpoint: str, num_unsure: int, state: str
+) -> None:
+    add_robot("one").pose_states = ["unsure"] * num_unsure
+    with Robot(connect=endpoint) as robot:
+        assert robot.find().state == state
+
+
 def test_a_pose_from_before_the_lidar_fell_silent_is_not_waited_for(
     add_robot: Callable, endpoint: str
 ) -> None:

@@ -75,6 +75,9 @@ def test_a_pc_with_uplink_only_has_no_problem_but_its_keys(
     refused = trolley("run", "base", "--config", str(path))
     assert refused.returncode == 2
     assert "has no [robot]" in refused.stderr
+    path.write_text("[robbot]\n")
+    refused = trolley("run", "base", "--config", str(path))
+    assert "unknown key `robbot`. Did you mean robot?" in refused.stderr
 
 
 def test_doctor_finds_what_is_wrong_with_a_robot(

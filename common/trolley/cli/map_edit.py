@@ -43,7 +43,7 @@ Line = tuple[float, float, float, float]
 )
 @click.option("--merge", "other", metavar="MAP", help="Fill in unknown areas from this map.")
 @click.option(
-    "--at", type=(float, float, float), metavar="X Y YAW", help="Where that map lies [m, °]."
+    "--at", type=(float, float, float), metavar="X Y YAW", help="Where that map lies [m, m, °]."
 )
 @click.option("--turn", type=float, metavar="DEGREES", help="Turn it counter-clockwise.")
 @click.option("--crop", type=LINE, metavar="X Y X Y", help="Keep this rectangle.")

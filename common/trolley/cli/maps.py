@@ -96,7 +96,12 @@ def list_maps(as_json: bool) -> None:
 
 @map_command.command(name="load", cls=NumbersCommand)
 @click.argument("name")
-@click.option("--at", type=(float, float, float), metavar="X Y YAW", help="Where the robot is [m].")
+@click.option(
+    "--at",
+    type=(float, float, float),
+    metavar="X Y YAW",
+    help="Where the robot is [m, m, rad].",
+)
 @where_options
 @json_option
 @reports_errors

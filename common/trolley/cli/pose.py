@@ -104,7 +104,8 @@ def find_pose(as_json: bool) -> None:
     if as_json:
         print_json(found)
     elif found.pose is not None:
-        say(f"{found.state} at {pose_text(found.pose)}")
+        why = f": {found.message}" if found.message else ""
+        say(f"{found.state} at {pose_text(found.pose)}{why}")
 
 
 @pose_command.command(name="save")

@@ -157,6 +157,7 @@ def checked(plain: Mapping[str, Any], path: Path) -> RobotConfig:
         ConfigError: It names no robot, or a key in it is unknown or not allowed.
     """
     if "robot" not in plain:
+        _converted({**plain, "robot": None}, path, HostConfig)  # it may be misspelt
         raise ConfigError(
             f"{path}: has no [robot], so it is that of a host without a robot; this needs one: "
             "`trolley init` writes a whole file"

@@ -40,7 +40,9 @@ def viewer_link(as_json: bool, with_codes: bool) -> None:
     if as_json:
         print_json({"operator": links.operator, "viewer": links.viewer})
         return
-    why_not = _why_no_code(links) if with_codes else ""
+    why_not = "" if links.is_reachable else OUT_OF_REACH
+    if with_codes:
+        why_not = why_not or _why_no_code(links)
     if why_not:
         say(why_not, err=True)
     for what, link in (("To drive:", links.operator), ("To look and stop:", links.viewer)):
@@ -51,8 +53,6 @@ def viewer_link(as_json: bool, with_codes: bool) -> None:
 
 def _why_no_code(links: Links) -> str:
     """Return why no code can be shown here, "" if it can."""
-    if not links.is_reachable:
-        return OUT_OF_REACH
     if not can_say(BLOCKS):
         return "No QR code can be shown here: the output is not UTF-8."
     width = max(len(qr_lines(link)[0]) for link in (links.operator, links.viewer))

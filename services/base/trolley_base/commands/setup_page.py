@@ -43,6 +43,8 @@ from trolley_base.commands.setup_dialogue import EVERYWHERE, STEPS, USUAL_NAME, 
 from trolley_base.setup.person import StoppedByHand
 from trolley_base.setup.record import SetupRefused
 
+THIS_HOST = ("127.0.0.1", "localhost", "::1")
+"""Hosts of `[viz]` at which only a browser of this computer finds the page."""
 CLI = ("-m", "trolley.cli")
 PERIOD_S = 0.5
 KNOWN_WITHIN_S = 6.0
@@ -260,7 +262,9 @@ def _viewer(path: Path, folder: Path, interrupts: Interrupts) -> Generator[Viewe
         if modules:
             announce_viewer(config)
             _print_links(path)
-        say("Open the page, on a phone too, and follow it. Ctrl-C ends the setup.")
+        is_reachable = config.viz.origins or config.viz.host not in THIS_HOST
+        where = ", on a phone too," if is_reachable else " on this computer,"
+        say(f"Open the page{where} and follow it. Ctrl-C ends the setup.")
         yield Viewer(config, bool(modules) and router is not None)
 
 
@@ -273,8 +277,10 @@ def _print_links(path: Path) -> None:
     while (done := _run(command)).returncode != 0 and left > 0:
         left -= 1
         time.sleep(LINKS_PERIOD_S)  # the viewer has yet to save the tokens
-    is_good = done.returncode == 0
-    say_block((done.stdout if is_good else done.stderr).rstrip(), err=not is_good)
+    if done.stdout:
+        say_block(done.stdout.rstrip())
+    if done.stderr:
+        say_block(done.stderr.rstrip(), err=True)
 
 
 def _run(command: list[str]) -> subprocess.CompletedProcess[str]:

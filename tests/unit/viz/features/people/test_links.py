@@ -230,9 +230,12 @@ def test_a_narrow_terminal_shows_no_code(robot_toml: Path, monkeypatch: pytest.M
     assert result.stdout == run(robot_toml).stdout
 
 
-def test_where_nobody_else_gets_to_there_is_no_code_either(robot_toml: Path) -> None:
+@pytest.mark.parametrize("options", [(), ("--qr",)])
+def test_where_nobody_else_gets_to_that_is_said_without_a_code(
+    robot_toml: Path, options: tuple[str, ...]
+) -> None:
     robot_toml.write_text(ROBOT)
-    result = run(robot_toml, "--qr")
+    result = run(robot_toml, *options)
     assert result.stderr.strip() == OUT_OF_REACH
     assert "▀" not in result.stdout
 
