@@ -2,7 +2,7 @@
 
 import asyncio
 
-from trolley import AsyncRobot
+from trolley import AsyncRobot, Refused
 
 
 async def tell(robot: AsyncRobot) -> None:
@@ -15,8 +15,11 @@ async def main() -> None:
     """Drive to the kitchen."""
     async with AsyncRobot() as robot:
         telling = asyncio.create_task(tell(robot))
-        status = await robot.go_to("kitchen")
-        print(f"{status.state} after {status.elapsed:.0f} s")
+        try:
+            status = await robot.go_to("kitchen")
+            print(f"{status.state} after {status.elapsed:.0f} s")
+        except Refused as refused:
+            print(refused.message)
         telling.cancel()
 
 

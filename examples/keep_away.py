@@ -33,7 +33,10 @@ def layer(on_map: str, x: float, y: float) -> GridMap:
 
 if __name__ == "__main__":
     with Robot() as robot:
-        place = robot.places()[sys.argv[1]]
+        name, places = sys.argv[1], robot.places()
+        if name not in places:
+            raise SystemExit(f"There is no place {name!r}; there are {', '.join(places)}.")
+        place = places[name]
         costs = layer(place.map, place.pose.x, place.pose.y)
         while True:
             robot.publish(topics.COSTS, map_message(robot.now_ns() or 0, costs), "keep_away")

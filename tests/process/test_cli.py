@@ -4,6 +4,7 @@ import json
 import math
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -228,6 +229,20 @@ def test_a_broker_that_is_none_is_refused(trolley: Callable) -> None:
     done = trolley("up", "--mqtt", "mqtt://home")
     assert done.returncode == 2
     assert "'mqtt://home' is not a broker" in done.stderr
+
+
+def test_a_port_of_the_viewer_that_is_taken_is_said_with_who_has_it(
+    trolley: Callable, tmp_path: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        path = tmp_path / "robot.toml"
+        size = "{ length_m = 0.3, width_m = 0.3 }"
+        path.write_text(f'[robot]\nname = "a"\nfootprint = {size}\n[viz]\nport = {port}\n')
+        done = trolley("up", "--no-router", "--config", str(path))
+    assert done.returncode == 2
+    assert f"port {port} is taken by " in done.stderr
+    assert f"(pid {os.getpid()}); change `[viz] port`" in done.stderr
 
 
 def test_a_service_to_leave_out_that_is_none_is_refused(trolley: Callable) -> None:

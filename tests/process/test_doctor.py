@@ -43,11 +43,23 @@ def test_doctor_needs_nothing_that_runs(port: int, trolley: Callable, tmp_path: 
     assert "\nfine     system:" in asked.stdout
 
 
+def test_a_robot_that_is_not_there_is_one_problem(
+    add_robot: Callable, endpoint: str, trolley: Callable
+) -> None:
+    add_robot("kiwi")
+    done = trolley("doctor", "--robot", "nobody", "--connect", endpoint, "--json", "--seconds", "1")
+    about = [one for one in json.loads(done.stdout)["findings"] if one["robot"] == "nobody"]
+    assert [(one["sentence"], one["remedy"]) for one in about] == [
+        (f"There is no robot called nobody at {endpoint}. There is only kiwi.", "Check --robot.")
+    ]
+
+
 def test_doctor_names_every_fault_of_the_settings(
     port: int, trolley: Callable, tmp_path: Path
 ) -> None:
     path = tmp_path / "robot.toml"
-    path.write_text(SETTINGS.format(f"tcp/127.0.0.1:{port}") + "[planner]\nfast = 1\nseed = -1\n")
+    wrong = "[planner]\nfast = 1\nseed = -1\n[basse]\n"
+    path.write_text(SETTINGS.format(f"tcp/127.0.0.1:{port}") + wrong)
     done = trolley("doctor", "--config", str(path))
     assert done.returncode == 1
     assert "\\n" not in done.stdout  # a remedy of several lines once showed its line ends
@@ -55,6 +67,7 @@ def test_doctor_names_every_fault_of_the_settings(
     text = " ".join(done.stdout.split())
     assert "[planner] unknown key `fast`" in text
     assert "[planner.seed]" in text
+    assert "Did you mean base? >" in text
     assert "\x1b" not in done.stdout
     assert "\nfine     " not in done.stdout
 

@@ -91,6 +91,12 @@ def test_costs_are_published_until_the_program_ends(robot: None, endpoint: str) 
     assert (first.message.name, first.message.frame) == ("home", "map")
 
 
+def test_a_place_that_is_not_there_is_said_in_a_sentence(robot: None) -> None:
+    program = [sys.executable, str(EXAMPLES / "keep_away.py"), "crib"]
+    done = subprocess.run(program, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+    assert done.stderr == "There is no place 'crib'; there are kitchen.\n"
+
+
 def test_depth_images_on_the_wire_become_scans(robot: None, endpoint: str) -> None:
     program = [
         *(sys.executable, str(EXAMPLES / "depth.py"), "front", "--router", endpoint),

@@ -123,4 +123,5 @@ def _render_key(key: Key, value: str | None) -> list[str]:
 
 
 def _comment(text: str) -> list[str]:
-    return [f"# {line}" for line in textwrap.wrap(text.replace("`", ""), COMMENT_WIDTH)]
+    lines = textwrap.wrap(text.replace("`", ""), COMMENT_WIDTH, break_on_hyphens=False)
+    return [f"# {line}" for line in lines]

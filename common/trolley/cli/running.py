@@ -215,6 +215,8 @@ def up_command(
     router = None if no_router or not is_of_this_host(endpoint) else endpoint
     if port is not None and router is not None:
         check_port(port, "use it with --no-router, or change `[zenoh] connect`")
+    if VIEWER in modules:
+        check_port(config.viz.port, "change `[viz] port`, or leave the viewer out with --no-viz")
     environment = {"TROLLEY_CONFIG": str(path.resolve())}
     if quiet:
         environment["TROLLEY_LOG"] = "warning"

@@ -96,7 +96,8 @@ def sensor_tables() -> list[str]:
 
 def sensor_table(board: str, sensor: BoardSensor) -> str:
     """The lines that list a sensor of a board, with its meaning as comments above them."""
-    lines = textwrap.wrap(f"With {board}: {sensor.meaning}", COMMENT_WIDTH)
+    text = f"With {board}: {sensor.meaning}"
+    lines = textwrap.wrap(text, COMMENT_WIDTH, break_on_hyphens=False)
     table = [f"{key} = {to_toml(value)}" for key, value in sensor.settings.items()]
     return "\n".join([*(f"# {line}" for line in lines), f"[base.scans.{sensor.name}]", *table, ""])
 

@@ -30,6 +30,7 @@ from trolley.doctor.robot_facts import listen
 from trolley.gridmap import GridMap
 from trolley.runtime.state import state_root
 from trolley.security.host_keys import KEY, KeysError, find_keys
+from trolley.suggestions import did_you_mean
 from trolley.zones import ZoneFile
 
 UNIT_STATE = Path("/var/lib/trolley")
@@ -238,7 +239,12 @@ def examine_robots(
             silent = tuple(one for one in knocked if one is not None and one.trouble)
             door = endpoints.Door(where, "", _owner_of(where), silent)
             found = [("", endpoints.check_door(door))]
-            names = [target.robot] if target.robot is not None else connection.robots()
+            wanted, there = target.robot, connection.robots()
+            if wanted is not None and wanted not in (*there, _own_robot(place)):
+                text = f"There is no robot called {wanted} at {', '.join(where)}."
+                text += f" {did_you_mean(wanted, there)}"
+                return [*found, (wanted, [problem("robot", text, "Check --robot.")])]
+            names = there if wanted is None else [wanted]
             if not names:
                 text = "The router is there, but no robot."
                 found.append(("", [note("router", text, "`trolley up` starts one.")]))
@@ -254,6 +260,10 @@ def examine_robots(
     except RobotUnreachable as error:
         door = endpoints.Door(where, str(error), _owner_of(where), is_wanted=is_needed)
         return [("", endpoints.check_door(door))]
+
+
+def _own_robot(place: Place) -> str | None:
+    return None if place.config is None else place.config.robot.name
 
 
 def _owner_of(where: Sequence[str]) -> str:

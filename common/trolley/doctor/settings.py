@@ -47,7 +47,11 @@ def check_file(path: Path | None) -> list[Finding]:
     if path.exists() and not os.access(path, os.R_OK):
         return [note("settings", f"You may not read {path}.", "Run this again with `sudo`.")]
     found = [
-        problem("settings", f"{text}.", "Correct that line; docs/configuration.md lists every key.")
+        problem(
+            "settings",
+            text if text.endswith("?") else f"{text}.",
+            "Correct that line; docs/configuration.md lists every key.",
+        )
         for text in find_problems(path)
     ]
     return found or [ok("settings", f"{path} can be used.")]

@@ -26,6 +26,8 @@ class Saved(NamedTuple):
     """Why not; where some are `kept`: why not in robot.toml."""
     kept: frozenset[str] = frozenset()
     """The keys of those that are kept in the state folder instead."""
+    is_written: bool = False
+    """Whether robot.toml was changed."""
 
 
 NO_FILE = Saved(False, "this robot runs without a robot.toml")
@@ -126,7 +128,7 @@ class SettingsFiles:
         # Where robot.toml was changed, what is kept no longer counts in any case.
         if error is not None and not is_changed:
             return Saved(False, f"{self.keeps} cannot be written: {error.strerror}")
-        return Saved(True)
+        return Saved(True, is_written=is_changed)
 
     def _write_into_robot_toml(self, old: str, section: str, values: Values) -> bool | None:
         """Write settings into robot.toml.

@@ -227,8 +227,10 @@ class SettingsKeeper:
         """Say in a sentence where settings were saved, or why they were not."""
         if self._files is None or not saved.is_saved:
             return f"Not saved, so only until base is restarted: {saved.why}."
-        if not saved.kept:
+        if saved.is_written:
             return f"Saved in {self._config.file}."
+        if not saved.kept:
+            return "That is what robot.toml says."
         return (
             f"Saved in {self._files.keeps}, since {saved.why}. If you edit it in robot.toml later, "
             "that counts."

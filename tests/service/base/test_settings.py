@@ -233,7 +233,8 @@ def test_it_is_saved_in_the_place_that_explains_it_and_comments_stay(filed: File
     text = filed.file.read_text()
     assert text.startswith(FILE.partition("[planner]")[0])
     assert filed.says()["planner"] == {"max_speed_mps": 0.3, "clearance_m": 0.05}
-    assert filed.set("planner", max_speed_mps=0.3).message == done.message
+    again = filed.set("planner", max_speed_mps=0.3)
+    assert again.message == "It counts at once. That is what robot.toml says."
     assert filed.file.read_text() == text
     filed.set("base.limits", max_speed_mps=0.35)
     assert "max_speed_mps = 0.35   # the carpet" in filed.file.read_text()
@@ -249,6 +250,7 @@ def test_null_is_the_default(filed: Filed) -> None:
 
 def test_what_has_no_line_stays_without(filed: Filed) -> None:
     done = filed.set("tour", low_battery=None)
+    assert done.message == "It counts at once. That is what robot.toml says."
     assert done.settings[0].value == 0.2
     filed.set("planner", max_speed_mps=None)
     assert filed.file.read_text() == FILE
@@ -452,7 +454,7 @@ def test_a_robot_toml_that_can_be_written_again_takes_what_is_set(protected: Fil
 def test_back_to_what_robot_toml_says_nothing_is_kept(protected: Filed) -> None:
     protected.set("planner", max_speed_mps=0.3)
     done = protected.set("planner", max_speed_mps=None)
-    assert done.message == f"It counts at once. Saved in {protected.file}."
+    assert done.message == "It counts at once. That is what robot.toml says."
     protected.started_anew()
     assert protected.get("planner", "max_speed_mps").value == 0.5
     assert protected.read_anew().kept == ()
@@ -499,8 +501,8 @@ def test_two_changes_in_a_row_are_both_saved(filed: Filed) -> None:
     files = SettingsFiles(
         filed.file, load_config(filed.file), StateFolder(filed.kept.parent, Log("t")), []
     )
-    assert files.save("planner", {"max_speed_mps": 0.3}) == Saved(True)
-    assert files.save("planner", {"max_speed_mps": 0.2}) == Saved(True)
+    assert files.save("planner", {"max_speed_mps": 0.3}) == Saved(True, is_written=True)
+    assert files.save("planner", {"max_speed_mps": 0.2}) == Saved(True, is_written=True)
     assert filed.says()["planner"] == {"max_speed_mps": 0.2}
 
 

@@ -122,6 +122,8 @@ def test_init_writes_a_file_that_loads_and_never_overwrites(
     config = load_config(path)
     assert (config.robot.name, config.robot.footprint.length_m) == ("r2", 0.5)
     assert config.path(config.map.file or "") == tmp_path / "home.yaml"
+    lines = path.read_text().splitlines()
+    assert not [line for line in lines if line.startswith("#") and line.endswith("-")]
     before = path.read_bytes()
     again = runner.invoke(cli, arguments)
     assert again.exit_code == 2
