@@ -99,7 +99,8 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
 def _report(error: Exception, *, wants_json: bool) -> None:
     match error:
         case Refused():
-            code, text, details = error.code, f"{error.message} ({error.code})", error.details
+            text = error.message.replace("`replace`", "`--replace`")
+            code, text, details = error.code, f"{text} ({error.code})", error.details
         case SeveralRobots():
             code, text, details = "several_robots", _list_robots(error), {"robots": error.names}
         case RobotUnreachable():

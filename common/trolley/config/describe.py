@@ -8,6 +8,7 @@ import ast
 import inspect
 import itertools
 import json
+import re
 import textwrap
 from typing import Any, NamedTuple, cast
 
@@ -16,12 +17,12 @@ from msgspec import inspect as shapes
 
 from trolley.config.base import ExtraSensorConfig
 from trolley.config.load import RobotConfig
-from trolley.config.robot import FootprintConfig, PoseConfig
+from trolley.config.robot import FOOTPRINTS, FootprintConfig, PoseConfig
 from trolley.drivers import BOARDS, BUILT_IN, LIDARS, BoardSensor, Driver, Drivers
 from trolley.geometry.pose import LARGEST
 
 INLINE: dict[type[msgspec.Struct], str] = {
-    FootprintConfig: "{length_m, width_m}, {radius_m} or {polygon_m = [[x, y], ...]}",
+    FootprintConfig: FOOTPRINTS,
     ExtraSensorConfig: "{pose, z_m, uses, kept_s}",
     PoseConfig: "{x, y, yaw} or {x, y, orientation = [x, y, z, w]}",
 }
@@ -260,17 +261,22 @@ def _allowed_inside(shape: shapes.Type) -> str:
         case shapes.BoolType():
             return "`true` or `false`"
         case shapes.ListType():
-            return f"list of {allowed(shape.item_type)}"
+            return f"list of {_several(shape.item_type)}"
         case shapes.TupleType():
             return f"{len(shape.item_types)} numbers"
         case shapes.DictType(value_type=shapes.AnyType()):
             return "table"
         case shapes.DictType():
-            return f"table of {allowed(shape.value_type)}"
+            return f"table of {_several(shape.value_type)}"
         case shapes.StructType():
             return INLINE[shape.cls]
         case _:
             raise TypeError(f"a setting of the type {shape} has no words yet")
+
+
+def _several(shape: shapes.Type) -> str:
+    """What several values of this type may be, in words."""
+    return re.sub(r"\bnumber\b", "numbers", allowed(shape))
 
 
 def _bounds(shape: shapes.FloatType | shapes.IntType) -> str:

@@ -7,6 +7,7 @@ from typing import cast
 from msgspec import Struct
 from msgspec import inspect as shapes
 
+from trolley.config.robot import FOOTPRINTS
 from trolley.invalid import in_words_of_a_file
 from trolley.suggestions import did_you_mean
 
@@ -22,6 +23,8 @@ def in_words_of_robot_toml(problem: str, file: type[Struct]) -> str:
         file: all that may stand in it.
     """
     words, unknown = in_words_of_a_file(problem, file), UNKNOWN_KEY.match(problem)
+    if words.startswith("[robot.footprint] an object"):
+        return words.replace("an object is needed", f"give {FOOTPRINTS}")
     if unknown is None:
         return words
     key, table, tables = unknown[1], unknown[2] or "", dict(_tables(file))

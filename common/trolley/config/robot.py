@@ -21,6 +21,10 @@ PROTOCOLS = ("tcp", "tls", "unixsock-stream")
 """What the door, the roles and the limits of a link know."""
 
 
+FOOTPRINTS = "{length_m, width_m}, {radius_m} or {polygon_m = [[x, y], ...]}"
+"""The ways of giving a footprint."""
+
+
 class FootprintConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The robot's outline in `base_link`: length and width, or a radius, or a polygon."""
 
@@ -41,10 +45,7 @@ class FootprintConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
             self.polygon_m is not None,
         ]
         if sum(ways) != 1 or (ways[0] and (self.length_m is None or self.width_m is None)):
-            raise ValueError(
-                "give the footprint as {length_m, width_m}, as {radius_m} "
-                "or as {polygon_m = [[x, y], ...]}"
-            )
+            raise ValueError(f"give the footprint as {FOOTPRINTS}")
 
 
 class RobotSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -113,7 +114,8 @@ def why_no_endpoint(text: str) -> str:
         return "" if is_port else f"{text!r} is not an endpoint: its port must be from 1 to 65535"
     return (
         f"{text!r} is not an endpoint: write protocol/host:port, such as "
-        f"tcp/127.0.0.1:{ROUTER_PORT}; the protocol is {', '.join(PROTOCOLS)}"
+        f"tcp/127.0.0.1:{ROUTER_PORT}; the protocol is one of "
+        f"{', '.join(PROTOCOLS[:-1])} and {PROTOCOLS[-1]}"
     )
 
 

@@ -57,10 +57,16 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
         ("[zenoh]\nuplink = ['tls/home.lan']", "not an endpoint"),
         ("[zenoh]\nconnect = ['tcp/127.0.0.1:99999']", "its port must be from 1 to 65535"),
         ("[zenoh]\nuplink = ['tls/home.lan:0']", "its port must be from 1 to 65535"),
-        ("[zenoh]\nconnect = ['quic/127.0.0.1:7447']", "the protocol is tcp, tls"),
+        (
+            "[zenoh]\nconnect = ['quic/127.0.0.1:7447']",
+            "the protocol is one of tcp, tls and unixsock-stream",
+        ),
         ("[zenoh]\nconnect = ['tcp/0.0.0.0:7447']", "no router listens at 'tcp/0.0.0.0:7447'"),
         ("[zenoh]\nconnect = ['tcp/kiwi.local:7447']", "tls/home.local:7448"),
-        ("[zenoh]\nuplink = ['quic/home.lan:7448']", "the protocol is tcp, tls"),
+        (
+            "[zenoh]\nuplink = ['quic/home.lan:7448']",
+            "the protocol is one of tcp, tls and unixsock-stream",
+        ),
         ("[zenoh]\nuplink = ['tcp/home.lan:7447']", "over TLS"),
         ("[zenoh]\ndownsample = {pose = 1.0}", "`downsample` knows scan"),
         ("[zenoh]\ndownsample = {scan = 0.0}", "[zenoh.downsample"),
@@ -83,6 +89,14 @@ def test_what_is_wrong_is_named_with_file_and_key(file: Path, more: str, told: s
         load_config(file)
     assert str(file) in str(error.value)
     assert told in str(error.value)
+
+
+def test_a_footprint_that_is_a_number_is_told_what_to_give(file: Path) -> None:
+    file.write_text("[robot]\nname = 'a'\nfootprint = 0.3\n")
+    ways = "{length_m, width_m}, {radius_m} or {polygon_m = [[x, y], ...]}"
+    with pytest.raises(ConfigError) as error:
+        load_config(file)
+    assert str(error.value) == f"{file}: [robot.footprint] give {ways}, not a number"
 
 
 @pytest.mark.parametrize(
