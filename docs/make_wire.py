@@ -392,12 +392,8 @@ def command_line() -> str:
     """The page of the command line."""
     parts = [CLI_HEAD, "| exit code | meaning |", "|---|---|"]
     parts += [f"| {code} | {meaning} |" for code, meaning in exits.MEANINGS.items()]
-    parts += [
-        "",
-        *_commands(
-            click.Context(cli, info_name="trolley", help_option_names=["-h", "--help"]), cli
-        ),
-    ]
+    context = click.Context(cli, info_name="trolley", help_option_names=["-h", "--help"])
+    parts += ["", *_commands(context, cli)]
     return "\n".join(parts)
 
 
