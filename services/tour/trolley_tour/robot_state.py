@@ -1,23 +1,26 @@
-"""What the other services say of the robot: its pose, its goal and the state of its base."""
+"""What the other services say of the robot: its pose, goal, base and the map in the making."""
 
 from collections.abc import Callable
 
 from trolley import codes, topics
 from trolley.geometry import Pose2D
-from trolley.messages import BaseState, GoalStatus, PoseEstimate
+from trolley.messages import BaseState, GoalStatus, MappingStatus, PoseEstimate
 from trolley.runtime.service import Service, Watch
 from trolley.under_way import GOAL_GOES
 
 PLANNER = "planner"
 """The service that drives goals, and the source of its velocity commands."""
+MAPPER_SILENT_NS = 3_000_000_000
+"""A mapper that makes a map says so each second; after this long it is gone [ns]."""
 
 
 class RobotState:
-    """The latest pose estimate, goal and base state, from `start` on."""
+    """The latest pose estimate, goal, base state and mapping status, from `start` on."""
 
     pose: Watch[PoseEstimate]
     goal: Watch[GoalStatus]
     base: Watch[BaseState]
+    mapping: Watch[MappingStatus]
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -28,11 +31,12 @@ class RobotState:
         on_goal: Callable[[GoalStatus], None],
         on_base: Callable[[BaseState], None],
     ) -> None:
-        """Watch the three topics; each message is handed on once it is the latest."""
+        """Watch the topics; a message of the first three is handed on once it is the latest."""
         self.pose = self._service.watch(topics.POSE, then=on_pose)
         self.pose.wakes = False  # what a pose decides can wait for the next period
         self.goal = self._service.watch(topics.GOAL, then=on_goal)
         self.base = self._service.watch(topics.BASE, then=on_base)
+        self.mapping = self._service.watch(topics.MAPPING)
 
     @property
     def map_name(self) -> str | None:
@@ -57,7 +61,10 @@ class RobotState:
     @property
     def is_mapping(self) -> bool:
         """Whether its map is being made or extended."""
-        return self.pose.latest is not None and self.pose.latest.state == "mapping"
+        latest, arrived_ns = self.mapping.latest, self.mapping.arrived_ns
+        if latest is None or latest.state == "idle" or arrived_ns is None:
+            return False
+        return self._service.monotonic_ns - arrived_ns <= MAPPER_SILENT_NS
 
     @property
     def is_driven_by_hand(self) -> bool:

@@ -16,6 +16,8 @@ from trolley.messages import (
     Clock,
     GoalState,
     GoalStatus,
+    MappingState,
+    MappingStatus,
     Odometry,
     PoseEstimate,
     SavedPose,
@@ -94,6 +96,17 @@ class FakeLocalizer(Service):
         if not self.silent:
             pose = self.jitter.pop(0) if self.jitter else self.estimate.pose
             self.publish(topics.POSE, replace(self.estimate, stamp_ns=self.stamp_ns, pose=pose))
+
+
+class FakeMapper(Service):
+    """What it is doing, each second."""
+
+    name = "mapper"
+    phase: MappingState = "idle"
+
+    @every(1.0, clock="local")
+    def tick(self) -> None:
+        self.publish(topics.MAPPING, MappingStatus(stamp_ns=self.stamp_ns, state=self.phase))
 
 
 def replace(value, **changes):
@@ -229,12 +242,14 @@ class Home:
     base: FakeBase = field(default_factory=FakeBase)
     localizer: FakeLocalizer = field(default_factory=FakeLocalizer)
     planner: FakePlanner = field(default_factory=FakePlanner)
+    mapper: FakeMapper = field(default_factory=FakeMapper)
     tour: TourService = field(init=False)
 
     def __post_init__(self) -> None:
         self.lockstep.add(self.base)
         self.lockstep.add(self.localizer)
         self.lockstep.add(self.planner)
+        self.lockstep.add(self.mapper)
         self.add_tour()
         self.statuses = self.lockstep.record(topics.TOUR)
         self.lockstep.run(0.5)

@@ -172,7 +172,12 @@ def drive_by_hand(home: "Home") -> None:
 
 
 def extend_the_map(home: "Home") -> None:
-    home.localizer.estimate = replace(home.localizer.estimate, state="mapping")
+    home.mapper.phase = "mapping"
+
+
+def get_lost_in_a_map_that_is_being_made(home: "Home") -> None:
+    home.mapper.phase = "paused"
+    home.localizer.estimate = replace(home.localizer.estimate, state="lost")
 
 
 @pytest.mark.usefixtures("berlin")
@@ -182,6 +187,7 @@ def extend_the_map(home: "Home") -> None:
         (send_a_goal, codes.BUSY, "the robot was driving to a goal"),
         (drive_by_hand, codes.TAKEN_OVER, "somebody was driving the robot"),
         (extend_the_map, codes.MAPPING, "a map was being made"),
+        (get_lost_in_a_map_that_is_being_made, codes.MAPPING, "a map was being made"),
     ],
 )
 def test_a_tour_that_is_due_leaves_an_occupied_robot_alone(
@@ -201,6 +207,19 @@ def test_a_tour_that_is_due_leaves_an_occupied_robot_alone(
     assert health(home)[1].endswith(f", was skipped: {why}.")
     offer = home.lockstep.ask(requests.TOUR_OFFER, AskOffer(pose=Pose2D(1.0, 1.0, 0.0)))
     assert (offer.free, offer.reason) == (False, code)
+
+
+@pytest.mark.usefixtures("berlin")
+def test_a_mapper_that_is_gone_keeps_no_tour_from_starting(
+    home: "Home", monkeypatch: pytest.MonkeyPatch
+):
+    put_scheduled(home, "08:30")
+    extend_the_map(home)
+    home.lockstep.run(2.0)
+    home.lockstep.kill("mapper")
+    home.lockstep.run(2.0)
+    let_come_due(home, monkeypatch)
+    assert (home.status.state, home.status.name) == ("driving", "morning")
 
 
 @pytest.mark.usefixtures("berlin")
