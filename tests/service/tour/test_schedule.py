@@ -210,6 +210,19 @@ def test_a_tour_that_is_due_leaves_an_occupied_robot_alone(
 
 
 @pytest.mark.usefixtures("berlin")
+def test_a_tour_that_is_due_does_not_replace_the_trip_of_a_stopped_robot(
+    home: "Home", monkeypatch: pytest.MonkeyPatch
+):
+    put_scheduled(home, "08:30")
+    set_clock(home, monkeypatch, (DUE - timedelta(hours=1)).isoformat())
+    trip = home.start("corridor", "entrance").trip
+    home.base.say(mode="stopped")
+    let_come_due(home, monkeypatch)
+    assert (home.status.state, home.status.trip) == ("paused", trip)
+    assert health(home)[1].endswith(", was skipped: the robot was stopped.")
+
+
+@pytest.mark.usefixtures("berlin")
 def test_a_mapper_that_is_gone_keeps_no_tour_from_starting(
     home: "Home", monkeypatch: pytest.MonkeyPatch
 ):

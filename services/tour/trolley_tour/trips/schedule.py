@@ -112,6 +112,9 @@ class Scheduler:
         """What keeps a tour from starting, in words, "" if nothing does."""
         if self._charge.is_low:
             return "the battery was low"
+        base = self._robot.base.latest
+        if base is not None and base.is_halted:
+            return "the robot was stopped"
         if not tour.is_for(self._robot.map_name):
             return f"the robot was not on its map {tour.map}"
         trip, goal_paused_at = self._trips.record, self._goal_paused_at
