@@ -250,8 +250,8 @@ class Home:
         self.lockstep.add(self.localizer)
         self.lockstep.add(self.planner)
         self.lockstep.add(self.mapper)
-        self.add_tour()
         self.statuses = self.lockstep.record(topics.TOUR)
+        self.add_tour()
         self.lockstep.run(0.5)
 
     def add_tour(self) -> None:

@@ -232,6 +232,16 @@ def test_skip_of_a_paused_trip_stays_paused(home: "Home"):
     assert len(home.planner.ids) == 1
 
 
+def test_each_skip_of_a_paused_trip_is_told(home: "Home"):
+    home.start("corridor", repeat=0)
+    home.lockstep.run(1.0)
+    home.lockstep.ask(requests.TOUR_PAUSE)
+    for num_skipped in (1, 2, 3):
+        home.lockstep.ask(requests.TOUR_SKIP)
+        home.lockstep.run(1.0)
+        assert (home.status.lap, home.status.missed) == (num_skipped, num_skipped)
+
+
 @pytest.mark.parametrize(
     "request_", [requests.TOUR_STOP, requests.TOUR_PAUSE, requests.TOUR_RESUME, requests.TOUR_SKIP]
 )
@@ -391,11 +401,15 @@ def test_unlocalized_robot_does_not_wait_for_ever(home: "Home", plan: "type[Plan
     assert "does not know where it is" in home.status.message
 
 
-def test_status_is_published_each_second(home: "Home"):
+def test_status_is_published_each_second_on_a_trip(home: "Home"):
+    before = len(home.statuses)
+    home.lockstep.run(10.0)
+    assert (home.status.state, len(home.statuses)) == ("idle", before)
+    home.start(Stop(name="corridor", dwell=60.0))
+    home.run_until("dwelling")
     before = len(home.statuses)
     home.lockstep.run(10.0)
     assert len(home.statuses) - before == 10
-    assert home.status.state == "idle"
     assert home.lockstep.get(topics.TOUR.key("trolley"))[0].payload.startswith(b"{")
 
 

@@ -11,7 +11,7 @@ from trolley_tour.trips.record import TripRecord
 
 
 class TripReport:
-    """Publishes `tour` on change, and once a second unless its trip is paused or over."""
+    """Publishes `tour` on change, and once a second while a trip is under way."""
 
     def __init__(
         self, service: Service, history: TripHistory, photos: StopPhotos, charge: ChargeMonitor
@@ -72,14 +72,25 @@ class TripReport:
 
     @every(1.0, clock="local")
     def _publish_each_second(self) -> None:
-        if self._record is None or self._record.is_under_way:
+        if self._record is not None and self._record.is_under_way:
             self._publish(self.status())
+        else:
+            self.update()
 
     def _publish(self, status: TourStatus) -> None:
         self._published = status
         self._service.publish(topics.TOUR, status)
 
 
-def _essence(status: TourStatus) -> tuple[str, str, str, str | None]:
-    """What is published at once when it changes; the rest can wait for the next second."""
-    return status.state, status.reason, status.message, status.trip
+def _essence(status: TourStatus) -> tuple[str | int | None, ...]:
+    """What is published at once when it changes: all but the time, and what changes with these."""
+    return (
+        status.trip,
+        status.state,
+        status.reason,
+        status.message,
+        status.stop,
+        status.lap,
+        status.reached,
+        status.missed,
+    )
