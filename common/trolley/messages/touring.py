@@ -95,8 +95,8 @@ class Tour(Struct, frozen=True, kw_only=True):
 
     `there_and_back`: after the last stop the others are visited in reverse order. `name` may be
     left out if it is in the key, and for a trip that is started without being saved. `map` is where
-    poses and `via` of its stops lie: the current map if it is left out, "" if there are none, or
-    for any map.
+    poses and `via` of its stops lie, "" if there are none, or for any map. If it is left out, they
+    lie on the map of the stored tour of this name if all are in it, else on the current one.
     """
 
     name: str = ""

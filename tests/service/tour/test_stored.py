@@ -10,7 +10,7 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import SavedPose, Stop, Tour
+from trolley.messages import SavedPose, ScheduleEntry, Stop, Tour
 from trolley.messages.request_params import Named
 
 if TYPE_CHECKING:
@@ -73,7 +73,24 @@ def test_a_tour_with_poses_of_its_own_belongs_to_the_present_map(empty: "Home"):
         put_on(msgspec.structs.replace(TOUR, map="a/b"))
     empty.mapper.phase = "mapping"
     empty.lockstep.run(1.0)
-    assert put_on(TOUR, map="draft", state="unsure") == ""  # the map is to get its name yet
+    draft = msgspec.structs.replace(TOUR, name="draft")
+    assert put_on(draft, map="draft", state="unsure") == ""  # the map is to get its name yet
+
+
+@pytest.mark.parametrize("before", ["", "cellar"])
+def test_a_tour_stays_on_its_map_until_a_spot_is_new(empty: "Home", before: str):
+    def put_with(**changes: object) -> str:
+        tour = msgspec.structs.replace(TOUR, **changes)
+        return empty.lockstep.ask(requests.TOURS_PUT, tour).map
+
+    empty.mapper.phase = "mapping" if before == "" else "idle"
+    empty.lockstep.run(1.0)
+    assert put_with(map=before) == before
+    empty.mapper.phase = "idle"
+    empty.lockstep.run(1.0)
+    assert put_with(schedule=[ScheduleEntry(at="08:00")]) == before
+    assert put_with(stops=[Stop(name="hall"), *TOUR.stops[::-1]]) == before
+    assert put_with(stops=[*TOUR.stops, Stop(pose=Pose2D(4, 5, 6))]) == "apartment"
 
 
 def test_requests_put_and_delete(empty: "Home"):

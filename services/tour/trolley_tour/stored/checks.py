@@ -110,20 +110,33 @@ def _check_map_name(name: str) -> None:
         raise Refused(codes.BAD_REQUEST, f"{name!r} is not a valid map name.")
 
 
-def checked_tour(tour: Tour, key: str | None = None, map_name: str | None = None) -> Tour:
+def checked_tour(
+    tour: Tour,
+    key: str | None = None,
+    map_name: str | None = None,
+    stored: Tour | None = None,
+) -> Tour:
     """The tour as it is stored or driven; one that is only driven needs no name.
 
-    Poses of its own without a map belong to the current one.
+    Poses of its own without a map belong to that of the tour `stored` under this name if all were
+    in it, else to the current one.
 
     Raises:
         Refused: Something in it is not allowed.
     """
+    if stored is not None and _poses(tour) <= _poses(stored):
+        map_name = stored.map
     on_map = (tour.map or map_name or "") if tour.has_poses else ""
     if on_map:
         _check_map_name(on_map)
     stops = [_checked_stop(stop, index) for index, stop in enumerate(tour.stops)]
     name = key_name(key, tour.name) if key is not None or tour.name else ""
     return structs.replace(tour, name=name, stops=stops, map=on_map)
+
+
+def _poses(tour: Tour) -> set[Pose2D]:
+    all_poses = (pose for stop in tour.stops for pose in (stop.pose, *stop.via))
+    return {pose for pose in all_poses if pose is not None}
 
 
 def _checked_stop(stop: Stop, index: int) -> Stop:

@@ -7,6 +7,7 @@ from trolley.codes import Refused
 from trolley.messages import Tour
 from trolley.messages import Tours as TourList
 from trolley.messages.request_params import Named
+from trolley.names import canonical
 from trolley.runtime.service import Later, Service, answers, gets, on, on_delete
 from trolley.suggestions import did_you_mean
 from trolley_tour.robot_state import RobotState
@@ -54,7 +55,8 @@ class Tours:
     def _put(self, tour: Tour, key: str, answer: Answer[Tour]) -> None:
         # A map in the making still changes its name, and where things lie on it.
         on_map = None if self._robot.is_mapping else self._robot.map_name
-        checked = checks.checked_tour(tour, key, on_map)
+        stored = self._store.items.get(canonical(key))
+        checked = checks.checked_tour(tour, key, on_map, stored)
         self._store.change(lambda items: (checks.with_item(items, checked), checked), answer)
 
     @on(topics.STORED_TOUR)
