@@ -25,6 +25,8 @@ from trolley_localizer.zone_rules import read_seeds
 from trolley_mapper import checkpoint
 from trolley_mapper.edit.map_switch import PLAN_FILE, SwitchPlan, pending_plan
 from trolley_mapper.edit.map_versions import MapVersions
+from trolley_tour.stored.checks import ToursFile
+from trolley_tour.trips.record import TripRecord
 from trolley_viz.features.past import trip_file
 
 from .test_state_files import FOLDER, FORMS, KINDS
@@ -149,6 +151,21 @@ def holds(found: Any, plain: Any) -> bool:
     if isinstance(plain, list):
         return len(found) == len(plain) and all(map(holds, found, plain))
     return bool(found == plain)
+
+
+@pytest.mark.parametrize(
+    "saved", [one for one in of("tours.toml", "trip.toml") if one.is_older], ids=str
+)
+def test_an_older_tour_beyond_today_s_limits_is_read(folder: StateFolder, saved: Saved) -> None:
+    """They knew none: rounds and seconds were any numbers."""
+    content = re.sub(rb"repeat = \d+", b"repeat = 10000000", saved.content)
+    content = re.sub(rb"dwell = .+", b"dwell = 1e15\ntimeout = 1e15", content)
+    put(folder.path / saved.name, content)
+    found = folder.read(saved.name, STRUCTS[saved.name])
+    assert isinstance(found, ToursFile | TripRecord)
+    for tour in found.tours if isinstance(found, ToursFile) else [found.tour]:
+        assert tour.repeat == 1_000_000
+        assert {(stop.dwell, stop.timeout) for stop in tour.stops} == {(1e12, 1e12)}
 
 
 @pytest.mark.parametrize("saved", of(*TOML), ids=str)

@@ -9,6 +9,7 @@ from msgspec import Struct, structs
 from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
+from trolley.geometry.pose import LARGEST
 from trolley.messages import SavedPose, Stop, Tour
 from trolley.messages.mapping import MAP_NAME, MAX_COORDINATE_M
 from trolley.messages.touring import MAX_ROUNDS
@@ -22,6 +23,8 @@ MAX_VIA = 1000
 """Via points of one stop."""
 MAX_TEXT = 1000
 """Characters of an icon or a note."""
+LIMITS = {"repeat": MAX_ROUNDS, "dwell": LARGEST, "timeout": LARGEST}
+"""Of a tour and its stops."""
 
 
 class PosesFile(Struct, frozen=True, kw_only=True):
@@ -39,11 +42,23 @@ class ToursFile(Struct, frozen=True, kw_only=True):
 
     @classmethod
     def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
-        """Return the content of a file of schema 1: tours had no map, and any number of rounds."""
+        """Return the content of a file of schema 1: tours had no map, and no limits."""
         del schema
-        for tour in plain.get("tours", []):
-            tour["repeat"] = min(tour.get("repeat", 1), MAX_ROUNDS)
+        return limited(plain)
+
+
+def limited(plain: Any) -> Any:
+    """The content of a file, with what is beyond today's limits in its tours at those."""
+    if isinstance(plain, list):
+        return [limited(one) for one in plain]
+    if not isinstance(plain, dict):
         return plain
+    return {
+        name: min(value, LIMITS[name])
+        if name in LIMITS and isinstance(value, int | float)
+        else limited(value)
+        for name, value in plain.items()
+    }
 
 
 def plain_name(name: str) -> str:

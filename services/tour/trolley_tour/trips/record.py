@@ -11,6 +11,7 @@ from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus
 from trolley.messages.touring import TripState
 from trolley.under_way import TRIP_GOES, TRIP_UNDER_WAY, trip_goal_id
 from trolley_tour import sentences
+from trolley_tour.stored.checks import limited
 from trolley_tour.trips.route import lap_stops
 
 StopState = Literal["reached", "skipped", "failed"]
@@ -85,9 +86,9 @@ class TripRecord(Struct, kw_only=True):
 
     @classmethod
     def bring_forward(cls, plain: dict[str, Any], schema: int) -> dict[str, Any]:
-        """Return the content of an older file: schema 1 knew no `speed`, 2 no `paused_at`."""
+        """Return the content of an older file: 1 knew no `speed`, 2 no `paused_at` and limits."""
         del schema
-        return plain
+        return limited(plain)
 
     def __post_init__(self) -> None:
         """Refuse a file whose parts do not fit together."""
