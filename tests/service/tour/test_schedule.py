@@ -10,7 +10,7 @@ from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import ScheduleEntry, Stop, Tour
-from trolley.messages.request_params import AskOffer, SendGoal, StartTour, WhichGoal
+from trolley.messages.request_params import AskOffer, Named, SendGoal, StartTour, WhichGoal
 from trolley.messages.touring import Day
 
 from .conftest import replace
@@ -163,6 +163,20 @@ def test_what_was_skipped_is_told_until_somebody_starts_a_tour(
     assert health(home) == ("ok", "")
 
 
+@pytest.mark.usefixtures("berlin")
+def test_what_was_skipped_is_told_no_more_once_that_tour_is_deleted(
+    home: "Home", monkeypatch: pytest.MonkeyPatch
+):
+    put_scheduled(home, "08:30")
+    home.lockstep.ask(requests.TOURS_PUT, Tour(name="other", stops=[Stop(name="kitchen")]))
+    drive_by_hand(home)
+    let_come_due(home, monkeypatch)
+    home.lockstep.ask(requests.TOURS_DELETE, Named(name="other"))
+    assert health(home)[0] == "degraded"
+    home.lockstep.ask(requests.TOURS_DELETE, Named(name="morning"))
+    assert health(home) == ("ok", "")
+
+
 def send_a_goal(home: "Home") -> None:
     home.lockstep.ask(requests.GOAL_SEND, SendGoal(id="persons", pose=Pose2D(1.0, 1.0, 0.0)))
 
@@ -264,6 +278,10 @@ def test_a_tour_of_another_map_is_not_started(home: "Home", monkeypatch: pytest.
     assert refused.value.message == (
         "The tour 'cellar round' is on the map cellar, the robot is on apartment."
     )
+    with pytest.raises(
+        Refused, match=r"^The tour is on the map cellar, the robot is on apartment\.$"
+    ):
+        home.start(*stops, map="cellar")
     let_come_due(home, monkeypatch)
     assert home.status.state == "idle"
     assert health(home)[1].endswith(", was skipped: the robot was not on its map cellar.")

@@ -22,7 +22,7 @@ from trolley_tour.trips.trip_params import TripParams
 
 TRIP_FILE = "trip.toml"
 SKIPPED = "schedule"
-"""The problem that a tour was due and skipped; it is over once one is started."""
+"""The problem that a tour was due and skipped; over once one is started, or that one deleted."""
 
 
 class TripRunner:
@@ -104,7 +104,8 @@ class TripRunner:
             tour = self._tours.find(params.name or "")
         map_name = self._robot.map_name
         if not tour.is_for(map_name):
-            why = f"The tour {tour.name!r} is on the map {tour.map}, the robot is on {map_name}."
+            which = f"The tour {tour.name!r}" if tour.name else "The tour"
+            why = f"{which} is on the map {tour.map}, the robot is on {map_name}."
             raise Refused(codes.WRONG_MAP, why, map=tour.map)
         for stop in tour.stops:
             if stop.name is not None and stop.name not in self._places.items:

@@ -79,9 +79,13 @@ class Scheduler:
         self._problems = problems
         self._minutes = Minutes()
         self._goal_paused_at: datetime.datetime | None = None
+        self._skipped: str | None = None
 
     @every(1.0, clock="local")
     def _start_due_tours(self) -> None:
+        if self._skipped is not None and self._skipped not in self._tours.items:
+            self._skipped = None
+            self._problems.set(SKIPPED, None)
         now = self._service.utc_now()
         moment = None if now is None else parse_utc(now)
         if moment is None:
@@ -96,7 +100,7 @@ class Scheduler:
             self._start(tour, moment.astimezone())
 
     def _start(self, tour: Tour, now: datetime.datetime) -> None:
-        """Start a tour, or say why not until another one is started."""
+        """Start a tour, or say why not until another one is started, or this one deleted."""
         obstacle = self._obstacle(tour, now)
         if not obstacle:
             self._service.log.info("A tour is due", tour=tour.name)
@@ -107,6 +111,7 @@ class Scheduler:
         self._service.count("schedule/skipped")
         self._service.log.warning(sentence)
         self._problems.set(SKIPPED, sentence)
+        self._skipped = tour.name
 
     def _obstacle(self, tour: Tour, now: datetime.datetime) -> str:
         """What keeps a tour from starting, in words, "" if nothing does."""
