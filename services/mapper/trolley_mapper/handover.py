@@ -205,17 +205,14 @@ class MapSaver:
     def _handed_over(self, doubt: str, note: str) -> None:
         self._handover = None
         self._mapping.give_topics_back()
-        self._mapping.finish_places(partial(self._places_stored, f"{note} {doubt}".rstrip()))
-
-    def _places_stored(self, note: str, problem: str) -> None:
         session = self._mapping.session
         wishes = [] if session is None else _wishes(session)
-        self._hand_zones_over(wishes, f"{note}{problem}")
+        self._hand_zones_over(wishes, f"{note} {doubt}".rstrip())
 
     def _hand_zones_over(self, wishes: list[_Wish], note: str) -> None:
-        """Let the localizer store what has become of an extended map's zones, then end."""
+        """Let the localizer store what an extended map's zones became, then finish the places."""
         if not wishes:
-            self._mapping.end(note)
+            self._mapping.finish_places(lambda problem: self._mapping.end(f"{note}{problem}"))
             return
         (request, params), *rest = wishes
         self._service.request(request, params, partial(self._zone_stored, params.name, rest, note))

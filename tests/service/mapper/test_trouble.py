@@ -16,7 +16,7 @@ from trolley import codes, requests, topics
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, MapError
 from trolley.gridmap.wire import map_message
-from trolley.messages import PoseEstimate, Zone, Zones
+from trolley.messages import PoseEstimate, SavedPose, Zone, Zones
 from trolley.messages.request_params import Capture, MapNamed, PauseMap, SaveMap
 from trolley.runtime.lockstep import _LockstepHost
 from trolley.runtime.service import Service, every
@@ -28,6 +28,7 @@ from trolley_mapper.service import MapperService
 from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
+from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between
 from trolley_mapper.slam.serialization import State, pack
 from trolley_mapper.wire import odom_transform
@@ -144,6 +145,27 @@ def test_zones_of_an_extended_map_outlive_a_mapper_that_is_killed_as_it_hands_ov
     stage.ask(requests.MAP_SAVE, SaveMap())
     stage.bus.run(2.0)
     assert stage.status.state == "idle"
+    assert [zone.name for zone in zones[-1].zones] == ["stairs"]
+
+
+def test_zones_of_an_extended_map_do_not_wait_for_its_places(
+    make_stage: MakeStage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    zones = stage.bus.record(topics.ZONES)
+    stage.map(seconds=2.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
+    stage.drive(2.0, 0.1)
+    stage.ask(requests.POSES_PUT, SavedPose(name="sofa", map="home", pose=Pose2D.identity()))
+    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+    stage.ask(requests.ZONES_PUT, stairs)
+    monkeypatch.setattr(Mapper, "moved", lambda *_: Pose2D(0.5, 0.0, 0.0))  # as by a loop
+    stage.bus.kill("tour")
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    assert (stage.status.state, stage.pose.state) == ("saving", "localized")
     assert [zone.name for zone in zones[-1].zones] == ["stairs"]
 
 
