@@ -278,7 +278,7 @@ class Mapping:
         self.publish_zones(session)
         self._note = f"The map {name} is saved; the localizer takes over. {doubt}".rstrip()
 
-    def finish_places(self, then: Callable[[str], None]) -> None:
+    def finish_places(self, then: Callable[[str], object]) -> None:
         """Call back once all places are stored, or with a sentence on why they are not."""
         if self._places is not None:
             self._places.finish(then)

@@ -26,7 +26,7 @@ class SavedPlaces:
         self._saved_as: str | None = None
         self._is_asking = False
         self._num_refused = 0
-        self._then: Callable[[str], None] | None = None
+        self._then: Callable[[str], object] | None = None
         self._watch = service.watch(topics.POSES, then=self.update)
 
     def close(self) -> None:
@@ -49,7 +49,7 @@ class SavedPlaces:
         self._saved_as = map_name
         self.store_moved()
 
-    def finish(self, then: Callable[[str], None]) -> None:
+    def finish(self, then: Callable[[str], object]) -> None:
         """Call back once all are stored, or with a sentence on why they are not."""
         self._then, self._num_refused = then, 0
         self.store_moved()
