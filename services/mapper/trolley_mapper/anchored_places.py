@@ -44,8 +44,8 @@ class AnchoredPlaces:
         self.anchors = dict(anchors or {})
         self.saved_at = dict(saved_at or {})
         self._stored: dict[str, SavedPose] = {}
-        self._moved: SavedPose | None = None
-        """What is being stored, or was refused."""
+        self._moved: dict[str, SavedPose] = {}
+        """What is to be stored, is being stored, or was refused."""
 
     def update(self, poses: Iterable[SavedPose], map_name: str, core: MapAnchoring) -> None:
         """Learn what is stored; a place that somebody has moved is tied anew."""
@@ -55,7 +55,7 @@ class AnchoredPlaces:
             del self.anchors[name]
         for name, place in self._stored.items():
             known = before.get(name)
-            is_news = known is not None and place != self._moved
+            is_news = known is not None and place != self._moved.get(name)
             was_moved = is_news and differ(known.pose, place.pose)
             is_saved_anew = place.saved_at != self.saved_at.get(name, place.saved_at)
             if name not in self.anchors or was_moved or is_saved_anew:
@@ -73,26 +73,27 @@ class AnchoredPlaces:
             if anchor.keyframe < 0:
                 self.anchors[name] = core.anchor(anchor.keyframe_T_pose)
 
-    def moved(self, core: MapAnchoring, map_name: str | None = None) -> SavedPose | None:
-        """Return a place that lies elsewhere now, as it is to be stored; None if there is none.
+    def moved(self, core: MapAnchoring, map_name: str | None = None) -> list[SavedPose]:
+        """Return the places that lie elsewhere now, as they are to be stored.
 
         Args:
             core: knows where they are.
             map_name: the map that they are to belong to, if not the previous one.
         """
+        moved: dict[str, SavedPose] = {}
         for name, place in self._stored.items():
             pose = core.moved(self.anchors[name]).wrapped()
             if not differ(place.pose, pose):
                 pose = place.pose
             right = structs.replace(place, pose=pose, map=map_name or place.map)
             if right != place:
-                self._moved = right
-                return right
-        return None
+                moved[name] = right
+        self._moved |= moved
+        return list(moved.values())
 
     def stored(self, place: SavedPose) -> None:
         """Learn that a place is stored as it was to be, unless it has been deleted since."""
-        self._moved = None
+        self._moved.pop(place.name, None)
         if place.name in self._stored:
             self._stored[place.name] = place
 

@@ -9,8 +9,10 @@ from trolley.messages import SavedPose, SavedPoses
 from trolley.runtime.service import Service
 from trolley_mapper.map_session import MapSession
 
+MAX_ASKED = 100
+"""Number of places that are stored at once."""
 MAX_REFUSED = 10
-"""Number of refusals in a row after which the places of a saved map are left as they are."""
+"""Number of times in a row that none was stored after which those left stay as they are."""
 
 
 class SavedPlaces:
@@ -24,8 +26,8 @@ class SavedPlaces:
     def __init__(self, service: Service, session: MapSession) -> None:
         self._service, self._session = service, session
         self._saved_as: str | None = None
-        self._is_asking = False
-        self._num_refused = 0
+        self._num_asked = self._num_stored = self._num_refused = 0
+        self._problem = ""
         self._then: Callable[[str], object] | None = None
         self._watch = service.watch(topics.POSES, then=self.update)
 
@@ -55,30 +57,36 @@ class SavedPlaces:
         self.store_moved()
 
     def store_moved(self) -> None:
-        """Store those that moved with the map, one after the other."""
+        """Store those that moved with the map, many at once."""
         core = self._session.core
-        if self._is_asking or core is None:
+        if self._num_asked or core is None:
             return
-        place = self._session.places.moved(core, self._saved_as)
-        if place is not None:
-            self._is_asking = True
+        places = self._session.places.moved(core, self._saved_as)[:MAX_ASKED]
+        self._num_asked, self._num_stored = len(places), 0
+        for place in places:
             self._service.request(requests.POSES_PUT, place, partial(self._stored, place))
-        else:
+        if not places:
             self._call_back("")
 
     def _stored(self, place: SavedPose, result: SavedPose | Refused) -> None:
-        self._is_asking = False
-        if not isinstance(result, Refused):
-            self._num_refused = 0
+        self._num_asked -= 1
+        if isinstance(result, Refused):
+            self._service.count("poses/not_put_right")
+            self._service.log.limited("places", "A place was not put right", why=result.message)
+            self._problem = result.message
+        else:
+            self._num_stored += 1
             self._session.places.stored(place)
+        if self._num_asked:
+            return
+        if self._num_stored:
+            self._num_refused = 0
             self.store_moved()
             return
         # The next second tries again.
         self._num_refused += 1
-        self._service.count("poses/not_put_right")
-        self._service.log.limited("places", "A place was not put right", why=result.message)
         if self._num_refused >= MAX_REFUSED:
-            self._call_back(f" Places were not moved along with the map: {result.message}")
+            self._call_back(f" Places were not moved along with the map: {self._problem}")
 
     def _call_back(self, problem: str) -> None:
         then, self._then = self._then, None

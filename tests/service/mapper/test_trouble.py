@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from support.flatland import Flatland
 
 from trolley import codes, requests, topics
+from trolley.codes import Refused
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, MapError
 from trolley.gridmap.wire import map_message
@@ -32,6 +33,7 @@ from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between
 from trolley_mapper.slam.serialization import State, pack
 from trolley_mapper.wire import odom_transform
+from trolley_tour.stored import checks
 
 from .conftest import Stage
 
@@ -305,18 +307,40 @@ def test_places_go_along_to_a_saved_map_however_many_once_tour_is_there(
     stage = make_stage("localizer", "mapper", "tour")
     true_T_map = stage.world.map_T_base
     true_T_place = with_places(stage, 300)
-    poses = stage.bus.record(topics.POSES)
     stage.bus.kill("tour")
     stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
     stage.bus.run(3.0)
     assert {one.state for one in stage.poses[-10:]} == {"localized"}
+    poses = stage.bus.record(topics.POSES)
     stage.begin("tour")
     stage.bus.run(3.0)
     assert stage.status.message == "The map home is saved and in use."
+    assert len(poses) < 20
     assert {place.map for place in poses[-1].poses} == {"home"}
     true_T_home = stage.straightened(true_T_map)
     for place in poses[-1].poses:
         assert (true_T_home @ place.pose).distance_to(true_T_place) < 0.05
+
+
+def test_a_place_that_is_refused_does_not_keep_the_others_from_going_along(
+    make_stage: MakeStage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    poses = stage.bus.record(topics.POSES)
+    with_places(stage, 3)
+    checked_pose = checks.checked_pose
+
+    def refuse_one(pose: SavedPose, *args: Any) -> SavedPose:
+        if pose.name == "place 0":
+            raise Refused(codes.NOT_SAVED, "Its note is too long.")
+        return checked_pose(pose, *args)
+
+    monkeypatch.setattr(checks, "checked_pose", refuse_one)
+    stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
+    stage.bus.run(20.0)
+    assert stage.status.state == "idle"
+    assert stage.status.message.endswith("not moved along with the map: Its note is too long.")
+    assert [place.map for place in poses[-1].poses] == ["draft", "home", "home"]
 
 
 def test_places_that_could_not_go_along_to_a_saved_map_are_told_of(
