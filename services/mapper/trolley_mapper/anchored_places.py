@@ -62,6 +62,15 @@ class AnchoredPlaces:
                 self.anchors[name] = core.anchor(place.pose)
         self.saved_at = {name: place.saved_at for name, place in self._stored.items()}
 
+    def drop_changed(self, poses: Iterable[SavedPose]) -> None:
+        """Leave alone those that somebody has deleted or changed since the map was saved."""
+        before = self._stored
+        self._stored = {
+            one.name: one
+            for one in poses
+            if one.name in before and one in (before[one.name], self._moved.get(one.name))
+        }
+
     def tie_anew(self, core: MapAnchoring) -> None:
         """Tie all places to the map as it is now."""
         for name, place in self._stored.items():

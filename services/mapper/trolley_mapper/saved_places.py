@@ -43,7 +43,9 @@ class SavedPlaces:
     def update(self, poses: SavedPoses) -> None:
         """Tie the stored places to the map, until it is saved."""
         session = self._session
-        if session.core is not None and self._saved_as is None:
+        if self._saved_as is not None:
+            session.places.drop_changed(poses.poses)
+        elif session.core is not None:
             session.places.update(poses.poses, session.name, session.core)
 
     def go_along(self, map_name: str) -> None:

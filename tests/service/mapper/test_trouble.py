@@ -18,7 +18,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, MapError
 from trolley.gridmap.wire import map_message
 from trolley.messages import PoseEstimate, SavedPose, Zone, Zones
-from trolley.messages.request_params import Capture, MapNamed, PauseMap, SaveMap
+from trolley.messages.request_params import Capture, MapNamed, Named, PauseMap, SaveMap
 from trolley.runtime.lockstep import _LockstepHost
 from trolley.runtime.service import Service, every
 from trolley.scan_matching.sweep import read_sweep
@@ -341,6 +341,29 @@ def test_a_place_that_is_refused_does_not_keep_the_others_from_going_along(
     assert stage.status.state == "idle"
     assert stage.status.message.endswith("not moved along with the map: Its note is too long.")
     assert [place.map for place in poses[-1].poses] == ["draft", "home", "home"]
+
+
+def test_a_place_that_is_deleted_or_moved_as_its_map_is_handed_over_does_not_come_back(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    poses = stage.bus.record(topics.POSES)
+    with_places(stage, 3)
+    stage.bus.kill("tour")
+    stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
+    stage.bus.run(3.0)
+    stage.begin("tour")
+    moved = SavedPose(name="place 1", map="home", pose=Pose2D(5.0, 5.0, 0.0))
+    stage.ask(requests.POSES_PUT, moved)
+    stage.ask(requests.POSES_DELETE, Named(name="place 2"))
+    assert [place.map for place in poses[-1].poses] == ["draft", "home"]
+    stage.bus.run(3.0)
+    assert stage.status.state == "idle"
+    assert [(place.name, place.map) for place in poses[-1].poses] == [
+        ("place 0", "home"),
+        ("place 1", "home"),
+    ]
+    assert poses[-1].poses[1].pose == moved.pose
 
 
 def test_places_that_could_not_go_along_to_a_saved_map_are_told_of(
