@@ -34,8 +34,8 @@ class Checkpoint(Struct, frozen=True, kw_only=True):
     anchors: dict[str, Anchor] = {}
     saved_at: dict[str, str | None] = {}
     """When the places had been saved that are tied to the map."""
-    barriers: list[Zone] = []
-    in_mirrors: list[str] = []
+    mirrors: list[Zone] = []
+    """Where the robot has seen its own image while exploring."""
     seconds: float = 0.0
     loops: int = 0
     is_paused: bool = False

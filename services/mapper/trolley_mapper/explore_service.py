@@ -14,6 +14,7 @@ from trolley.messages.request_params import ExploreMap, SendGoal, WhichGoal
 from trolley.runtime.service import Service, answers, every
 from trolley.under_way import GOAL_UNDER_WAY
 from trolley_mapper.explore import sentences
+from trolley_mapper.explore.barriers import Barriers
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import Mapping
 from trolley_mapper.slam.estimate import Anchor
@@ -191,6 +192,8 @@ class ExploreService:
         clearance = _clearance(robot, self._config.resolution_m)
         self._home = self._home or session.core.anchor(pose)
         self._is_wanted = False
+        session.barriers = Barriers(session.barriers.mirrors)  # who stood in a door may be gone
+        self._mapping.publish_zones(session)
         explorer = Explorer(
             self._service.new_id(), clearance, limits, self._sees_all_round, session.barriers
         )

@@ -74,7 +74,7 @@ class MapSession:
             checkpoint.zones, checkpoint.zone_ties, checkpoint.zones_deleted
         )
         session.places = AnchoredPlaces(checkpoint.anchors, checkpoint.saved_at)
-        session.barriers = Barriers(checkpoint.barriers, checkpoint.in_mirrors)
+        session.barriers = Barriers(checkpoint.mirrors)
         session.seconds, session.loops = checkpoint.seconds, checkpoint.loops
         session.core = Mapper.from_bytes(config, checkpoint.core)
         if checkpoint.is_paused:
@@ -141,8 +141,8 @@ class MapSession:
         known = [zone.points for zone in self.zones.all if zone.kind == "mirror"]
         return [
             SuspectLine(points=one.points, score=1.0)
-            for one in self.barriers.zones
-            if one.name in self.barriers.in_mirrors and not is_known(one.points, known)
+            for one in self.barriers.mirrors
+            if not is_known(one.points, known)
         ]
 
     @property
@@ -199,7 +199,8 @@ class MapSession:
 
         self.places.tie_loose(self.core)
         new_T_old = self.core.turn(job)
-        self.barriers.zones = moved_zones(self.barriers.zones, new_T_old.inverse())
+        for lines in (self.barriers.mirrors, self.barriers.stood):
+            lines[:] = moved_zones(lines, new_T_old.inverse())
         if self.estimate is not None:
             self.estimate = replace(
                 self.estimate,
@@ -234,8 +235,7 @@ class MapSession:
             zones_deleted=sorted(self.zones.deleted),
             anchors=dict(self.places.anchors),
             saved_at=dict(self.places.saved_at),
-            barriers=list(self.barriers.zones),
-            in_mirrors=list(self.barriers.in_mirrors),
+            mirrors=list(self.barriers.mirrors),
             seconds=self.seconds,
             loops=self.loops,
             is_paused=self.core.is_paused,

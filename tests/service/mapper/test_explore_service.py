@@ -238,6 +238,26 @@ def test_a_mirror_that_was_seen_is_known_to_a_mapper_that_comes_back_and_to_who_
     assert [line.points for line in session.suspects] == [mirror.points]
 
 
+def test_where_the_robot_stood_is_tried_again_by_who_explores_again(stage: Stage) -> None:
+    zones = stage.bus.record(topics.ZONES)
+    stage.explore()
+    session = session_of(stage)
+    explorer = session.explorer
+    assert explorer is not None
+    assert session.core is not None
+    for _ in range(2):  # before somebody in a door
+        session.barriers.add(Pose2D(1.0, 0.6, 0.0), Pose2D(3.0, 0.6, 0.0), 0.2, session.core.grid())
+    explorer._mirror = Pose2D(3.9, 0.6, 0.0)  # as if it had seen itself
+    stage.bus.run(2.0)
+    assert len(zones[-1].zones) == 2
+    (mirror,) = session.suspects
+    explorer.state = "done"
+    stage.bus.ask(requests.MAP_EXPLORE, ExploreMap())
+    assert stage.bus.run_until(lambda: session.explorer is not explorer, 5.0)
+    assert [zone.points for zone in zones[-1].zones] == [mirror.points]
+    assert [zone.points for zone in session.zones_shown] == [mirror.points]
+
+
 def test_exploring_needs_a_map_in_the_making(stage: Stage) -> None:
     with pytest.raises(Refused) as refused:
         stage.bus.ask(requests.MAP_EXPLORE)

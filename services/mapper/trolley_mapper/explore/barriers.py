@@ -39,17 +39,21 @@ class Barriers:
     never ends exploring, but that the robot cannot get there does.
 
     Args:
-        zones: barriers of a run before.
-        in_mirrors: the names of those where the robot has seen its own image.
+        mirrors: those that are known already.
     """
 
-    def __init__(self, zones: Iterable[Zone] = (), in_mirrors: Iterable[str] = ()) -> None:
-        self.zones = list(zones)
-        """Lines across the way, as mirrors."""
-        self.in_mirrors = list(in_mirrors)
-        """Names of those where the robot has seen its own image."""
+    def __init__(self, mirrors: Iterable[Zone] = ()) -> None:
+        self.mirrors = list(mirrors)
+        """Lines where the robot has seen its own image."""
+        self.stood: list[Zone] = []
+        """Lines where it could not get on."""
         self._stands: list[Pose2D] = []
         self._track: deque[Pose2D] = deque(maxlen=PARAMS.num_poses)
+
+    @property
+    def zones(self) -> list[Zone]:
+        """All of them, as mirrors."""
+        return [*self.mirrors, *self.stood]
 
     def update_position(self, here: Pose2D) -> None:
         """Note where the robot is (`map_T_base`), twice a second."""
@@ -72,13 +76,19 @@ class Barriers:
         way = Pose2D(here.x, here.y, math.atan2(toward.y - here.y, toward.x - here.x))
         near = [one for one in self._track if one.distance_to(here) <= PARAMS.near_m]
         ahead_m += max((way.inverse() @ one).x for one in (here, *near))
-        self.lay(way @ Pose2D(ahead_m, 0.0, 0.0), grid)
+        name = f"barrier {len(self.stood) + 1}"
+        self.stood.append(_across(name, way @ Pose2D(ahead_m, 0.0, 0.0), grid))
 
-    def lay(self, middle: Pose2D, grid: GridMap) -> None:
-        """Lay a barrier across the x axis of its middle (`map`), as where a mirror was seen."""
-        ends = [middle @ Pose2D(0.0, side * _width(middle, side, grid), 0.0) for side in (-1, 1)]
-        name = f"barrier {len(self.zones) + 1}"
-        self.zones.append(Zone(name=name, kind="mirror", points=[(one.x, one.y) for one in ends]))
+    def add_mirror(self, middle: Pose2D, grid: GridMap) -> None:
+        """Note where a mirror was seen (`map`, x pointing into it)."""
+        name = f"mirror barrier {len(self.mirrors) + 1}"
+        self.mirrors.append(_across(name, middle, grid))
+
+
+def _across(name: str, middle: Pose2D, grid: GridMap) -> Zone:
+    """Return a barrier across the x axis of its middle (`map`)."""
+    ends = [middle @ Pose2D(0.0, side * _width(middle, side, grid), 0.0) for side in (-1, 1)]
+    return Zone(name=name, kind="mirror", points=[(one.x, one.y) for one in ends])
 
 
 def _width(middle: Pose2D, side: int, grid: GridMap) -> float:

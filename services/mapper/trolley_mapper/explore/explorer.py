@@ -384,8 +384,7 @@ class Explorer:
         """Take a mirror that was seen for a wall, and look at once what that leaves to explore."""
         mirror, self._mirror = self._mirror, None
         if mirror is not None:
-            self._barriers.lay(mirror, grid)
-            self._barriers.in_mirrors.append(self.barriers[-1].name)
+            self._barriers.add_mirror(mirror, grid)
             self._surveyed_s = None
 
     def _is_lost(self, scene: Scene, now_s: float) -> bool:
