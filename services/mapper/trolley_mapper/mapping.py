@@ -10,12 +10,21 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.messages import MappingState, MappingStatus, PoseEstimate, Suspects, Zones
+from trolley.messages import (
+    MappingState,
+    MappingStatus,
+    PoseEstimate,
+    Suspects,
+    Tour,
+    Tours,
+    Zones,
+)
 from trolley.messages.request_params import JoinPart, Nothing, UndoMap, WhichGoal, Yield
 from trolley.runtime.service import Service, answers, every
 from trolley.scanning import Reject, ScanInput
 from trolley_mapper import checkpoint as checkpoints
 from trolley_mapper.checkpoint import Checkpoint, Checkpointer
+from trolley_mapper.edit.map_transform import moved_tour
 from trolley_mapper.explore import sentences
 from trolley_mapper.inputs import RobotInputs
 from trolley_mapper.map_session import MapSession
@@ -272,11 +281,29 @@ class Mapping:
             self._service.request(requests.GOAL_CANCEL, WhichGoal(), lambda _: None)
             session.turn(job)
             self._publish_map(session)
+        if name != session.name or job.new_T_old.yaw != 0.0:
+            old_T_new = job.new_T_old.inverse()
+            take_along = partial(self._take_tours_along, session.name, name, old_T_new)
+            self._service.get(topics.TOURS, then=take_along)
         session.name = name
         if self._places is not None:
             self._places.go_along(name)
         self.publish_zones(session)
         self._note = f"The map {name} is saved; the localizer takes over. {doubt}".rstrip()
+
+    def _take_tours_along(
+        self, before: str, name: str, old_T_new: Pose2D, found: dict[tuple[str, ...], Tours]
+    ) -> None:
+        """Store tours with spots of their own on the map under the name that it was saved as."""
+        tours = found.get(())
+        for tour in () if tours is None else tours.tours:
+            if tour.has_poses and tour.map == before:
+                moved = moved_tour(tour, name, old_T_new)
+                self._service.request(requests.TOURS_PUT, moved, partial(self._tour_stored, moved))
+
+    def _tour_stored(self, tour: Tour, result: Tour | Refused) -> None:
+        if isinstance(result, Refused):
+            self._service.log.error("A tour stays behind", tour=tour.name, why=result.message)
 
     def finish_places(self, then: Callable[[str], object]) -> None:
         """Call back once all places are stored, or with a sentence on why they are not."""

@@ -10,7 +10,7 @@ from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
 from trolley.gridmap import load_map
 from trolley.gridmap.wire import grid_of
-from trolley.messages import OccupancyGrid, SavedPose, Zone
+from trolley.messages import OccupancyGrid, SavedPose, Stop, Tour, Zone
 from trolley.messages.request_params import (
     Capture,
     JoinPart,
@@ -136,7 +136,7 @@ def test_a_map_is_extended_and_the_old_one_is_kept(stage: Stage) -> None:
     assert stage.ask(requests.MAP_LIST) == ["home"]
 
 
-def test_an_extended_map_is_saved_under_another_name_with_its_zones_and_places(
+def test_an_extended_map_is_saved_under_another_name_with_its_zones_places_and_tours(
     make_stage: MakeStage,
 ) -> None:
     stage = make_stage("localizer", "mapper", "tour")
@@ -146,6 +146,9 @@ def test_an_extended_map_is_saved_under_another_name_with_its_zones_and_places(
     zone = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
     stage.ask(requests.ZONES_PUT, zone)
     stage.ask(requests.POSES_PUT, SavedPose(name="sofa", map="home", pose=Pose2D.identity()))
+    own = Stop(pose=Pose2D(0.5, 0.0, 0.0))
+    stage.ask(requests.TOURS_PUT, Tour(name="round", stops=[own]))
+    stage.ask(requests.TOURS_PUT, Tour(name="upstairs", stops=[own], map="attic"))
     stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
     stage.drive(2.0, 0.2)
     stage.ask(requests.MAP_SAVE, SaveMap(name="home2"))
@@ -153,6 +156,9 @@ def test_an_extended_map_is_saved_under_another_name_with_its_zones_and_places(
     assert (stage.pose.state, stage.pose.map) == ("localized", "home2")
     assert [one.name for one in answers_to(stage, topics.ZONES)[0].zones] == ["stairs"]
     assert [one.map for one in answers_to(stage, topics.POSES)[0].poses] == ["home2"]
+    tours = {one.name: one for one in answers_to(stage, topics.TOURS)[0].tours}
+    assert {name: one.map for name, one in tours.items()} == {"round": "home2", "upstairs": "attic"}
+    assert tours["round"].stops == [own]
     assert stage.ask(requests.MAP_LIST) == ["home", "home2"]
 
 
