@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 
-from trolley import requests, topics
+from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.messages import SavedPose, SavedPoses
 from trolley.runtime.service import Service
@@ -75,7 +75,8 @@ class SavedPlaces:
         if isinstance(result, Refused):
             self._service.count("poses/not_put_right")
             self._service.log.limited("places", "A place was not put right", why=result.message)
-            self._problem = result.message
+            is_silent = result.code in (codes.NOT_READY, codes.TIMEOUT)
+            self._problem = "the tour service does not answer." if is_silent else result.message
         else:
             self._num_stored += 1
             self._session.places.stored(place)

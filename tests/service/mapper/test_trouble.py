@@ -375,7 +375,8 @@ def test_places_that_could_not_go_along_to_a_saved_map_are_told_of(
     stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
     stage.bus.run(30.0)
     assert stage.status.state == "idle"
-    assert "Places were not moved along" in stage.status.message
+    why = "the tour service does not answer."
+    assert stage.status.message.endswith(f"Places were not moved along with the map: {why}")
 
 
 def test_a_name_that_is_taken_is_refused(stage: Stage) -> None:

@@ -171,6 +171,13 @@ def test_every_sentence_of_the_wire_can_be_said(code: str) -> None:
         "not on its map hall.",
         "The tour 'dawn' is on the map hall, the robot is on cellar.",
         "Merged cellar (3.1 m of its walls match, 88%): home is stored as version 3.",
+        "The map home is saved and in use. Places were not moved along with the map: the tour "
+        "service does not answer.",
+        "Explored: 84 m², all that [mapper] explore_area_m2 allows. It is back where it began.",
+        "Explored: 84 m², all that [mapper] explore_area_m2 allows, 2 places could not be reached.",
+        "Explored: 84 m², 1 place could not be reached, 1 small corner left out.",
+        "Explored: 84 m², all that [mapper] explore_area_m2 allows, 2 small corners left out.",
+        "Coordinates may be 1000000 m at most.",
     ],
 )
 def test_what_is_rarely_said_is_known_too(text: str) -> None:
