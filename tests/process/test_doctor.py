@@ -13,6 +13,9 @@ from support.terminals import trolley as command
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import topics
+from trolley.messages import TourStatus
+from trolley.runtime import codec
+from trolley.runtime.bus import Query
 from trolley.runtime.process import Run
 from trolley.runtime.zenoh_bus import open_bus
 
@@ -202,6 +205,26 @@ def test_top_measures_once_without_a_terminal(
 
     wait_until(is_ready, "its pose is fresh as the measurement ends")
     assert trolley("top", "--connect", endpoint, "--robot", "three").returncode == 3
+
+
+def test_top_knows_of_a_paused_trip_that_nobody_repeats(
+    add_robot: Callable, endpoint: str, trolley: Callable
+) -> None:
+    add_robot("one")
+    trip = TourStatus(stamp_ns=1, name="round", trip="a", state="paused", stop=1)
+    key = topics.TOUR.key("one")
+
+    def tell(query: Query) -> None:
+        query.reply(key, codec.encode(trip, "msgpack"), codec.MIME["msgpack"])
+        query.finish()
+
+    with open_bus([endpoint], PATIENCE_S) as bus:
+        bus.serve(key, tell)
+        for words in ((), ("--robot", "one")):
+            plain = json.loads(trolley("top", "--json", "--connect", endpoint, *words).stdout)
+            assert plain["robots"] == {"one": "On tour round, stop 2, paused."}
+        echo = trolley("topic", "echo", "tour", "--once", "--timeout", "5", "--connect", endpoint)
+        assert "paused" in echo.stdout
 
 
 def test_top_tells_programs_what_it_measures(

@@ -29,11 +29,11 @@ from trolley.cli.top_picture import (
     up_seconds,
 )
 from trolley.client import STALE_AFTER_S
-from trolley.connection import Connection, RobotUnreachable, find_target
+from trolley.connection import GET_TIMEOUT_S, Connection, RobotUnreachable, find_target
 from trolley.doctor.computer_facts import Host
 from trolley.doctor.units import read_units
 from trolley.runtime import codec
-from trolley.runtime.bus import has_wildcard
+from trolley.runtime.bus import Reply, has_wildcard
 from trolley.topics import Topic
 from trolley.traffic import Flow, Tally, Traffic, flows
 
@@ -60,6 +60,8 @@ class Watcher:
         self, connection: Connection, robot: str | None, units_restarts: Mapping[str, int]
     ) -> None:
         self._traffic = Traffic()
+        self._known: dict[str, Tally] = {}
+        """What was said last before it began to listen."""
         self._past: deque[tuple[float, dict[str, Tally]]] = deque([(time.monotonic(), {})])
         self._lock = threading.Lock()
         self._alive: dict[tuple[str, str], set[str]] = {}
@@ -70,11 +72,19 @@ class Watcher:
             connection.listen("/".join((topics.ROOT, wanted, "**")), self._traffic.take),
             connection.bus.watch_tokens(topics.ALIVE.key(wanted), self._see),
         ]
+        # Paused, over or idle, these are not said again.
+        for topic in (topics.GOAL, topics.TOUR):
+            selector = f"{topic.key(wanted)}?format=msgpack"
+            connection.bus.get(selector, b"", "", GET_TIMEOUT_S, self._keep, lambda: None)
 
     def close(self) -> None:
         """Stop listening."""
         for closer in self._closers:
             closer.close()
+
+    def _keep(self, reply: Reply) -> None:
+        if not reply.is_error:
+            self._known[reply.key] = Tally(last=(reply.payload, reply.encoding))
 
     def _see(self, key: str, is_there: bool) -> None:
         row = topics.ALIVE.match(key)
@@ -102,7 +112,7 @@ class Watcher:
         robots = sorted({one.robot for one in services})
         clocks = {robot: _newest(tallies, topics.CLOCK, robot) for robot in robots}
         rates = {robot: clock.rate for robot, clock in clocks.items() if clock is not None}
-        sentences = {robot: sentence_of(tallies, robot, now_s) for robot in robots}
+        sentences = {robot: sentence_of(self._known | tallies, robot, now_s) for robot in robots}
         return Picture(sentences, services, topic_views(flowing, rates, order))
 
     def _services(
