@@ -64,10 +64,11 @@ class GoTab:
         is_collecting = self._actions.goal_queue.is_collecting
         icons = {one.name: one.icon for one in places}
         self._places.show(icons, going_to, can=can_go or is_collecting)
-        stored = [] if tours is None else tours.tours
+        on_map = None if view.map is None else view.map.name
+        offered = [] if tours is None else [one for one in tours.tours if one.is_for(on_map)]
         driven = trip.name if trip is not None and trip.state in TRIP_UNDER_WAY else None
-        self._tours_title.visible = bool(stored)
-        self._tours.show({one.name: "" for one in stored}, driven, can=view.can_tour)
+        self._tours_title.visible = bool(offered)
+        self._tours.show({one.name: "" for one in offered}, driven, can=view.can_tour)
         self._follow.disabled = not can_go
         self._find.disabled = self._set.disabled = view.is_away
         self._point.disabled = not (can_go or self._aiming.armed == GO_TO)

@@ -342,6 +342,16 @@ def test_a_service_that_was_never_heard_is_missed_after_a_while() -> None:
     assert services.update({}, SILENT_NS + 1) == {"localizer", "planner"}
 
 
+def test_tours_of_another_map_are_not_offered(stage: "Stage", session: Session) -> None:
+    stops = [Stop(name="kitchen")]
+    tours = [Tour(name="upstairs", stops=stops, map="loft"), Tour(name="round", stops=stops)]
+    stage.robot.publish(topics.TOURS, Tours(stamp_ns=1, tours=tours))
+    stage.runtime.run(0.5)
+    page = page_of(stage).within("Go")
+    assert "round" in page.labels
+    assert "upstairs" not in page.labels
+
+
 def put_places(stage: "Stage", names: list[str], icon: str = "") -> None:
     here = Pose2D(0.0, 0.0, 0.0)
     poses = [SavedPose(name=name, map="room", pose=here, icon=icon) for name in names]
