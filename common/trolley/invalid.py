@@ -99,9 +99,7 @@ def plain_words(text: str, choices: list[str], field: str = "field") -> str:
         )
         return f"{needed} is needed, not {got}"
     if found := _BOUND.match(text):
-        if abs(float(found[2])) >= LARGEST:
-            return f"it must be a number between -{LARGEST:.0e} and {LARGEST:.0e}"
-        return f"it must be {_BOUNDS[found[1]]} {found[2]}"
+        return f"it must be {_BOUNDS[found[1]]} {found[2].replace(str(LARGEST), '1e12')}"
     if found := _LENGTH.match(text):
         kind, bound, count = found.groups()
         item = _ITEMS.get(kind, "entry")

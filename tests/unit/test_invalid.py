@@ -11,6 +11,7 @@ from trolley import requests
 from trolley.geometry import Finite
 from trolley.invalid import in_plain_words
 from trolley.messages.request_params import MapNamed, WhichPhoto
+from trolley.messages.types import NonNegative, StampNs
 from trolley.runtime import codec
 
 
@@ -46,6 +47,8 @@ class Numbers(msgspec.Struct, forbid_unknown_fields=True):
     drinks: list[Cup | Pot] = []
     letter: Literal["a", "b", "c", "d", "e", "f", "g", "h", "i"] = "a"
     place: Finite = 0.0
+    width: NonNegative = 0.0
+    stamp_ns: StampNs = 0
     notes: Any = None
 
 
@@ -68,8 +71,10 @@ class Numbers(msgspec.Struct, forbid_unknown_fields=True):
         ({"drinks": [{"type": "beer"}]}, "`drinks[0].type`: it may be `Cup` or `Pot`, not 'beer'"),
         ({"letter": "z"}, "`letter`: 'z' is not among the values that it may have"),
         ({"word": None}, "`word`: text is needed, not nothing"),
-        ({"place": math.nan}, "`place`: it must be a number between -1e+12 and 1e+12"),
-        ({"place": math.inf}, "`place`: it must be a number between -1e+12 and 1e+12"),
+        ({"place": -math.inf}, "`place`: it must be at least -1e12"),
+        ({"place": math.inf}, "`place`: it must be at most 1e12"),
+        ({"width": 1e15}, "`width`: it must be at most 1e12"),
+        ({"stamp_ns": 1 << 63}, "`stamp_ns`: it must be at most 9223372036854775807"),
         ({"fewer": 1}, "unknown field `fewer`"),
     ],
 )
