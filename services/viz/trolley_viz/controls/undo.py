@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
+from msgspec.structs import replace
+
 from trolley.messages import SavedPose, Tour, Zone
 from trolley_viz.words.sentences import Tell
 
@@ -31,10 +33,17 @@ class Change(Generic[T]):
             left[self.before.name] = None
         if self.after is not None:
             left[self.after.name] = self.after
-        other = next((name for name, one in left.items() if stored(name) != one), None)
+        other = next((name for name, one in left.items() if not _is_same(stored(name), one)), None)
         if other is not None:
             tell("Not undone", f"Somebody else has changed “{other}” since then.", "warn")
         return other is not None
+
+
+def _is_same(now: SavedPose | Tour | Zone | None, then: SavedPose | Tour | Zone | None) -> bool:
+    """Whether nobody has changed it; the mapper moves places and keeps when they were saved."""
+    if isinstance(now, SavedPose) and isinstance(then, SavedPose):
+        return now == replace(then, pose=now.pose, map=now.map)
+    return now == then
 
 
 @dataclass(frozen=True, eq=False)

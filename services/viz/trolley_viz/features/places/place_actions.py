@@ -85,11 +85,15 @@ class PlaceActions:
         def captured(reply: CapturedPose, robot: str) -> None:
             # A capture knows no note: it is put back.
             change = Change(place, replace(_place_of(reply), note=place.note))
-            title = f"Move “{place.name}”"
             self._things.change(title, change, "Its note was lost", robot=robot)
 
+        def moved(reply: CapturedPose) -> None:
+            self._things.remember(title, Change(place, _place_of(reply)))
+
+        title = f"Move “{place.name}”"
         params = Capture(name=place.name, icon=place.icon, replace=True)
-        self._actions.ask(requests.POSE_CAPTURE, params, "Not moved", then=captured)
+        done, then = (None, captured) if place.note else (moved, None)
+        self._actions.ask(requests.POSE_CAPTURE, params, "Not moved", done, then)
 
     def point_move(self, place: SavedPose) -> None:
         """Let the person point out where a place should be."""

@@ -35,6 +35,7 @@ class House:
             "round": Tour(name="round", stops=[Stop(name="kitchen"), Stop(pose=HERE)]),
             "other": Tour(name="other", stops=[Stop(pose=HERE)]),
         }
+        self.asked: list[Any] = []
         self.told: list[str] = []
         self.history = History()
         self.is_asking = False
@@ -61,6 +62,7 @@ class House:
         then: Callable[[Any, str], None] | None = None,
         robot: str = "",
     ) -> None:
+        self.asked.append(request)
         reply = params
         if request is requests.POSE_CAPTURE:
             reply = CapturedPose(
@@ -221,6 +223,14 @@ def test_a_place_is_moved_and_keeps_its_note(house: House) -> None:
     assert house.poses == {"kitchen": KITCHEN}
 
 
+def test_a_place_without_a_note_is_stored_once_as_it_moves(house: House) -> None:
+    house.places.move_here(msgspec.structs.replace(KITCHEN, note=""))
+    assert house.asked == [requests.POSE_CAPTURE]
+    assert house.poses["kitchen"].pose == HERE
+    house.history.undo()
+    assert house.poses["kitchen"].pose == KITCHEN.pose
+
+
 def test_a_place_moved_by_a_click_keeps_its_heading(house: House) -> None:
     house.pointed = Pointed(1.0, 2.0)
     house.places.point_move(KITCHEN)
@@ -273,6 +283,18 @@ def test_undo_leaves_what_somebody_else_did_since(house: House, mine: str, name:
     assert house.poses == before
     assert house.told[-1] == f"Somebody else has changed “{name}” since then."
     assert house.history.last() is None
+
+
+@pytest.mark.parametrize("mine", ["save here", "change", "move", "rename"])
+def test_undo_blames_nobody_for_what_the_mapper_moved(house: House, mine: str) -> None:
+    before = dict(house.poses)
+    DONE[mine](house.places)
+    for name, place in house.poses.items():
+        moved = Pose2D(place.pose.x + 0.02, place.pose.y, place.pose.yaw)
+        house.poses[name] = msgspec.structs.replace(place, pose=moved, map="home")
+    house.history.undo()
+    assert house.poses.keys() == before.keys()
+    assert not [text for text in house.told if "Somebody" in text]
 
 
 def test_undo_pressed_twice_at_once_blames_nobody(house: House) -> None:
