@@ -13,6 +13,8 @@ TRIP_GOES = ("driving", "dwelling", "waiting")
 """States of a trip that goes on by itself."""
 TRIP_UNDER_WAY = (*TRIP_GOES, "paused")
 """Those of a trip that is not over."""
+EXPLORES = "map-"
+"""How the ids of goals begin that belong to a robot that explores by itself."""
 _TRIP_GOAL = re.compile(r"tour-([a-z0-9]{1,12})-\d+-\d+")
 
 

@@ -12,7 +12,7 @@ from trolley.geometry.footprint import circumscribed_radius, inscribed_radius
 from trolley.messages import BaseState, GoalStatus, MappingStatus, Robot
 from trolley.messages.request_params import ExploreMap, SendGoal, WhichGoal
 from trolley.runtime.service import Service, answers, every
-from trolley.under_way import GOAL_UNDER_WAY
+from trolley.under_way import EXPLORES, GOAL_UNDER_WAY
 from trolley_mapper.explore import sentences
 from trolley_mapper.explore.barriers import Barriers
 from trolley_mapper.map_session import MapSession
@@ -25,8 +25,6 @@ if TYPE_CHECKING:  # with numba: a robot that has its map need not load it
     from trolley_mapper.explore.frontiers import Clearance
     from trolley_mapper.slam.mapper import Mapper
 
-GOALS = "map-"
-"""Prefix of the ids of all goals of this service."""
 PASSING_CELLS = 0.5
 """Cells that the planner adds to the robot's inscribed radius."""
 PASSING_M = 0.02
@@ -85,7 +83,7 @@ class ExploreService:
     def _cancel_left_over(self, status: GoalStatus | None) -> None:
         if status is None or status.id is None or self._explorer is not None:
             return
-        if status.id.startswith(GOALS) and status.state in GOAL_UNDER_WAY:
+        if status.id.startswith(EXPLORES) and status.state in GOAL_UNDER_WAY:
             self._cancel(status.id)
 
     def epoch_began(self) -> None:

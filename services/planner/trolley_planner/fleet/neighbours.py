@@ -16,7 +16,7 @@ from trolley import codes
 from trolley.geometry import Pose2D
 from trolley.messages import GoalStatus, Path, PoseEstimate, Robot
 from trolley.messages.types import floats_from_bytes
-from trolley.under_way import GOAL_UNDER_WAY
+from trolley.under_way import GOAL_GOES
 from trolley_planner.paths.path import SPACING_M
 from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 
@@ -124,7 +124,7 @@ class Neighbours:
         """Keep whether a robot is on its way to a goal, and whether it gives way."""
         heard = self._of(name)
         if heard is not None:
-            heard.is_going = goal.state in GOAL_UNDER_WAY and goal.state != "paused"
+            heard.is_going = goal.state in GOAL_GOES
             if goal.reason != codes.WAITING:
                 heard.waiting_ns = None
             elif heard.waiting_ns is None:

@@ -1,10 +1,7 @@
 """Whether a restart of the planner has lost a drive that nobody sends again."""
 
 from trolley.messages import GoalStatus
-from trolley.under_way import GOAL_UNDER_WAY, trip_of
-
-EXPLORES = "map-"
-"""How the ids of goals begin that belong to a robot that explores by itself."""
+from trolley.under_way import EXPLORES, GOAL_UNDER_WAY, trip_of
 
 
 class LastDrive:
