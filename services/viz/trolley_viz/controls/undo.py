@@ -22,9 +22,14 @@ class Change(Generic[T]):
     before: T | None
     after: T | None
 
-    def reversed(self) -> "Change[T]":
-        """The change that takes this one back."""
-        return Change(self.after, self.before)
+    def reversed(self, stored: Callable[[str], T | None]) -> "Change[T]":
+        """The change that takes this one back; a place stays where the mapper has moved it to."""
+        before, after = self.before, self.after
+        if isinstance(before, SavedPose) and isinstance(after, SavedPose):
+            now = stored(after.name)
+            if isinstance(now, SavedPose) and before.pose == after.pose:
+                before = replace(before, pose=now.pose, map=now.map)
+        return Change(after, before)
 
     def is_overtaken(self, stored: Callable[[str], T | None], tell: Tell) -> bool:
         """Whether something else is stored since then; the person is told of it."""

@@ -72,7 +72,7 @@ class StoredThings(Generic[T]):
                 self._actions.tell("Not undone", "The last change has not been saved yet.", "warn")
                 self._actions.history.add(step)
             elif not change.is_overtaken(self._stored, self._actions.tell):
-                self._make(change.reversed(), "Not undone")
+                self._make(change.reversed(self._stored), "Not undone")
 
         step = Step(self._kind, title, undo)
         self._actions.history.add(step)

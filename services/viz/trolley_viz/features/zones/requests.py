@@ -73,7 +73,9 @@ class ZoneRequests:
         """Take a change back, unless somebody changed that zone again."""
         if self.is_busy or not change.is_overtaken(self._stored, self._tell):
             # What is refused can be tried again.
-            self._make(change.reversed(), lambda _: None, lambda: self._history.add(step))
+            self._make(
+                change.reversed(self._stored), lambda _: None, lambda: self._history.add(step)
+            )
 
     def _stored(self, name: str) -> Zone | None:
         return next((zone for zone in self._zones() if zone.name == name), None)

@@ -297,6 +297,18 @@ def test_undo_blames_nobody_for_what_the_mapper_moved(house: House, mine: str) -
     assert not [text for text in house.told if "Somebody" in text]
 
 
+@pytest.mark.parametrize("mine", ["change", "rename"])
+def test_undo_of_a_name_or_icon_leaves_a_place_where_the_mapper_moved_it(
+    house: House, mine: str
+) -> None:
+    DONE[mine](house.places)
+    (name,) = house.poses
+    moved = msgspec.structs.replace(house.poses[name], pose=Pose2D(7.0, 8.0, 1.0))
+    house.poses[name] = moved
+    house.history.undo()
+    assert house.poses == {"kitchen": msgspec.structs.replace(KITCHEN, pose=moved.pose)}
+
+
 def test_undo_pressed_twice_at_once_blames_nobody(house: House) -> None:
     DONE["change"](house.places)
     house.is_asking = True
