@@ -269,7 +269,7 @@ def test_gives_the_terminal_back_whatever_ends_it(
 def test_stop_is_latched_and_resume_lifts_it(room: Room, teleop: Callable[..., Terminal]) -> None:
     terminal = teleop(room)
     terminal.type("p")
-    terminal.wait_for("Stopped:")
+    terminal.wait_for("Stopped. R")
     held = Repeating(terminal, "a")
     wait_until(lambda: held.num_typed > 10, "the hand insists")
     held.release()
