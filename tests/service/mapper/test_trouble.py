@@ -124,16 +124,21 @@ def test_a_mapper_that_is_killed_as_it_hands_over_does_not_go_on_with_a_saved_ma
     assert stage.ask(requests.MAP_LIST) == ["home"]
 
 
-@pytest.mark.usefixtures("often")
-def test_zones_of_an_extended_map_outlive_a_mapper_that_is_killed_as_it_hands_over(
-    stage: Stage,
-) -> None:
-    zones = stage.bus.record(topics.ZONES)
+def extend_home(stage: Stage) -> None:
+    """Save a map, and drive on with it in the making."""
     stage.map(seconds=2.0)
     stage.ask(requests.MAP_SAVE, SaveMap())
     stage.bus.run(2.0)
     stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
     stage.drive(2.0, 0.1)
+
+
+@pytest.mark.usefixtures("often")
+def test_zones_of_an_extended_map_outlive_a_mapper_that_is_killed_as_it_hands_over(
+    stage: Stage,
+) -> None:
+    zones = stage.bus.record(topics.ZONES)
+    extend_home(stage)
     stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
     stage.ask(requests.ZONES_PUT, stairs)
     stage.bus.run(KEPT_S)
@@ -155,11 +160,7 @@ def test_zones_of_an_extended_map_do_not_wait_for_its_places(
 ) -> None:
     stage = make_stage("localizer", "mapper", "tour")
     zones = stage.bus.record(topics.ZONES)
-    stage.map(seconds=2.0)
-    stage.ask(requests.MAP_SAVE, SaveMap())
-    stage.bus.run(2.0)
-    stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
-    stage.drive(2.0, 0.1)
+    extend_home(stage)
     stage.ask(requests.POSES_PUT, SavedPose(name="sofa", map="home", pose=Pose2D.identity()))
     stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
     stage.ask(requests.ZONES_PUT, stairs)

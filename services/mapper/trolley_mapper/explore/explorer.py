@@ -23,7 +23,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.messages import BaseState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
-from trolley.under_way import GOAL_GOES
+from trolley.under_way import EXPLORES, GOAL_GOES
 from trolley_mapper.explore import sentences
 from trolley_mapper.explore.barriers import Barriers
 from trolley_mapper.explore.exploration_goal import (
@@ -277,7 +277,7 @@ class Explorer:
             self._hear_own(goal, status, now_s)
         elif status.id is None or status.state not in GOAL_GOES:
             return
-        elif status.id.startswith(f"map-{self._run}-"):
+        elif status.id.startswith(f"{EXPLORES}{self._run}-"):
             if not self.is_under_way:
                 self._actions.append(Cancel(status.id))
         elif status.id != self._others.goal:
@@ -504,7 +504,7 @@ class Explorer:
         self._progress.num_barren += frontier is not None
         self._last = None if frontier is None else (frontier, self._progress.best_area_m2)
         goal = SendGoal(
-            id=f"map-{self._run}-{self._progress.num_sent}",
+            id=f"{EXPLORES}{self._run}-{self._progress.num_sent}",
             pose=pose.wrapped(),
             frame="map",
             xy_tolerance=PARAMS.xy_tolerance_m,
