@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import socket
+from ipaddress import ip_address
 from pathlib import Path
 
 ROUTER_PORT = 7447
@@ -20,6 +21,19 @@ def port_of(endpoint: str) -> int | None:
     address = endpoint.partition("/")[2].partition("?")[0].partition("#")[0]
     host, _, port = address.rpartition(":")
     return int(port) if host in _LOOPBACK and port.isdigit() else None
+
+
+def is_loopback_host(host: str) -> bool:
+    """Whether a server that binds `host` is reached from this host alone."""
+    return host == "localhost" or is_loopback(host)
+
+
+def is_loopback(address: str) -> bool:
+    """Whether an IP address is this host's own, which no other host reaches."""
+    try:
+        return ip_address(address).is_loopback
+    except ValueError:
+        return False
 
 
 def is_free(port: int, host: str = "127.0.0.1") -> bool:

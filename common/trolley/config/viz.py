@@ -4,6 +4,8 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from trolley.ports import is_loopback_host
+
 Origin = Annotated[str, Meta(pattern=r"^https?://[^/\s]+$", max_length=200)]
 
 
@@ -24,3 +26,8 @@ class VizConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The address for Foxglove; anything but loopback also needs `foxglove_open`."""
     foxglove_open: bool = False
     """Whether anybody who reaches `foxglove_host` may watch: Foxglove has no password."""
+
+    @property
+    def is_reachable(self) -> bool:
+        """Whether the links of the page lead here from another host."""
+        return bool(self.origins) or not is_loopback_host(self.host)

@@ -13,6 +13,7 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.messages import BaseState
 from trolley.messages.request_params import Nothing
+from trolley.ports import is_loopback_host
 from trolley.runtime.service import Service
 from trolley_viz.features.past.keeper import Keeper
 from trolley_viz.features.people.names import Names
@@ -25,7 +26,7 @@ from trolley_viz.pages.page import Shared
 from trolley_viz.robots.fleet import Fleet, Robots
 from trolley_viz.robots.stop_presses import Answered, StopPresses
 from trolley_viz.server.access import FILE as ACCESS_FILE
-from trolley_viz.server.access import AccessControl, AccessTokens, is_loopback_host
+from trolley_viz.server.access import AccessControl, AccessTokens
 from trolley_viz.server.lines import Line, Lines
 from trolley_viz.server.links import links_of
 from trolley_viz.server.messages import Said

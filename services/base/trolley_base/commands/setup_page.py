@@ -43,8 +43,6 @@ from trolley_base.commands.setup_dialogue import EVERYWHERE, STEPS, USUAL_NAME, 
 from trolley_base.setup.person import StoppedByHand
 from trolley_base.setup.record import SetupRefused
 
-THIS_HOST = ("127.0.0.1", "localhost", "::1")
-"""Hosts of `[viz]` at which only a browser of this computer finds the page."""
 CLI = ("-m", "trolley.cli")
 PERIOD_S = 0.5
 KNOWN_WITHIN_S = 6.0
@@ -262,8 +260,7 @@ def _viewer(path: Path, folder: Path, interrupts: Interrupts) -> Generator[Viewe
         if modules:
             announce_viewer(config)
             _print_links(path)
-        is_reachable = config.viz.origins or config.viz.host not in THIS_HOST
-        where = ", on a phone too," if is_reachable else " on this computer,"
+        where = ", on a phone too," if config.viz.is_reachable else " on this computer,"
         say(f"Open the page{where} and follow it. Ctrl-C ends the setup.")
         yield Viewer(config, bool(modules) and router is not None)
 

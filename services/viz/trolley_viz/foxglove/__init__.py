@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 from trolley.config.viz import VizConfig
+from trolley.ports import is_loopback_host
 from trolley.runtime.service import Service
-from trolley_viz.server.access import is_loopback_host
 
 if TYPE_CHECKING:
     from trolley_viz.foxglove.bridge import FoxgloveBridge

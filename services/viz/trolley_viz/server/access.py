@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
-from ipaddress import ip_address
 from urllib.parse import parse_qs, urlsplit
 
 from msgspec import Struct
 
+from trolley.ports import is_loopback
 from trolley_viz.server.devices import HERE, device_name
 from trolley_viz.server.visitors import Role, Visitor
 
@@ -162,7 +162,7 @@ class AccessControl:
         """Whether somebody at this host asks, and not through a proxy."""
         pages = [host] if origin is None else [host, origin.partition("://")[2]]
         return (
-            _is_loopback(request.peer)
+            is_loopback(request.peer)
             and all(LOCAL_HOSTS.fullmatch(name) for name in pages)
             and all(SENT_BY_BROWSERS.fullmatch(name) for name in request.headers)
         )
@@ -182,15 +182,3 @@ class AccessControl:
             f"{self._cookie}={browser}.{token}; Path=/; Max-Age={COOKIE_DAYS * 86_400}; "
             f"HttpOnly; SameSite=Lax{secure}"
         )
-
-
-def is_loopback_host(host: str) -> bool:
-    """Whether a server that binds `host` is reached from this host alone."""
-    return host == "localhost" or _is_loopback(host)
-
-
-def _is_loopback(address: str) -> bool:
-    try:
-        return ip_address(address).is_loopback
-    except ValueError:
-        return False

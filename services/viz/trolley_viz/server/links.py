@@ -4,7 +4,7 @@ import socket
 from dataclasses import dataclass, field
 
 from trolley.config import VizConfig
-from trolley_viz.server.access import AccessTokens, is_loopback_host
+from trolley_viz.server.access import AccessTokens
 
 EVERYWHERE = ("0.0.0.0", "::", "")
 OUT_OF_REACH = (
@@ -31,7 +31,7 @@ def links_of(viz: VizConfig, tokens: AccessTokens) -> Links:
     return Links(
         operator=f"{page}/?token={tokens.operator}",
         viewer=f"{page}/?token={tokens.viewer}",
-        is_reachable=bool(viz.origins) or not is_loopback_host(viz.host),
+        is_reachable=viz.is_reachable,
     )
 
 

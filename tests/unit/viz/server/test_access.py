@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from websockets.datastructures import Headers
 
+from trolley.ports import is_loopback_host
 from trolley_viz.server.access import (
     AccessControl,
     AccessDecision,
     AccessRequest,
     AccessTokens,
-    is_loopback_host,
 )
 
 ACCESS = AccessTokens(operator="drives", viewer="looks")
