@@ -21,14 +21,7 @@ from trolley_localizer.filter.pose_estimator import AlignedPose, PoseEstimator
 from trolley_localizer.filter.scan_to_scan import PARAMS as SCANS
 from trolley_localizer.filter.scan_to_scan import LedPose, ScanToScan
 from trolley_localizer.matching.global_search import Place, SearchJob, SearchMap, is_near
-from trolley_localizer.matching.hypotheses import (
-    PROOF,
-    Hypotheses,
-    Hypothesis,
-    Proof,
-    Rivals,
-    Sight,
-)
+from trolley_localizer.matching.hypotheses import Hypotheses, Hypothesis
 from trolley_localizer.matching.likelihood_field import build_field, make_lines, sane_covariance
 from trolley_localizer.matching.map_matcher import (
     FRONT_END,
@@ -37,6 +30,8 @@ from trolley_localizer.matching.map_matcher import (
     MatchScore,
     read_beams,
 )
+from trolley_localizer.matching.proof import PROOF, Proof, Sight
+from trolley_localizer.matching.rivals import Rivals
 from trolley_localizer.matching.seen_surface import SeenSurface
 from trolley_localizer.tracking.reach import Reach
 from trolley_localizer.tracking.resting import Rest

@@ -8,19 +8,11 @@ from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley_localizer.matching.global_search import Place, places_around
-from trolley_localizer.matching.hypotheses import (
-    PROOF,
-    RIVALS,
-    Hypotheses,
-    Hypothesis,
-    Proof,
-    Rivals,
-    Sight,
-    evidence_of,
-    hypothesis_at,
-)
+from trolley_localizer.matching.hypotheses import Hypotheses, Hypothesis, hypothesis_at
 from trolley_localizer.matching.likelihood_field import LikelihoodField, build_field, make_lines
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore, read_beams
+from trolley_localizer.matching.proof import PROOF, Proof, Sight, evidence_of
+from trolley_localizer.matching.rivals import RIVALS, Rivals
 from trolley_localizer.matching.seen_surface import NewSurface, SeenSurface
 from trolley_localizer.tracking.states import Searching
 

@@ -7,17 +7,10 @@ from dataclasses import dataclass, field
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley_localizer.matching.global_search import Place
-from trolley_localizer.matching.hypotheses import (
-    PROOF,
-    Hypotheses,
-    Hypothesis,
-    Proof,
-    Rivals,
-    Sight,
-    evidence_of,
-    hypothesis_at,
-)
+from trolley_localizer.matching.hypotheses import Hypotheses, Hypothesis, hypothesis_at
 from trolley_localizer.matching.map_matcher import MatchScore
+from trolley_localizer.matching.proof import PROOF, Proof, Sight, evidence_of
+from trolley_localizer.matching.rivals import Rivals
 from trolley_localizer.tracking.tracking_state import TrackingMonitor
 
 
