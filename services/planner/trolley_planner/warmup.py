@@ -31,8 +31,8 @@ from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
 from trolley_planner.costmap.obstacle_grid import seen_lately
 from trolley_planner.costmap.social_layer import SocialLayer
+from trolley_planner.fleet.refuge import Surroundings
 from trolley_planner.fleet.right_of_way import Passages
-from trolley_planner.fleet.stepping_aside import Surroundings
 from trolley_planner.navigator import Navigator
 from trolley_planner.paths.corridor import Terrain
 from trolley_planner.paths.cost_to_go import CostToGo

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from trolley_planner.fleet.stepping_aside import ASIDE, arrive
+from trolley_planner.fleet.refuge import REFUGE, arrive
 
 CELL_S = 0.1
 ANYWHERE = (math.nan, math.nan)
@@ -24,12 +24,12 @@ def arrivals(
 def test_it_turns_before_it_drives_the_other_way() -> None:
     found = arrivals(np.full((3, 21), np.inf))
     np.testing.assert_allclose(found[20], 10 * CELL_S)
-    np.testing.assert_allclose(found[0], 10 * CELL_S + math.pi / ASIDE.turn_radps)
+    np.testing.assert_allclose(found[0], 10 * CELL_S + math.pi / REFUGE.turn_radps)
 
 
 def test_it_is_nowhere_that_somebody_is_by_then() -> None:
     closes_s = np.full((3, 21), np.inf)
-    closes_s[:, 15] = 5 * CELL_S + ASIDE.early_s
+    closes_s[:, 15] = 5 * CELL_S + REFUGE.early_s
     found = arrivals(closes_s)
     assert math.isfinite(found[14])
     assert np.isinf(found[15:]).all()
