@@ -15,7 +15,7 @@ import numpy as np
 
 from trolley.config.hardware import LidarConfig
 from trolley.drivers import API
-from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, turned_deg, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.streaming import StreamingLidar
@@ -61,7 +61,7 @@ class CamsenseDecoder(FrameDecoder):
         head = words(frames.data[:, 4:8]).astype(np.float64)
         end = words(frames.data[:, 32:34])[:, 0].astype(np.float64)
         first = (head[:, 1] - FIRST_ANGLE) / UNITS_PER_DEG
-        width = (end - head[:, 1]) / UNITS_PER_DEG % 360.0
+        width = turned_deg(first, (end - FIRST_ANGLE) / UNITS_PER_DEG)
         angle = first[:, None] + width[:, None] * (np.arange(SAMPLES) / (SAMPLES - 1))
         points = frames.data[:, 8:32].reshape(len(frames), SAMPLES, 3).astype(np.int64)
         raw = points[:, :, 0] | points[:, :, 1] << 8

@@ -19,7 +19,7 @@ import numpy as np
 from trolley.config.hardware import LidarConfig
 from trolley.drivers import API
 from trolley_base.drivers.dialogue import Line
-from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, turned_deg, words
 from trolley_base.drivers.lidars.frames import Frames
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.revolutions import Samples
@@ -50,7 +50,7 @@ class CoinDecoder(FrameDecoder):
     def _samples(self, frames: Frames) -> Decoded:
         kinds, sizes = frames.data[:, 2].astype(np.int64), frames.data[:, 3].astype(np.int64)
         ends_deg = (words(frames.data[:, 4:8]) >> 1) / UNITS_PER_DEG
-        steps_deg = ((ends_deg[:, 1] - ends_deg[:, 0]) % 360.0) / np.maximum(sizes - 1, 1)
+        steps_deg = turned_deg(*ends_deg.T) / np.maximum(sizes - 1, 1)
         points = frames.data[:, HEAD_BYTES:].reshape(len(frames), -1, 3).astype(np.int64)
         inside = np.arange(points.shape[1], dtype=np.int64) < sizes[:, None]
         frame, number = np.nonzero(inside)

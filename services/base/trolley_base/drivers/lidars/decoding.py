@@ -90,6 +90,14 @@ class FrameDecoder:
         return Decoded(samples, closing, frames.behind + frames.lengths, hz)
 
 
+def turned_deg(first_deg: Floats, last_deg: Floats) -> Floats:
+    """Return how far a head has turned from one angle to another [deg].
+
+    One that stands trembles: a step back is none, rather than nearly a whole turn.
+    """
+    return np.maximum((last_deg - first_deg + 180.0) % 360.0 - 180.0, 0.0)
+
+
 def words(data: Bytes) -> NDArray[np.uint16]:
     """Return rows of bytes as rows of little-endian words."""
     return np.ascontiguousarray(data).view("<u2")

@@ -22,7 +22,7 @@ from msgspec import Struct
 
 from trolley.config.hardware import LidarConfig
 from trolley.drivers import API, read_settings
-from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, turned_deg, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import SETTINGS, LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.scan_grid import Floats
@@ -126,7 +126,7 @@ class LdDecoder(FrameDecoder):
         head = words(frames.data[:, 2:6]).astype(np.float64)
         end = words(frames.data[:, 42:44])[:, 0].astype(np.float64)
         first = head[:, 1] / 100.0
-        width = (end / 100.0 - first) % 360.0
+        width = turned_deg(first, end / 100.0)
         angle = first[:, None] + width[:, None] * (np.arange(SAMPLES) / (SAMPLES - 1))
         points = frames.data[:, 6:42].reshape(len(frames), SAMPLES, 3).astype(np.float64)
         range_m = (points[:, :, 0] + 256.0 * points[:, :, 1]) / 1000.0

@@ -31,7 +31,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_base.drivers.lidars.decoding import Decoded, words
+from trolley_base.drivers.lidars.decoding import Decoded, turned_deg, words
 from trolley_base.drivers.lidars.frames import (
     Bytes,
     Flags,
@@ -227,7 +227,7 @@ class CapsuleDecoder:
         """Read the capsules `pairs`, each with the help of the next."""
         count = self._kind.samples
         start_deg = (heads & ~BEGINS_SCAN) / 64.0
-        width_deg = (start_deg[pairs + 1] - start_deg[pairs]) % 360.0
+        width_deg = turned_deg(start_deg[pairs], start_deg[pairs + 1])
         angle = start_deg[pairs, None] + width_deg[:, None] * self._shares
         angle = angle.ravel() % 360.0
         range_m, lag_deg, intensity = (

@@ -29,7 +29,7 @@ import numpy as np
 from trolley.config.hardware import LidarConfig
 from trolley.drivers import API
 from trolley_base.drivers.dialogue import Line
-from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, words
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, turned_deg, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
@@ -144,7 +144,7 @@ class YdDecoder(FrameDecoder):
     def _samples(self, frames: Frames) -> Decoded:
         sizes = frames.data[:, 3].astype(np.int64)
         ends_deg = (words(frames.data[:, 4:8]) >> 1) / 64.0
-        steps_deg = ((ends_deg[:, 1] - ends_deg[:, 0]) % 360.0) / np.maximum(sizes - 1, 1)
+        steps_deg = turned_deg(*ends_deg.T) / np.maximum(sizes - 1, 1)
         has_intensity = self._kind.form is FORMAT_WITH_INTENSITY
         body = frames.data[:, HEAD_BYTES:]
         parts = body.reshape(len(frames), -1, 3 if has_intensity else 2)

@@ -1,15 +1,19 @@
 """What becomes of a stream: scans where things are, a status that says what is wrong."""
 
 import math
+from collections.abc import Callable
 from itertools import compress, takewhile
 from typing import Any
 
 import numpy as np
 import pytest
+from bench.base.lidars.camsense import camsense_frame
 from bench.base.lidars.catalogue import RECORDS
 from bench.base.lidars.ld19 import ld19_frame, ld19_stream
 from bench.base.lidars.record import chunks, distance_m
+from bench.base.lidars.rplidar import capsule
 from bench.base.lidars.xv11 import xv11_stream
+from bench.base.lidars.ydlidar import with_intensity, x4_frame
 from numpy.typing import NDArray
 from support.lidars import Session, started, stream
 
@@ -208,6 +212,26 @@ def test_a_head_that_stands_still_is_noticed() -> None:
     assert session.scans == []
     assert session.status.state == "searching"
     assert "turns at 0 rpm" in session.status.message
+
+
+@pytest.mark.parametrize(
+    ("title", "frame"),
+    [
+        ("LD19", lambda at, back: ld19_frame(at, -back / 11, 0.0, [1000] * 12)),
+        ("YDLIDAR X4", lambda at, back: x4_frame(False, at, at - back, [4000] * 40)),
+        ("COIN-D4", lambda at, back: with_intensity(False, at, at - back, [4000] * 40)),
+        ("Camsense X1", lambda at, back: camsense_frame(at, -back / 7, 0.0, [1000] * 8)),
+        ("RPLIDAR A1 express", lambda at, back: capsule(False, at - back, [(1000, 0)] * 32)),
+    ],
+)
+def test_a_head_that_stands_and_trembles_makes_no_scans(
+    title: str, frame: Callable[[float, float], bytes]
+) -> None:
+    session = started(title)
+    back_deg = np.random.default_rng(1).integers(-1, 2, 600) / 32.0
+    session.hear([(i / 200.0, frame(30.0, back)) for i, back in enumerate(back_deg.tolist(), 1)])
+    assert session.scans == []
+    assert session.status.state == "searching"
 
 
 @pytest.mark.parametrize(("hz", "is_told"), [(2.8, True), (3.1, False), (5.7, False), (6.1, True)])
