@@ -25,6 +25,11 @@ COUNTS_PER_METRE = COUNTS_PER_TURN / (math.pi * WHEEL_DIAMETER_M)
 MODE_CHANGE_NS, STREAM_NS = 20 * NS_PER_MS, 15 * NS_PER_MS
 FIRST_COUNTS = (65_400.0, 120.0)
 """Where the counts stand when it is switched on: not at zero, and soon around the corner."""
+BANNER = (
+    b"bl-start\r\nSTR730\r\nbootloader id: #x470E6360 83EBFFFF\r\nbootloader rev: #x0001\r\n"
+    b"Roomba by iRobot!\r\nstr730\r\nbattery-current-zero 255\r\n"
+)
+"""What it says when it boots."""
 MOST_MMPS, MOST_POWER = 500, 255
 CLEANING = Twist2D(0.2, 0.0, 0.0)
 NEAR_M = 0.003
@@ -91,6 +96,7 @@ class Create2(Board):
         self._counts = list(FIRST_COUNTS)
         self.motors.stand()
         self._forget(now_ns)
+        self._send(now_ns, BANNER)
 
     def _forget(self, now_ns: int) -> None:
         self._mode = Mode.OFF

@@ -9,13 +9,17 @@ A command has no checksum: where a byte is lost, the next one may be taken for i
 are repeated, zeros too, and the mode is watched. Within 20 ms after a change of mode the robot may
 miss what it is sent, so nothing is.
 
+When it boots it says so in lines of text. Its counts begin anew then, wherever that is.
+
 Counts, below `chassis/`: `bad_checksum`, `skipped_bytes`, `encoder_jumps`, `restarts`.
 
 Source:
-    iRobot Create 2 Open Interface Specification (2018); AutonomyLab libcreate.
+    iRobot Create 2 Open Interface Specification (2018); AutonomyLab libcreate; what Roombas of the
+    600 and 700 series print when they boot.
 """
 
 import math
+import re
 import struct
 from typing import NamedTuple
 
@@ -68,6 +72,8 @@ ASK_STREAM = bytes((STREAM, len(FIELDS), *(number for number, _ in FIELDS)))
 PAUSE_STREAM, RESUME_STREAM, END = bytes((150, 0)), bytes((150, 1)), bytes((173,))
 STOP = bytes((DRIVE_DIRECT, 0, 0, 0, 0))
 
+BOOT = re.compile(rb"bl-start|bootloader|by iRobot|battery-current")
+"""Words of the lines that it says when it boots; one of them may be cut."""
 SAFE_MODE = 2
 BUMPS, WHEEL_DROPS, WHEEL_OVERCURRENTS, CLEAN_BUTTON = 0b0011, 0b1100, 0b11000, 0b1
 CHARGES = (1, 2, 3)
@@ -249,6 +255,10 @@ class Create2Dialogue:
         for frame in frames:
             late_ns = travel_ns(frame.following, self._baud)
             self._take(parse_frame(frame.data), arrived_ns - late_ns, arrived_ns)
+        if BOOT.search(data) and self._counts is not None:
+            self._report.count("restarts")
+            self._wheels.reset()
+            self._counts = None
 
     def _take(self, sensors: Sensors, left_ns: int, arrived_ns: int) -> None:
         before = self._sensors

@@ -206,6 +206,23 @@ def test_counts_go_around_their_corner(before: int, after: int, way: int) -> Non
     assert reading.num_jumps == (1 if after == 32767 else 0)
 
 
+@pytest.mark.parametrize("silent_s", [0.1, 1.0, 4.0])
+def test_one_that_boots_while_it_drives_has_not_moved(talk: EmulatedTalk, silent_s: float) -> None:
+    talk.come_up()
+    talk.wanted = AHEAD
+    talk.run(3.0)
+    talk.board.restart(talk.now_ns)
+    talk.hear()  # the words with which it boots
+    driven = talk.pose
+    talk.wanted, talk.is_cut = Twist2D.zero(), True
+    talk.run(silent_s)
+    talk.is_cut = False
+    talk.come_up()
+    talk.run(1.0)
+    assert talk.pose.distance_to(driven) < 0.01
+    assert talk.total("restarts") == 1
+
+
 def test_it_is_asked_for_no_more_than_it_can_do(talk: EmulatedTalk) -> None:
     talk.come_up()
     talk.wanted = Twist2D(1.0, 0.0, 2.0)
