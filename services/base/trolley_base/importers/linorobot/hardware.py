@@ -1,7 +1,8 @@
 """Motor board, lidar and where it sits, of a linorobot's launch files.
 
 Source:
-    linorobot, launch/bringup.launch and launch/include/lidar/; rplidar_ros, src/node.cpp.
+    linorobot, launch/bringup.launch and launch/include/lidar/; rplidar_ros, src/node.cpp;
+    ldlidar_stl_ros, src/demo.cpp.
 """
 
 import math
@@ -10,6 +11,7 @@ from trolley_base.drivers.boards import BOARDS
 from trolley_base.drivers.lidars import MODELS
 from trolley_base.importers.findings import Value
 from trolley_base.importers.linorobot.findings import LinorobotFindings, first
+from trolley_base.importers.linorobot.launch_files import FALSE, TRUE
 from trolley_base.importers.linorobot.mounting import find_mount
 
 DRIVES = {"2wd": "differential", "4wd": "skid_steer", "mecanum": "mecanum"}
@@ -23,6 +25,11 @@ PACKAGES: dict[str, str] = {
 }
 """The ROS packages that drive a lidar, and which one."""
 ROSSERIAL = ("rosserial_python", "rosserial_server")
+MIRRORS: dict[str | None, tuple[str, tuple[str, ...]]] = {
+    "rplidar_a1": ("inverted", TRUE),
+    "ld19": ("laser_scan_dir", FALSE),
+}
+"""By which parameter a lidar's ROS driver mirrors its scan, as one that hangs upside down needs."""
 MOST_HEIGHT_M = 3.0
 
 
@@ -132,13 +139,25 @@ def _take_mount(findings: LinorobotFindings, model: str | None) -> None:
     )
     findings.take("base.lidar.pose", pose, words, *mount.sources)
     findings.set("base.lidar.z_m", round(min(max(mount.z_m, 0.0), MOST_HEIGHT_M), 6))
-    if mount.is_upside_down:
+    if mount.is_upside_down != _is_mirrored(findings, model):
         findings.set("base.lidar.upside_down", True)
         findings.note("The lidar is mounted upside down.")
     findings.note(
         "Drivers count a lidar's angles differently: check in the viewer that the scan lies on "
         "the walls; if not, correct [base.lidar] pose."
     )
+
+
+def _is_mirrored(findings: LinorobotFindings, model: str | None) -> bool:
+    """Say whether the lidar's ROS driver is told to mirror its scan."""
+    name, mirrors = MIRRORS.get(model, ("", ()))
+    given = first(findings.launch.of_package(tuple(PACKAGES)), (name,))
+    if given is None or str(given.value).strip().lower() not in mirrors:
+        return False
+    findings.note(
+        f"{findings.place(given)}: `{name}` mirrors the scan, as if the lidar were turned over."
+    )
+    return True
 
 
 def _ydlidar_yaw(findings: LinorobotFindings, yaw: float) -> float:

@@ -211,6 +211,34 @@ def test_turns_an_rplidar_as_its_driver_counts(package: Package) -> None:
 
 
 @pytest.mark.parametrize(
+    ("inverted", "roll", "is_upside_down"),
+    [("false", "0", False), ("true", "0", True), ("true", "3.14159265", False)],
+)
+def test_an_rplidar_whose_driver_mirrors_its_scan_is_turned_over(
+    package: Package, inverted: str, roll: str, is_upside_down: bool
+) -> None:
+    param = f'<param name="inverted" type="bool" value="{inverted}"/></node>'
+    package.change("launch/include/lidar/rplidar.launch", "</node>", param)
+    package.change(LASER, "0.1 0.5 0 0  /base", f"0.1 0.5 0 {roll}  /base")
+    findings = read_linorobot(package.folder, "2wd", "rplidar")
+    assert ("base.lidar.upside_down" in findings.chosen) == is_upside_down
+    # It looks where it looked: rplidar_ros mirrors about the axis of its zero.
+    assert value(findings, "base.lidar.pose")["yaw"] == pytest.approx(0.5 - math.pi, abs=1e-6)
+
+
+def test_an_ld19_whose_driver_leaves_its_scan_clockwise_is_turned_over(package: Package) -> None:
+    package.write(
+        "launch/include/lidar/ld19.launch",
+        '<launch><node name="LD19" pkg="ldlidar_stl_ros" type="ldlidar_stl_ros_node">'
+        '<param name="laser_scan_dir" type="bool" value="false"/></node></launch>\n',
+    )
+    findings = read_linorobot(package.folder, "2wd", "ld19")
+    assert value(findings, "base.lidar.model") == "ld19"
+    assert value(findings, "base.lidar.upside_down") is True
+    assert value(findings, "base.lidar.pose")["yaw"] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
     ("arguments", "yaw", "is_upside_down"),
     [
         ("0.1 0 0.1 0.5 0 0 base_link laser", 0.5, False),
