@@ -18,10 +18,11 @@ from trolley_base.drivers.interface import MotionSample
 
 MOST_SPEED = 3.0
 """No wheel turns faster than this; a count that says so was misread [m/s]."""
-NEAR_START_M = 0.05
-"""A board whose counts lie within this of zero may just have started [m]."""
-SHORTEST_RESTART_S = 0.3
-"""A board is back after a restart no sooner than this [s]."""
+NEAR_START_M = 0.1
+"""A board whose counts lie within this of zero may just have started [m]: its robot rolls on."""
+SHORTEST_RESTART_S = 0.15
+"""A board is back after a restart no sooner than this [s]: at a brown-out the boot loader of an
+Arduino does not wait and its sketch runs after 65 ms, but what it was asked meanwhile is lost."""
 FRAME_S = 0.033
 """One round of the board's speed control [s]: 1000 / 30 ms as whole numbers."""
 MOST_TARGET = 32767

@@ -172,6 +172,35 @@ def test_gains_are_sent_in_the_order_of_the_wire_and_after_a_reboot(board: FakeA
     assert talk.total("restarts") == 1
 
 
+def test_one_that_a_brown_out_restarts_while_it_drives_has_not_moved(
+    talk: Talk, board: FakeArduino
+) -> None:
+    talk.run(1.0)
+    talk.wanted = Twist2D(0.3, 0.0, 0.0)
+    talk.run(1.5)
+    board.is_deaf = True
+    talk.run(0.08)
+    board.is_deaf = False
+    board.reboot()
+    board.counts = [400.0, 400.0]  # it has rolled on by 7 cm
+    x = talk.pose.x
+    talk.run(1.0)
+    assert x - 0.01 < talk.pose.x < x + 0.3
+    assert talk.total("restarts") == 1
+
+
+def test_a_busy_board_that_drives_back_over_its_start_has_not_restarted(board: FakeArduino) -> None:
+    inputs = InputsConfig(
+        bumper_pins=[2, 3], cliff_pins=[4, 5], sonar_pins={"left": 6, "ahead": 7, "right": 8}
+    )
+    talk = Talk(make(inputs=inputs), board)
+    for vx, seconds in ((0.0, 1.0), (0.3, 2.0), (-0.3, 4.0), (0.0, 0.5)):
+        talk.wanted = Twist2D(vx, 0.0, 0.0)
+        talk.run(seconds)
+    assert talk.pose.x == pytest.approx(board.counts[0] * math.pi * 0.065 / 1200.0, abs=0.002)
+    assert talk.total("restarts") == 0
+
+
 def test_gains_are_sent_until_they_are_acknowledged(board: FakeArduino) -> None:
     talk = Talk(make(pid=PidConfig(p=20.0, i=1.0, d=12.0)), board)
     talk.spoil = lambda data: data.replace(b"OK\r\n", b"")
