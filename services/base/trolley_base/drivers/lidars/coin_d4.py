@@ -19,7 +19,7 @@ import numpy as np
 from trolley.config.hardware import LidarConfig
 from trolley.drivers import API
 from trolley_base.drivers.dialogue import Line
-from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, turned_deg, words
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, latest, turned_deg, words
 from trolley_base.drivers.lidars.frames import Frames
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.revolutions import Samples
@@ -58,10 +58,9 @@ class CoinDecoder(FrameDecoder):
         first, middle, last = points[inside].T
         range_m = (middle >> 2 | last << 6) / 1000.0
         intensity = (first >> 2 | (middle & 3) << 6).astype(np.float64)
-        tells = np.flatnonzero(kinds & 1)
-        known = np.concatenate([[self._rate_dps], (kinds[tells] >> 1) * DPS_PER_COUNT])
-        rates = known[np.searchsorted(tells, np.arange(len(frames)), side="right")]
-        self._rate_dps = float(known[-1])
+        speeds = (kinds >> 1).astype(np.float64) * DPS_PER_COUNT
+        rates = latest(self._rate_dps, (kinds & 1) == 1, speeds)
+        self._rate_dps = float(rates[-1])
         angle, elapsed_s, begins = self._rotation.follow(angle, rates[frame])
         samples = Samples(angle, np.zeros(len(angle)), elapsed_s, begins, range_m, intensity)
         behind = frames.behind + frames.lengths

@@ -6,7 +6,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley_base.drivers.lidars.frames import Bytes, FrameFinder, FrameFormat, Frames, Indices
+from trolley_base.drivers.lidars.frames import (
+    Bytes,
+    Flags,
+    FrameFinder,
+    FrameFormat,
+    Frames,
+    Indices,
+)
 from trolley_base.drivers.lidars.revolutions import Rotation, Samples
 from trolley_base.drivers.lidars.scan_grid import Floats
 
@@ -88,6 +95,17 @@ class FrameDecoder:
         closing = np.arange(1, len(frames) + 1) * per_frame - 1
         hz = float(rate_dps[-1]) / 360.0
         return Decoded(samples, closing, frames.behind + frames.lengths, hz)
+
+
+def latest(before: float, tells: Flags, told: Floats) -> Floats:
+    """Return what holds at each of n frames (n,): the newest of what was told until then.
+
+    Args:
+        before: what held before the first.
+        tells: (n,) whether a frame tells it.
+        told: (n,) what it tells.
+    """
+    return np.concatenate([[before], told[tells]])[np.cumsum(tells)]
 
 
 def turned_deg(first_deg: Floats, last_deg: Floats) -> Floats:

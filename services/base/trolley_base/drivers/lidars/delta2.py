@@ -20,7 +20,7 @@ import numpy as np
 
 from trolley.config.hardware import LidarConfig
 from trolley.drivers import API
-from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, latest
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.models import LidarDriver, LidarFacts
 from trolley_base.drivers.lidars.revolutions import Samples
@@ -135,10 +135,8 @@ class Delta2Decoder(FrameDecoder):
         before = first_deg[0] if self._before_deg is None else self._before_deg
         steps = np.diff(first_deg, prepend=before) % 360.0
         told = np.rint(360.0 / np.maximum(steps, 1.0))
-        tells = np.flatnonzero((told >= PACKETS[0]) & (told <= PACKETS[1]))
-        known = np.concatenate([[self._packets], told[tells]])
-        packets = known[np.searchsorted(tells, np.arange(len(first_deg)), side="right")]
-        self._before_deg, self._packets = float(first_deg[-1]), float(known[-1])
+        packets = latest(self._packets, (told >= PACKETS[0]) & (told <= PACKETS[1]), told)
+        self._before_deg, self._packets = float(first_deg[-1]), float(packets[-1])
         return packets
 
 

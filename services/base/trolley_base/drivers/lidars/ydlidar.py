@@ -29,7 +29,7 @@ import numpy as np
 from trolley.config.hardware import LidarConfig
 from trolley.drivers import API
 from trolley_base.drivers.dialogue import Line
-from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, turned_deg, words
+from trolley_base.drivers.lidars.decoding import Decoded, FrameDecoder, latest, turned_deg, words
 from trolley_base.drivers.lidars.frames import Bytes, Flags, FrameFormat, Frames, Indices
 from trolley_base.drivers.lidars.handshake import (
     ANSWER_S,
@@ -156,21 +156,15 @@ class YdDecoder(FrameDecoder):
             quarters &= ~np.uint16(INTERFERENCE)
         intensity = parts[:, :, 0][inside].astype(np.float64) if has_intensity else np.empty(0)
         range_m = quarters / 4000.0
-        rates = self._rates(steps_deg, sizes)
+        # A frame of one sample does not tell how fast the head turned.
+        rates = latest(self._rate_dps, sizes > 1, steps_deg * self._per_s)
+        self._rate_dps = float(rates[-1])
         angle, elapsed_s, begins = self._rotation.follow(angle, rates[frame])
         shift = triangulation_deg(range_m) if self._kind.triangulates else np.zeros(len(angle))
         samples = Samples(angle, shift, elapsed_s, begins, range_m, intensity)
         closing = np.cumsum(sizes) - 1
         behind = frames.behind + frames.lengths
-        return Decoded(samples, closing, behind, float(rates[-1]) / 360.0)
-
-    def _rates(self, steps_deg: Floats, sizes: Indices) -> Floats:
-        """Return how fast the head turned (n,) [deg/s]; a frame of one sample does not tell."""
-        tells = np.flatnonzero(sizes > 1)
-        known = np.concatenate([[self._rate_dps], steps_deg[tells] * self._per_s])
-        rates = known[np.searchsorted(tells, np.arange(len(sizes)), side="right")]
-        self._rate_dps = float(known[-1])
-        return rates
+        return Decoded(samples, closing, behind, self._rate_dps / 360.0)
 
 
 class AskedYdlidar(HandshakeLidar):
