@@ -42,7 +42,7 @@ from trolley_base.drivers.boards.models import (
 from trolley_base.drivers.boards.report import Report
 from trolley_base.drivers.boards.wheel_ticks import StreamedOdometry
 from trolley_base.drivers.dialogue import Line, Status, travel_ns
-from trolley_base.drivers.interface import ChassisReading, Contact, Sector
+from trolley_base.drivers.interface import ChassisReading, Contact, DriverError, Sector
 
 START, SAFE, DRIVE_DIRECT, STREAM = 128, 131, 145, 148
 FIELDS = (
@@ -212,9 +212,17 @@ class Create2Dialogue:
 
     Args:
         baud: bits per second.
+
+    Raises:
+        DriverError: its frames do not fit that speed, and would come garbled.
     """
 
     def __init__(self, config: ChassisConfig, baud: int) -> None:
+        if travel_ns(WHOLE, baud) > STREAM_NS:
+            raise DriverError(
+                f"[base.chassis] baud = {baud} is too slow for what a Create reports: remove the "
+                "line, and take the robot's battery out for a moment; it speaks at 115200 then"
+            )
         self._baud = baud
         self._report = Report()
         self._reader = FrameReader(FRAME, self._report.count)
@@ -383,8 +391,8 @@ class Create2Dialogue:
         if self._heard.has_bytes:
             return Status(
                 "searching",
-                "What arrives is not a Create's: is this its port, and is "
-                f"{self._baud} its baud rate (19200 if Clean was held when it was switched on)?",
+                "What arrives is not a Create's: is this its port? If Clean was held when it was "
+                "switched on it speaks too slowly: take its battery out for a moment.",
             )
         return Status("searching", "The Create is being woken.")
 

@@ -250,6 +250,12 @@ def test_it_has_two_wheels() -> None:
     assert counted_track_m(config_of("create2")) == 0.235
 
 
+def test_a_speed_at_which_its_frames_do_not_fit_is_refused() -> None:
+    with pytest.raises(DriverError, match="too slow"):
+        dialogue_of("create2", baud=19200)
+    assert dialogue_of("create2", baud=57600).line.baud == 57600
+
+
 def test_its_port_is_opened_so_that_it_wakes() -> None:
     line = dialogue_of("create2").line
     assert (line.baud, line.clears_rts) == (115200, True)
