@@ -9,7 +9,7 @@ A command has no checksum: where a byte is lost, the next one may be taken for i
 are repeated, zeros too, and the mode is watched. Within 20 ms after a change of mode the robot may
 miss what it is sent, so nothing is.
 
-When it boots it says so in lines of text. Its counts begin anew then, wherever that is.
+When it boots it says so in lines of text. Its counts begin anew then, usually at zero.
 
 Counts, below `chassis/`: `bad_checksum`, `skipped_bytes`, `encoder_jumps`, `restarts`.
 
@@ -96,6 +96,9 @@ EMPTY_CHARGE = 0.05
 ENOUGH_FRAMES = 3
 """Frames with a sum and fifteen numbers of packets: so many are no coincidence."""
 COUNT_RANGE = 1 << 16
+NEAR_START = 100
+"""One whose counts both lie within this of zero after a silence has just booted, even if what it
+said of that was lost: 4 cm."""
 FIRST_COUNT = 1 << 20
 """Counts go on from here, far from those of a board that has just started."""
 TRACK_M = 0.235
@@ -263,7 +266,12 @@ class Create2Dialogue:
         for frame in frames:
             late_ns = travel_ns(frame.following, self._baud)
             self._take(parse_frame(frame.data), arrived_ns - late_ns, arrived_ns)
-        if BOOT.search(data) and self._counts is not None:
+        if BOOT.search(data):
+            self._forget_counts()
+
+    def _forget_counts(self) -> None:
+        """It has booted: its counts begin anew."""
+        if self._counts is not None:
             self._report.count("restarts")
             self._wheels.reset()
             self._counts = None
@@ -273,6 +281,8 @@ class Create2Dialogue:
         if self._heard.has_reported and not self._heard.is_reporting(arrived_ns):
             self._settled_ns = arrived_ns + SETTLES_NS
             self._wheels.miss()
+            if max(abs(_shorter(sensors.left)), abs(_shorter(sensors.right))) < NEAR_START:
+                self._forget_counts()
         self._sensors = sensors
         self._heard.take_report(arrived_ns)
         if sensors.capacity:

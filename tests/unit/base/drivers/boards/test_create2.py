@@ -223,6 +223,18 @@ def test_one_that_boots_while_it_drives_has_not_moved(talk: EmulatedTalk, silent
     assert talk.total("restarts") == 1
 
 
+@pytest.mark.parametrize(("after", "moved_m"), [(3, 0.0), (4600, 0.27)])
+def test_one_that_counts_from_zero_after_a_silence_has_booted(after: int, moved_m: float) -> None:
+    dialogue = dialogue_of("create2")
+    dialogue.begin(0)
+    times = [*range(20), *range(300, 360)]
+    for number in times:
+        count = 4000 if number < 300 else after
+        dialogue.receive(frame(p43=count, p44=count), number * 15 * MS)
+    motions = dialogue.take(times[-1] * 15 * MS).motions
+    assert sum(one.previous_T_base.x for one in motions) == pytest.approx(moved_m, abs=0.01)
+
+
 def test_it_is_asked_for_no_more_than_it_can_do(talk: EmulatedTalk) -> None:
     talk.come_up()
     talk.wanted = Twist2D(1.0, 0.0, 2.0)
