@@ -111,14 +111,7 @@ class Session:
         self.drawing = Drawing(
             ZoneEditor(
                 Canvas(picture, self.drags),
-                ZoneRequests(
-                    service,
-                    lambda: self._robot,
-                    lambda: stored_zones(self.view),
-                    self._map_name,
-                    self.actions.history,
-                    self.tell,
-                ),
+                ZoneRequests(self.actions, lambda: stored_zones(self.view), self._map_name),
                 lambda: self.view,
                 self.tell,
                 lambda: self.drawing.begin_zone(self._robot),

@@ -158,6 +158,7 @@ class RobotActions:
         done: Callable[[Any], None] | None = None,
         then: Callable[[Any, str], None] | None = None,
         robot: str = "",
+        refused: Callable[[], None] = lambda: None,
     ) -> None:
         """Send a request to a robot and tell people if it is refused.
 
@@ -168,6 +169,7 @@ class RobotActions:
             done: takes the answer, if the same robot is selected still.
             then: takes the answer and the robot, whichever is selected: asks it for the rest.
             robot: whom; the selected one if "".
+            refused: called if it is refused, and the same robot is selected still.
         """
         robot = robot or self._robot()
 
@@ -176,6 +178,8 @@ class RobotActions:
             if isinstance(reply, Refused):
                 self._service.log.info("Refused", request=request.name, code=reply.code)
                 self.tell(failed, refusal(reply), "bad")
+                if robot == self._robot():
+                    refused()
                 return
             sent = _id_of(reply) if request in SENDING else None
             if sent:

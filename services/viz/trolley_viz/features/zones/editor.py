@@ -234,15 +234,14 @@ class ZoneEditor:
         self._canvas.show(self.sketch)
         self._canvas.show_handles(self.sketch, self._handled)
 
-    def _saved(self, zone: Zone | None) -> None:
-        if self.mode == "edit" and zone is not None:
+    def _saved(self, zone: Zone) -> None:
+        if self.mode == "edit":
             self._show_stored(zone)
         else:
             self.leave()
-        if zone is not None:
-            known = f"The robot now knows “{zone.name}”."
-            respected = f"The robot will respect “{zone.name}” from now on."
-            self._tell("Saved", known if zone.kind == "room" else respected, "good")
+        known = f"The robot now knows “{zone.name}”."
+        respected = f"The robot will respect “{zone.name}” from now on."
+        self._tell("Saved", known if zone.kind == "room" else respected, "good")
 
     def _snapped(self, point: Point) -> Point:
         """Snap a corner of a mirror or glass line to the wall that it hangs on."""
@@ -304,8 +303,8 @@ class ZoneEditor:
             moved = as_zone(sketch, zone.name, zone.speed)
             self.zone_requests.ask(Change(zone, moved), self._moved, lambda: self._moved(zone))
 
-    def _moved(self, zone: Zone | None) -> None:
-        if self.mode == "edit" and zone is not None:
+    def _moved(self, zone: Zone) -> None:
+        if self.mode == "edit":
             self._show_stored(zone)
 
 

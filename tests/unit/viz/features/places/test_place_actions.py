@@ -61,6 +61,7 @@ class House:
         done: Callable[[Any], None] | None = None,
         then: Callable[[Any, str], None] | None = None,
         robot: str = "",
+        refused: Callable[[], None] = lambda: None,
     ) -> None:
         self.asked.append(request)
         reply = params

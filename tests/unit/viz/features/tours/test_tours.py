@@ -312,6 +312,7 @@ class PretendTour(Service):
         self.tours: dict[str, Tour] = {}
         self.started: list[str | None] = []
         self.asked_history = 0
+        self.is_full = False
 
     def start(self) -> None:
         self.say()
@@ -321,6 +322,8 @@ class PretendTour(Service):
 
     @answers(requests.TOURS_PUT)
     def put(self, tour: Tour) -> Tour:
+        if self.is_full:
+            raise Refused(codes.NOT_SAVED)
         self.tours[tour.name] = tour
         self.say()
         return tour
@@ -546,6 +549,23 @@ def test_undo_leaves_a_tour_that_somebody_else_changed_since(
     assert tour.tours == before
     told = f"Somebody else has changed “{name}” since then."
     assert stage.browsers[0].notices[-1] == ("Not undone", told)
+
+
+def test_an_undo_that_is_refused_is_offered_again(
+    stage: "Stage", tour: PretendTour, page: PageOf
+) -> None:
+    make_tour(stage, page)
+    before = dict(tour.tours)
+    page.within("evening").press("Delete")
+    settle(stage)
+    tour.is_full = True
+    undo(page)
+    settle(stage)
+    assert tour.tours == {}
+    tour.is_full = False
+    undo(page)
+    settle(stage)
+    assert tour.tours == before
 
 
 def test_undo_neither_deletes_nor_overwrites_a_tour_that_somebody_else_worked_on(
