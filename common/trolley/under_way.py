@@ -13,6 +13,8 @@ TRIP_GOES = ("driving", "dwelling", "waiting")
 """States of a trip that goes on by itself."""
 TRIP_UNDER_WAY = (*TRIP_GOES, "paused")
 """Those of a trip that is not over."""
+MAPPER_SILENT_NS = 3_000_000_000
+"""A mapper that makes a map says so each second; after this long it is gone [ns]."""
 EXPLORES = "map-"
 """How the ids of goals begin that belong to a robot that explores by itself."""
 _TRIP_GOAL = re.compile(r"tour-([a-z0-9]{1,12})-\d+-\d+")

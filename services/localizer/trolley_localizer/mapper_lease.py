@@ -7,9 +7,8 @@ from trolley.codes import Refused
 from trolley.messages import MappingStatus, PoseEstimate
 from trolley.messages.request_params import Yield
 from trolley.runtime.service import Service, answers, every
+from trolley.under_way import MAPPER_SILENT_NS
 
-LEASE_NS = 3_000_000_000
-"""Silence after which a mapper is gone; it renews its lease every second [ns]."""
 _SHARED = (
     topics.MAP,
     topics.ZONES,
@@ -106,7 +105,7 @@ class MapperLease:
     def _begin(self) -> None:
         service = self._service
         began = not self.is_held
-        self._until_ns = service.monotonic_ns + LEASE_NS
+        self._until_ns = service.monotonic_ns + MAPPER_SILENT_NS
         if began:
             service.log.info("The mapper is making a map; leaving map and pose to it")
             for topic in _SHARED:

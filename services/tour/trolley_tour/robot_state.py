@@ -6,12 +6,10 @@ from trolley import codes, topics
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, GoalStatus, MappingStatus, PoseEstimate
 from trolley.runtime.service import Service, Watch
-from trolley.under_way import GOAL_GOES
+from trolley.under_way import GOAL_GOES, MAPPER_SILENT_NS
 
 PLANNER = "planner"
 """The service that drives goals, and the source of its velocity commands."""
-MAPPER_SILENT_NS = 3_000_000_000
-"""A mapper that makes a map says so each second; after this long it is gone [ns]."""
 
 
 class RobotState:
