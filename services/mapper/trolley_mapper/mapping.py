@@ -24,7 +24,7 @@ from trolley.runtime.service import Service, answers, every
 from trolley.scanning import Reject, ScanInput
 from trolley_mapper import checkpoint as checkpoints
 from trolley_mapper.checkpoint import Checkpoint, Checkpointer
-from trolley_mapper.edit.map_transform import moved_tour
+from trolley_mapper.edit.map_transform import moved_tours
 from trolley_mapper.explore import sentences
 from trolley_mapper.inputs import RobotInputs
 from trolley_mapper.map_session import MapSession
@@ -296,10 +296,9 @@ class Mapping:
     ) -> None:
         """Store tours with spots of their own on the map under the name that it was saved as."""
         tours = found.get(())
-        for tour in () if tours is None else tours.tours:
-            if tour.has_poses and tour.map == before:
-                moved = moved_tour(tour, name, old_T_new)
-                self._service.request(requests.TOURS_PUT, moved, partial(self._tour_stored, moved))
+        known = () if tours is None else tours.tours
+        for tour in moved_tours(known, (before,), name, old_T_new):
+            self._service.request(requests.TOURS_PUT, tour, partial(self._tour_stored, tour))
 
     def _tour_stored(self, tour: Tour, result: Tour | Refused) -> None:
         if isinstance(result, Refused):

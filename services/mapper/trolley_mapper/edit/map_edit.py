@@ -29,7 +29,7 @@ from trolley_mapper.edit.map_switch import (
     pending_plan,
     store_plan,
 )
-from trolley_mapper.edit.map_transform import moved_place, moved_tour, moved_zones, renamed_zones
+from trolley_mapper.edit.map_transform import moved_place, moved_tours, moved_zones, renamed_zones
 from trolley_mapper.edit.map_versions import Change, MapVersions, Version, stored_zones
 
 MAX_SHOWN = 2000
@@ -326,8 +326,7 @@ class _Edit:
             return []
         maps = (self._name, "") if is_turned else (self._name,)
         known = _known(self._situation.tours)
-        mine = (tour for tour in known if tour.has_poses and tour.map in maps)
-        return [moved_tour(tour, target, step) for tour in mine]
+        return moved_tours(known, maps, target, step)
 
     def _say(self, what: str) -> None:
         words = _WORDS.get(what, what)

@@ -1,6 +1,6 @@
 """Zones, places, tours and covariances of a map whose coordinates have changed."""
 
-from collections.abc import Iterable, Set
+from collections.abc import Collection, Iterable, Set
 
 import msgspec
 import numpy as np
@@ -54,8 +54,10 @@ def moved_place(place: SavedPose, map_name: str, old_T_new: Pose2D) -> SavedPose
     )
 
 
-def moved_tour(tour: Tour, map_name: str, old_T_new: Pose2D) -> Tour:
-    """Return a tour whose own poses lie where they are on the new map."""
+def moved_tours(
+    tours: Iterable[Tour], maps: Collection[str], map_name: str, old_T_new: Pose2D
+) -> list[Tour]:
+    """Return the tours with poses of their own on some maps, where these lie on the new map."""
     new_T_old = old_T_new.inverse()
 
     def moved(stop: Stop) -> Stop:
@@ -65,4 +67,8 @@ def moved_tour(tour: Tour, map_name: str, old_T_new: Pose2D) -> Tour:
             via=[new_T_old @ pose for pose in stop.via],
         )
 
-    return msgspec.structs.replace(tour, map=map_name, stops=[moved(stop) for stop in tour.stops])
+    mine = (tour for tour in tours if tour.has_poses and tour.map in maps)
+    return [
+        msgspec.structs.replace(tour, map=map_name, stops=[moved(stop) for stop in tour.stops])
+        for tour in mine
+    ]
