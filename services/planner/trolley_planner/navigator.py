@@ -45,9 +45,9 @@ class Navigator:
         current = self.current = CurrentGoal(config, inputs, motion)
         spin = self._spin_to_localize = SpinToLocalize(config)
         guard = self._guard = GoalGuard(config, inputs, costmaps, current, spin)
-        self._yielding = Yielding(config, inputs, costmaps, motion, current)
-        driver = self._driver = GoalDriver(inputs, current, self._yielding)
-        replanner = self._replanner = Replanner(config, inputs, costmaps, current, driver)
+        yielding = self._yielding = Yielding(config, inputs, costmaps, motion, current)
+        driver = self._driver = GoalDriver(inputs, current, yielding)
+        replanner = self._replanner = Replanner(config, inputs, costmaps, current, yielding)
         self.requests = GoalRequests(config, inputs, motion, current, replanner, driver, guard)
         self._scanned_ns = 0
 
@@ -119,7 +119,7 @@ class Navigator:
         if execution is None or not self.current.is_driving:
             return Twist2D.zero() if self.current.is_stopping(now_ns) else None
         if self._guard.must_wait(now_ns):
-            execution.wait()
+            execution.progress.reset_progress()  # it waits for what it needs to drive
             return Twist2D.zero()
         speed = self._driver.speed(execution, now_ns)
         now = self._motion_state.control_input(speed, now_ns, elapsed_s)

@@ -21,6 +21,9 @@ from trolley_planner.costmap.footprint import clearance_at
 MAX_REVERSE = 0.25
 """Highest speed backwards [m/s]: few lidars look that way."""
 
+STANDING_MPS, STANDING_RADPS = 0.03, 0.1
+"""Speed and turn rate below which the robot may count as standing."""
+
 HURRIED_REVERSE = 0.5
 """Highest speed backwards out of somebody's way, where the lidar looks that way [m/s]."""
 
@@ -38,6 +41,11 @@ class Motion:
     pose: Pose2D
     twist: Twist2D
     here: Pose2D | None = None
+
+    @property
+    def is_standing(self) -> bool:
+        """Whether it hardly moves."""
+        return abs(self.twist.vx) < STANDING_MPS and abs(self.twist.wz) < STANDING_RADPS
 
 
 def limits_of(config: PlannerConfig, speed: float, turn: float, deceleration: float) -> Limits:

@@ -85,7 +85,7 @@ class GoalExecution:
         self._started_ns = now_ns
         self._approach = GoalApproach(context, config, self.goal_grid, goal.tolerances)
         self._maneuvering = Maneuvering(context, config, goal.tolerances)
-        self._progress = ProgressMonitor(context, config)
+        self.progress = ProgressMonitor(context, config)
         self._has_path = True
         context.controller.reset()
 
@@ -96,7 +96,7 @@ class GoalExecution:
         pose, local_costmap = motion.pose, self.context.local_costmap
         is_tight = self.route.is_tight_here or self._maneuvering.is_tight_ahead
         local_costmap.update(pose.x, pose.y, is_tight)
-        self._progress.update(now_ns, pose)
+        self.progress.update(now_ns, pose)
         self.route.update_position(pose)
         if not self.route.vias_left and self._approach.update_aim(pose, self.route.is_blocked):
             self.route.retarget(self._approach.aim)
@@ -115,13 +115,13 @@ class GoalExecution:
         self.context.local_costmap.update_moving(now.obeyed_ns)
         self.route.update_position(now.motion.pose)
         twist = self._recover(now) if self.is_recovering else self._follow_route(now)
-        if self._progress.must_stand(now.now_ns):
+        if self.progress.must_stand(now.now_ns):
             self.context.controller.reset()
             twist = Twist2D.zero()
         elif had_better_stand(now.motion, twist, self.context.local_costmap):
             self.context.controller.reset()
             twist = limited_change(now.motion.twist, Twist2D.zero(), now.limits, now.elapsed_s)
-        if self._progress.is_excused(twist, now) and not self.is_recovering:
+        if self.progress.is_excused(twist, now) and not self.is_recovering:
             self.recovery.sequence.excuse(round(now.elapsed_s * 1e9))
         self.recovery.update(twist, now.elapsed_s)
         return twist
@@ -228,12 +228,12 @@ class GoalExecution:
     @property
     def is_waiting_at_goal(self) -> bool:
         """Whether the robot waits before an occupied goal."""
-        return self._progress.is_waiting_at_goal
+        return self.progress.is_waiting_at_goal
 
     @property
     def is_waiting(self) -> bool:
         """Whether it waits there, or for what stands on the only path."""
-        return self._progress.is_waiting_at_goal or self._progress.is_waiting_on_way
+        return self.progress.is_waiting_at_goal or self.progress.is_waiting_on_way
 
     @property
     def path_key(self) -> str:
@@ -269,7 +269,7 @@ class GoalExecution:
         self.goal = goal
         self._approach = GoalApproach(self.context, self._config, self.goal_grid, goal.tolerances)
         self.route.retarget(self.goal_grid)
-        self._progress.reset_progress()
+        self.progress.reset_progress()
         self.recovery.sequence.move_goal()
         self.route.replan_soon()
         self.outcome = None
@@ -285,24 +285,16 @@ class GoalExecution:
         sequence.set_config(self._config)
         sequence.end()
         sequence.update_path_length(self.route.remaining_m(here))
-        progress = before._progress  # noqa: SLF001
-        self._progress.at_goal, self._progress.on_way = progress.at_goal, progress.on_way
-
-    def replan_soon(self) -> None:
-        """Look for a path the next time, however good the present one is."""
-        self.route.replan_soon()
+        progress = before.progress
+        self.progress.at_goal, self.progress.on_way = progress.at_goal, progress.on_way
 
     def stand(self) -> None:
         """Note that the robot stands on purpose, as behind a person."""
         self.outcome = None
-        self._progress.reset_progress()
+        self.progress.reset_progress()
         self._maneuvering.stop()
         self._approach.let_go()
         self.context.controller.reset()
-
-    def wait(self) -> None:
-        """Note that the robot waits for what it needs to drive: that is no lack of progress."""
-        self._progress.reset_progress()
 
     def resume_after_wait(self, waited_ns: int) -> None:
         """Continue after giving way: that time does not count, and another path may be better."""
@@ -339,9 +331,9 @@ class GoalExecution:
         # Things are seen from one side only: if no path leads to the goal, it is occupied as well.
         is_occupied = self._approach.is_occupied or self.route.is_blocked
         left_m = self.remaining_m(now.motion.pose)
-        is_near = self._progress.is_near_goal(left_m)
+        is_near = self.progress.is_near_goal(left_m)
         waits = (is_occupied and is_near) or self._approach.is_enclosed
-        if not self._progress.wait_at_goal(now.elapsed_s, waits=waits):
+        if not self.progress.wait_at_goal(now.elapsed_s, waits=waits):
             self.outcome = "failed"
         if self.is_waiting_at_goal:
             self.trouble = codes.BLOCKED
@@ -351,7 +343,7 @@ class GoalExecution:
         """Say whether to wait, at a distance, for what stands on the only path."""
         is_led = self._hurries or self._maneuvering.is_active
         free_m = math.inf if is_led else self.route.free_m
-        waits = self._progress.wait_on_way(free_m, now.elapsed_s)
+        waits = self.progress.wait_on_way(free_m, now.elapsed_s)
         if waits:
             self.trouble = codes.BLOCKED
         return waits
@@ -361,14 +353,14 @@ class GoalExecution:
         is_led = self._has_path or self._maneuvering.is_active
         pose, approach = now.motion.pose, self._approach
         left_m = approach.left_m(pose) if approach.is_active else self.remaining_m(pose)
-        trouble = self._progress.check(now, left_m, is_led=is_led)
+        trouble = self.progress.check(now, left_m, is_led=is_led)
         if trouble is not None:
             self.trouble = trouble
             self._begin_recovery_action(now)
 
     def _is_path_free(self, now: ControlInput) -> bool:
         """Say whether the path ahead is free of obstacles."""
-        return self._has_path and not self.route.is_blocked and not self._progress.is_held(now)
+        return self._has_path and not self.route.is_blocked and not self.progress.is_held(now)
 
     def _recover(self, now: ControlInput) -> Twist2D:
         """Return the velocity of the current recovery behaviour, and end it when it is done."""
@@ -391,6 +383,6 @@ class GoalExecution:
     def _drive_on(self) -> None:
         """Continue after a recovery behaviour or a wait."""
         self._approach.let_go()
-        self._progress.reset()
+        self.progress.reset()
         self.route.replan_soon()
         self.context.controller.reset()

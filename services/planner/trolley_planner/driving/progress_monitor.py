@@ -18,10 +18,6 @@ class PatienceParams:
 
     no_path_s: float = 0.7
     """Time without a path in the local costmap after which recovery begins."""
-    standing_mps: float = 0.03
-    """Speed below which the robot may count as standing."""
-    standing_radps: float = 0.1
-    """Turn rate below which the robot may count as standing."""
     on_goal_m: float = 0.1
     """Distance to an occupied goal within which the robot does not wait: it has only to turn."""
     wait_at_goal_m: float = 0.5
@@ -117,15 +113,13 @@ class ProgressMonitor:
             is_led: whether there is a path for it.
         """
         self._no_path_s = 0.0 if is_led else self._no_path_s + now.elapsed_s
-        pose, twist = now.motion.pose, now.motion.twist
+        pose = now.motion.pose
         speed = min(now.limits.max_speed, self._context.zone_speed(pose))
         trouble = self._checker.check(
             now.now_ns, left_m, pose, now.odom_T_base, speed, now.limits.max_turn
         )
-        is_standing = (
-            abs(twist.vx) < PATIENCE.standing_mps and abs(twist.wz) < PATIENCE.standing_radps
-        )
-        if trouble is None and self._no_path_s > PATIENCE.no_path_s and is_standing:
+        is_lost = self._no_path_s > PATIENCE.no_path_s
+        if trouble is None and is_lost and now.motion.is_standing:
             return codes.BLOCKED
         return trouble
 

@@ -42,10 +42,6 @@ class GivingWayParams:
     """Time within which coming upon a robot again that has not moved continues the wait for it."""
     look_s: float = 1.0
     """Time between two searches for a better place to wait."""
-    standing_mps: float = 0.03
-    """Speed below which a robot may count as standing."""
-    standing_radps: float = 0.1
-    """Turn rate below which a robot may count as standing."""
     most_waits: float = 5.0
     """Multiple of the time to give up after which the robot stops waiting."""
     blocking_m: float = 2.0
@@ -221,11 +217,7 @@ class GivingWay:
         return robot_standing_on(ahead, self.others, execution.context.footprint.inscribed_m)
 
     def _update_standing(self, motion: Motion, now_ns: int) -> None:
-        is_standing = (
-            abs(motion.twist.vx) < GIVING_WAY.standing_mps
-            and abs(motion.twist.wz) < GIVING_WAY.standing_radps
-        )
-        if not is_standing:
+        if not motion.is_standing:
             self._stood_ns = None
         elif self._stood_ns is None:
             self._stood_ns = now_ns

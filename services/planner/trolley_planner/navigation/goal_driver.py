@@ -34,20 +34,10 @@ class GoalDriver:
 
     def set_off(self, validated: ValidatedGoal, context: PlanningContext, now_ns: int) -> None:
         """Start driving along a first path."""
-        self.begin(validated, context, now_ns)
+        self._yielding.forget()
+        self._current.execute(validated, context, now_ns)
         self._blindness.forget()
         self._current.set_off(now_ns)
-
-    def begin(
-        self,
-        validated: ValidatedGoal,
-        context: PlanningContext,
-        now_ns: int,
-        before: GoalExecution | None = None,
-    ) -> None:
-        """Begin to execute a goal, `before` on another costmap; nobody is waited for."""
-        self._yielding.forget()
-        self._current.execute(validated, context, now_ns, before)
 
     def update_base(self, base: BaseState, now_ns: int) -> None:
         """Take in the base's state, which is in the inputs already."""
@@ -81,7 +71,7 @@ class GoalDriver:
         """Replan soon if the pose was corrected by more than noise."""
         if self._num_jumps != self._inputs.num_jumps:
             self._num_jumps = self._inputs.num_jumps
-            execution.replan_soon()
+            execution.route.replan_soon()
 
     def _follow(self, following: Following, execution: GoalExecution, now: ControlInput) -> Twist2D:
         """Return the velocity behind a person; end the goal when they are lost."""

@@ -10,7 +10,7 @@ from trolley_planner.context.planning_context import CostmapManager, PlanningCon
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.goals import validate
 from trolley_planner.navigation.current_goal import CurrentGoal
-from trolley_planner.navigation.goal_driver import GoalDriver
+from trolley_planner.navigation.yielding import Yielding
 from trolley_planner.sensing.inputs import Inputs
 
 
@@ -22,7 +22,7 @@ class Replanner:
         inputs: the newest messages.
         costmap_manager: owns the costmap.
         current: the goal.
-        driver: begins it anew.
+        yielding: nobody is waited for on another costmap.
     """
 
     def __init__(
@@ -31,13 +31,13 @@ class Replanner:
         inputs: Inputs,
         costmap_manager: CostmapManager,
         current: CurrentGoal,
-        driver: GoalDriver,
+        yielding: Yielding,
     ) -> None:
         self._config = config
         self._inputs = inputs
         self._costmap_manager = costmap_manager
         self._current = current
-        self._driver = driver
+        self._yielding = yielding
 
     def set_config(self, config: PlannerConfig) -> None:
         """Apply other settings from now on."""
@@ -90,6 +90,7 @@ class Replanner:
             self._current.end("failed", refusal.code, now_ns, refusal.message, blocked)
             return
         if context is execution.context:  # only zones have changed
-            execution.replan_soon()
+            execution.route.replan_soon()
         else:
-            self._driver.begin(validated, context, now_ns, execution)
+            self._yielding.forget()
+            self._current.execute(validated, context, now_ns, execution)
