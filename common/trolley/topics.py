@@ -71,7 +71,7 @@ class Topic(Generic[M]):
     real_time: bool = False
     """Whether its rate counts real seconds even where a simulation runs faster or slower."""
     when_driving: bool = False
-    """Whether it comes only while the robot drives."""
+    """Whether it comes only while the robot drives, or is on a trip."""
     when_simulated: bool = False
     """Whether only a simulated robot has it."""
     max_bytes: int = 1 << 20
@@ -231,7 +231,15 @@ POSES = Topic("poses", m.SavedPoses, "tour", "on change", Qos.STATE)
 SAVED_POSE = Topic("poses/{name}", m.SavedPose, "tour", "stored", Qos.STATE, Kind.STORED)
 TOURS = Topic("tours", m.Tours, "tour", "on change", Qos.STATE)
 STORED_TOUR = Topic("tours/{name}", m.Tour, "tour", "stored", Qos.STATE, Kind.STORED)
-TOUR = Topic("tour", m.TourStatus, "tour", "on change, 1 Hz on a trip", Qos.STATE, real_time=True)
+TOUR = Topic(
+    "tour",
+    m.TourStatus,
+    "tour",
+    "on change, 1 Hz on a trip",
+    Qos.STATE,
+    real_time=True,
+    when_driving=True,
+)
 MARKER = Topic(
     "markers/{ns}/{id}",
     m.Marker,

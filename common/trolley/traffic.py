@@ -115,7 +115,7 @@ class Expected:
 
 
 _NUMBER = r"(\d+(?:\.\d+)?)"
-ON_CHANGE_ONLY = ("on change", "on change, 1 Hz on a trip", "if any", "stored", "while it runs")
+ON_CHANGE_ONLY = ("on change", "if any", "stored", "while it runs")
 
 
 def expected(topic: Topic[Any]) -> Expected:
@@ -131,7 +131,7 @@ def expected(topic: Topic[Any]) -> Expected:
         return Expected(is_each_scan=True)
     if found := re.fullmatch(rf"(?:on change, )?at most {_NUMBER} Hz", words):
         return Expected(high=float(found[1]))
-    if found := re.fullmatch(rf"on change, {_NUMBER} Hz", words):
+    if found := re.fullmatch(rf"on change, {_NUMBER} Hz(?: on a trip)?", words):
         return Expected(low=float(found[1]))
     if found := re.fullmatch(rf"{_NUMBER} Hz", words):
         return Expected(low=float(found[1]), high=float(found[1]))

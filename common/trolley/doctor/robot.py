@@ -14,11 +14,12 @@ from trolley.messages import (
     PoseEstimate,
     Proposal,
     Robot,
+    TourStatus,
 )
 from trolley.messages.motion import PROTOCOL
 from trolley.topics import Kind, Topic
 from trolley.traffic import Expected, Flow, expected
-from trolley.under_way import GOAL_GOES
+from trolley.under_way import GOAL_GOES, TRIP_GOES
 
 NEEDED = ("base", "localizer", "planner", "tour")
 SLOW, FAST = 0.7, 1.5
@@ -57,6 +58,7 @@ class RobotFacts:
     base: BaseState | None = None
     pose: PoseEstimate | None = None
     goal: GoalStatus | None = None
+    trip: TourStatus | None = None
     proposals: Sequence[Proposal] = ()
     """What base has found wrong with robot.toml."""
     needs_map: bool = True
@@ -268,6 +270,8 @@ def _is_due(topic: Topic[Any], facts: RobotFacts) -> bool:
     """Whether a topic is to be expected from this robot, in what it does now."""
     if topic.when_simulated:
         return facts.robot is not None and facts.robot.simulated
+    if topic is topics.TOUR:
+        return facts.trip is not None and facts.trip.state in TRIP_GOES
     if topic.when_driving and topic.num_parts == 0:
         return facts.goal is not None and facts.goal.state in GOAL_GOES
     return facts.needs_map or topic.first_owner != "localizer"
@@ -292,10 +296,10 @@ def _wanted(topic: Topic[Any], facts: RobotFacts) -> Expected:
     if wanted.is_each_scan:
         scan = facts.flows.get(topics.SCAN.name)
         return Expected(low=None if scan is None else scan.hz)
-    if topic.real_time:
-        return wanted
     if topic.when_driving and not _is_due(topic, facts):
         wanted = Expected(high=wanted.high)
+    if topic.real_time:
+        return wanted
     times = facts.rate
     return Expected(
         None if wanted.low is None else wanted.low * times,

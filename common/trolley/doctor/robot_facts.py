@@ -67,6 +67,7 @@ def listen(
                 base=robot.latest(topics.BASE),
                 pose=robot.latest(topics.POSE),
                 goal=robot.latest(topics.GOAL),
+                trip=robot.latest(topics.TOUR),
                 proposals=() if proposals is None else proposals.proposals,
                 needs_map=needs_map,
                 needs_mqtt=name == with_mqtt,

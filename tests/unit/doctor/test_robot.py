@@ -20,6 +20,7 @@ from trolley.messages import (
     PoseEstimate,
     Proposal,
     Robot,
+    TourStatus,
 )
 from trolley.traffic import Flow
 
@@ -239,6 +240,14 @@ def test_the_goal_is_due_only_while_the_robot_drives() -> None:
     assert ["goal is not published" in one.sentence for one in bad(drives)] == [True]
     assert bad(with_flow("goal", 5.0, drives)) == []
     assert bad(replace(GOOD, goal=GoalStatus(stamp_ns=1, id="a", state="arrived"))) == []
+
+
+def test_the_trip_is_due_only_while_it_goes_on() -> None:
+    trip = TourStatus(stamp_ns=1, name="round", trip="a", state="dwelling")
+    goes = replace(without(GOOD, "tour"), trip=trip)
+    assert ["tour is not published" in one.sentence for one in bad(goes)] == [True]
+    assert bad(with_flow("tour", 1.0, goes)) == []
+    assert bad(replace(goes, trip=msgspec.structs.replace(trip, state="paused"))) == []
 
 
 def test_what_others_publish_may_be_named_freely() -> None:
