@@ -201,8 +201,7 @@ def status_text(status: MappingStatus) -> str:
     if status.loose:
         scans = "1 scan that hangs" if status.loose == 1 else f"{status.loose} scans that hang"
         text += f", {scans} loose"
-    message = status.message.replace("tell it to continue", "`trolley map explore` continues it")
-    return f"{text}. {message}" if message else text
+    return f"{text}. {status.message}" if status.message else text
 
 
 def _control(

@@ -155,11 +155,7 @@ def _row(saved: SavedPose) -> tuple[str, ...]:
 def delete_pose(name: str, as_json: bool) -> None:
     """Delete the saved place NAME."""
     with one_robot() as robot:
-        try:
-            deleted = robot.ask(requests.POSES_DELETE, request_params.Named(name=name))
-        except Refused as refused:
-            message = refused.message.replace("There is no ", "There is no saved place ", 1)
-            raise Refused(refused.code, message, **refused.details) from refused
+        deleted = robot.ask(requests.POSES_DELETE, request_params.Named(name=name))
     if as_json:
         print_json(deleted)
     else:

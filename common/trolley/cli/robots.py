@@ -99,8 +99,8 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
 def _report(error: Exception, *, wants_json: bool) -> None:
     match error:
         case Refused():
-            text = error.message.replace("`replace`", "`--replace`")
-            code, text, details = error.code, f"{text} ({error.code})", error.details
+            code, text = error.code, f"{error.message} ({error.code})"
+            details = error.details
         case SeveralRobots():
             code, text, details = "several_robots", _list_robots(error), {"robots": error.names}
         case RobotUnreachable():

@@ -211,7 +211,7 @@ def test_a_mapper_that_comes_back_says_that_exploring_waits(
     stage.bus.add(MapperService(stage.config))
     stage.bus.run(1.0)
     assert stage.status.state == "mapping"
-    assert "tell it to continue" in stage.status.message
+    assert "`trolley map explore` continues it" in stage.status.message
 
 
 def test_a_mirror_that_was_seen_is_known_to_a_mapper_that_comes_back_and_to_who_explores_again(

@@ -51,11 +51,5 @@ def test_the_status_counts_the_scans(scans: int, said: str) -> None:
     assert mapping.status_text(replace(MAKING, scans=scans)).endswith(said)
 
 
-def test_exploring_that_is_paused_is_continued_by_a_command() -> None:
-    status = replace(MAKING, message="Exploring is paused; tell it to continue.")
-    said = "Exploring is paused; `trolley map explore` continues it."
-    assert mapping.status_text(status).endswith(said)
-
-
 def test_a_map_of_which_nothing_is_heard_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "Discard the map that is being made?" in cancel(monkeypatch, None, "n\n")

@@ -8,7 +8,7 @@ from msgspec import Struct
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import SavedPose
-from trolley_tour.stored.checks import PosesFile, with_item, without_item
+from trolley_tour.stored.checks import PosesFile, with_item
 from trolley_tour.stored.named_store import NamedStore
 
 
@@ -20,6 +20,7 @@ class SlowDisk:
         self.num_published = 0
         self.answers: list[str] = []
         self.store: NamedStore[SavedPose] = NamedStore(
+            "saved place",
             lambda poses: PosesFile(poses=poses),
             self.save,
             self.publish,
@@ -40,7 +41,7 @@ class SlowDisk:
         self.store.change(lambda items: (with_item(items, pose), pose), self.answer)
 
     def delete(self, name: str) -> None:
-        self.store.change(lambda items: without_item(items, name), self.answer)
+        self.store.delete(name, self.answer)
 
     def finish(self, problem: str | None = None) -> list[str]:
         names, then = self.waiting.pop(0)

@@ -8,17 +8,14 @@ AT_HOME = "It is back where it began."
 TOO_LONG = "It took too long."
 STOOD = "It did not get on, although the map shows nothing in its way."
 SHUT_IN = "Exploring is paused: the robot is boxed in and has no room to drive anywhere."
+_GO_ON = "`trolley map explore` continues it."
 PAUSES = {
     codes.STOPPED: "Exploring is paused: the robot was stopped; resume it, then exploring.",
-    codes.TAKEN_OVER: (
-        "Exploring is paused: somebody else is driving the robot; tell it to continue."
-    ),
-    codes.RESTARTED: "Exploring is paused: the robot was restarted; tell it to continue.",
-    codes.OTHER_GOAL: (
-        "Exploring is paused: somebody sent the robot elsewhere; tell it to continue."
-    ),
-    codes.CANCELED: "Exploring is paused: its goal was canceled; tell it to continue.",
-    codes.PAUSED: "Exploring is paused; tell it to continue.",
+    codes.TAKEN_OVER: f"Exploring is paused: somebody else is driving the robot; {_GO_ON}",
+    codes.RESTARTED: f"Exploring is paused: the robot was restarted; {_GO_ON}",
+    codes.OTHER_GOAL: f"Exploring is paused: somebody sent the robot elsewhere; {_GO_ON}",
+    codes.CANCELED: f"Exploring is paused: its goal was canceled; {_GO_ON}",
+    codes.PAUSED: f"Exploring is paused; {_GO_ON}",
     codes.LOST: "Exploring is paused: the robot does not know where it is on the new map.",
     codes.NOT_CONVERGED: "Exploring is paused: the robot is not sure where it is on the new map.",
 }

@@ -189,7 +189,7 @@ def with_item(items: Mapping[str, T], item: T) -> dict[str, T]:
     return changed
 
 
-def without_item(items: Mapping[str, T], name: str) -> tuple[dict[str, T], T]:
+def without_item(items: Mapping[str, T], name: str, kind: str) -> tuple[dict[str, T], T]:
     """The values without the one called `name`, and that one.
 
     Raises:
@@ -198,7 +198,8 @@ def without_item(items: Mapping[str, T], name: str) -> tuple[dict[str, T], T]:
     rest = dict(items)
     found = rest.pop(canonical(name), None)
     if found is None:
-        raise Refused(codes.UNKNOWN_NAME, f"There is no {name!r}. {did_you_mean(name, items)}")
+        hint = did_you_mean(name, items)
+        raise Refused(codes.UNKNOWN_NAME, f"There is no {kind} {name!r}. {hint}")
     return rest, found
 
 
@@ -228,7 +229,7 @@ def find_place(poses: Mapping[str, SavedPose], name: str, map_name: str | None) 
     saved = poses.get(canonical(name))
     if saved is None:
         hint = did_you_mean(name, poses)
-        raise Refused(codes.UNKNOWN_NAME, f"There is no saved pose {name!r}. {hint}", name=name)
+        raise Refused(codes.UNKNOWN_NAME, f"There is no saved place {name!r}. {hint}", name=name)
     if map_name is not None and saved.map != map_name:
         raise Refused(
             codes.WRONG_MAP,

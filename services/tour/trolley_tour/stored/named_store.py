@@ -26,15 +26,21 @@ class NamedStore(Generic[T]):
     """The values by name.
 
     Args:
+        kind: What one of them is called.
         to_file: Makes the file's content of them.
         save: Saves it.
         on_change: Called after a change was saved.
     """
 
     def __init__(
-        self, to_file: Callable[[list[T]], Struct], save: Save, on_change: Callable[[], None]
+        self,
+        kind: str,
+        to_file: Callable[[list[T]], Struct],
+        save: Save,
+        on_change: Callable[[], None],
     ) -> None:
         self.items: dict[str, T] = {}
+        self._kind = kind
         self._to_file = to_file
         self._save = save
         self._on_change = on_change
@@ -55,7 +61,7 @@ class NamedStore(Generic[T]):
 
     def delete(self, name: str, answer: Answer[T]) -> None:
         """Delete a value; `answer` gets it, or a refusal."""
-        self.change(lambda items: without_item(items, name), answer)
+        self.change(lambda items: without_item(items, name, self._kind), answer)
 
     def _save_pending(self) -> None:
         pending, self._pending = self._pending, []

@@ -27,6 +27,7 @@ class Places:
         self._robot = robot
         self._wishes = WishLog(service, "poses")
         self._store: NamedStore[SavedPose] = NamedStore(
+            "saved place",
             lambda poses: checks.PosesFile(poses=poses),
             lambda content, then: files.save(POSES_FILE, content, then),
             self._publish,

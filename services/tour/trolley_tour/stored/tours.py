@@ -27,6 +27,7 @@ class Tours:
         self._robot = robot
         self._wishes = WishLog(service, "tours")
         self._store: NamedStore[Tour] = NamedStore(
+            "tour",
             lambda tours: checks.ToursFile(tours=tours),
             lambda content, then: files.save(TOURS_FILE, content, then),
             self._publish,
