@@ -31,15 +31,21 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
     return numbers
 
 
-@click.command(name="go", cls=NumbersCommand)
-@click.argument("where", nargs=-1, required=True, metavar="NAME | X Y [YAW]")
-@click.option("--deg", is_flag=True, help="YAW is in degrees.")
-@click.option(
+_speed = click.option(
     "--speed",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="M/S",
     help="Highest speed.",
 )
+_frame = click.option(
+    "--frame", metavar="NAME", help="The frame of X and Y [default: the planner's]."
+)
+
+
+@click.command(name="go", cls=NumbersCommand)
+@click.argument("where", nargs=-1, required=True, metavar="NAME | X Y [YAW]")
+@click.option("--deg", is_flag=True, help="YAW is in degrees.")
+@_speed
 @click.option(
     "--xy-tolerance",
     type=click.FloatRange(min=request_params.FINEST_XY_M),
@@ -52,7 +58,7 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
     metavar="RADIANS",
     help="How near the heading has to be [default: 0.05].",
 )
-@click.option("--frame", metavar="NAME", help="The frame of X and Y [default: the planner's].")
+@_frame
 @click.option("--any", "anyone", is_flag=True, help="Send the nearest free robot.")
 @click.option("--preview", is_flag=True, help="Only say how long it would take.")
 @click.option("--no-wait", is_flag=True, help="Send the goal and return.")
@@ -85,12 +91,7 @@ def go_command(
             _preview(robot, goal, as_json=as_json)
             return
         status = _drive(robot, requests.GOAL_SEND, goal, timeout, waits=not no_wait)
-    if as_json:
-        print_json(status)
-    elif no_wait:
-        say(f"goal {status.id}: {status.state}")
-    else:
-        say(_ending(status))
+    _say(status, is_over=not no_wait, as_json=as_json)
     if not no_wait and status.state != "arrived":
         raise SystemExit(exits.FAILED)
 
@@ -160,6 +161,13 @@ def _progress_text(status: GoalStatus) -> str:
     return f"{text}: {status.message}" if status.message else text
 
 
+def _say(status: GoalStatus, *, is_over: bool, as_json: bool) -> None:
+    if as_json:
+        print_json(status)
+    else:
+        say(_ending(status) if is_over else f"goal {status.id}: {status.state}")
+
+
 def _ending(status: GoalStatus) -> str:
     after = f"after {seconds_text(status.elapsed)}"
     if status.state == "arrived":
@@ -175,13 +183,8 @@ def _ending(status: GoalStatus) -> str:
     type=click.FloatRange(0.8, 2.0),
     help="How far behind them to stay, in m [default: 1.2].",
 )
-@click.option(
-    "--speed",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="M/S",
-    help="Highest speed.",
-)
-@click.option("--frame", metavar="NAME", help="The frame of X and Y [default: the planner's].")
+@_speed
+@_frame
 @click.option("--no-wait", is_flag=True, help="Begin to follow and return.")
 @click.option(
     "--timeout",
@@ -205,12 +208,7 @@ def follow_command(
     with one_robot() as robot:
         person = person_at(point or None, **options)
         status = _drive(robot, requests.GOAL_FOLLOW, person, timeout, waits=not no_wait)
-    if as_json:
-        print_json(status)
-    elif no_wait:
-        say(f"goal {status.id}: {status.state}")
-    else:
-        say(_ending(status))
+    _say(status, is_over=not no_wait, as_json=as_json)
     if not no_wait:
         raise SystemExit(exits.FAILED)
 
@@ -223,7 +221,4 @@ def cancel_command(as_json: bool) -> None:
     """Cancel the current goal; the robot stops, and a trip under way is paused."""
     with one_robot() as robot:
         status = robot.cancel()
-    if as_json:
-        print_json(status)
-    else:
-        say(f"goal {status.id}: {status.state}")
+    _say(status, is_over=False, as_json=as_json)

@@ -126,57 +126,36 @@ def router(
     )
 
 
-def _issue_client(
-    keyring: Keyring, role: Role, name: str, days: int, replace: bool, as_json: bool
-) -> None:
-    keys = keyring.issue(role, name, _until(days), replace=replace)
-    if as_json:
-        print_json(_made(keys.folder, _certificate(keys)))
-        return
-    routers = [one for one in keyring.certificates() if one.role == "router"]
-    host = routers[0].hosts[0] if routers and routers[0].hosts else "HOST"
-    _say_made(keys)
-    say_block(
-        f"Copy the folder's files to that host:\n{_copying(keys)}\n"
-        f'Add to its robot.toml:\n  [zenoh]\n  uplink = ["tls/{host}:{ROUTER_TLS_PORT}"]'
-    )
-    _say_routers(routers)
+def _add_client_command(role: Role, text: str) -> None:
+    """Add the command that makes keys for a host of a role."""
+
+    @keys_command.command(name=role, help=text)
+    @click.argument("name")
+    @_days
+    @_replace
+    @json_option
+    @click.pass_obj
+    @_reports
+    def issue(keyring: Keyring, name: str, days: int, replace: bool, as_json: bool) -> None:
+        keys = keyring.issue(role, name, _until(days), replace=replace)
+        if as_json:
+            print_json(_made(keys.folder, _certificate(keys)))
+            return
+        routers = [one for one in keyring.certificates() if one.role == "router"]
+        host = routers[0].hosts[0] if routers and routers[0].hosts else "HOST"
+        _say_made(keys)
+        say_block(
+            f"Copy the folder's files to that host:\n{_copying(keys)}\n"
+            f'Add to its robot.toml:\n  [zenoh]\n  uplink = ["tls/{host}:{ROUTER_TLS_PORT}"]'
+        )
+        _say_routers(routers)
 
 
-@keys_command.command(name="robot")
-@click.argument("name")
-@_days
-@_replace
-@json_option
-@click.pass_obj
-@_reports
-def robot(keyring: Keyring, name: str, days: int, replace: bool, as_json: bool) -> None:
-    """Make keys for the robot NAME, which is `[robot] name` in its robot.toml."""
-    _issue_client(keyring, "robot", name, days, replace, as_json)
-
-
-@keys_command.command(name="operator")
-@click.argument("name")
-@_days
-@_replace
-@json_option
-@click.pass_obj
-@_reports
-def operator(keyring: Keyring, name: str, days: int, replace: bool, as_json: bool) -> None:
-    """Make keys for a host that may watch and command all robots."""
-    _issue_client(keyring, "operator", name, days, replace, as_json)
-
-
-@keys_command.command(name="viewer")
-@click.argument("name")
-@_days
-@_replace
-@json_option
-@click.pass_obj
-@_reports
-def viewer(keyring: Keyring, name: str, days: int, replace: bool, as_json: bool) -> None:
-    """Make keys for a host that may watch all robots, and stop them."""
-    _issue_client(keyring, "viewer", name, days, replace, as_json)
+_add_client_command(
+    "robot", "Make keys for the robot NAME, which is `[robot] name` in its robot.toml."
+)
+_add_client_command("operator", "Make keys for a host that may watch and command all robots.")
+_add_client_command("viewer", "Make keys for a host that may watch all robots, and stop them.")
 
 
 @keys_command.command(name="remove")

@@ -18,9 +18,6 @@ from trolley.messages import OccupancyGrid, Zone
 from trolley.messages.arrays import arrays_of
 from trolley.zones import LINE_KINDS
 
-LOAD_S, POLL_S = 60.0, 0.5
-"""How long a map may take to be read by a small computer, and how often it is asked for."""
-
 
 @click.group(
     name="map",

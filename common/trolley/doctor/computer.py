@@ -4,7 +4,7 @@ import dataclasses
 
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 
-MB, GB = 10**6, 10**9
+MB = 10**6
 OLDEST_PYTHON, NEWEST_PYTHON = (3, 11), (3, 13)
 FIRST_YEAR, LAST_YEAR = 2026, 2100
 """A clock that says less or more was never set."""

@@ -22,7 +22,6 @@ MAP = "map"
 ODOM = "odom"
 BASE = "base_link"
 LASER = "laser"
-GRID = "grid"
 
 
 class Link(msgspec.Struct, frozen=True):

@@ -252,7 +252,6 @@ class MicroRosClient:
         self._best_effort = 0
         self._statuses: dict[int, int] = {}
         self._session_status: int | None = None
-        self._pong: int | None = None
         self._synchronized = False
 
     def resume(self, number: int, expected: int) -> None:

@@ -37,7 +37,6 @@ class _Mark:
     remaining_m: float
     pose: Pose2D
     odom: Pose2D
-    travelled_m: float = 0.0
     wheels_m: float = 0.0
     turned_rad: float = 0.0
     yaw: float = 0.0
@@ -81,7 +80,6 @@ class ProgressChecker:
         if mark is None or last is None:
             self._mark = _Mark(now_ns, remaining_m, frame_T_base, odom_T_base, yaw=frame_T_base.yaw)
             return None
-        mark.travelled_m += last[0].distance_to(frame_T_base)
         mark.wheels_m += last[1].distance_to(odom_T_base)
         turn = abs(wrap_angle(frame_T_base.yaw - last[0].yaw))
         mark.turned_rad += turn

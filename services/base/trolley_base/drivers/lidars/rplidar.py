@@ -41,7 +41,6 @@ START_STANDARD = b"\xa5\x20"
 SAMPLERATE = bytes.fromhex("A55A 0400 0000 15")
 ANSWER, DESCRIPTOR_BYTES = b"\xa5\x5a", 5
 STANDARD_STREAM = bytes.fromhex("0500 0040 81")
-EXPRESS_STREAM = bytes.fromhex("5400 0040 82")
 EXPRESS_SCAN, GET_CONFIGURATION, SET_PWM, SET_RPM = 0x82, 0x84, 0xF0, 0xA8
 SAMPLE_US, TYPICAL_MODE, DESIRED_ROTATION = 0x71, 0x7C, 0x01
 """Keys of the configuration: 1/256 us for a sample of a mode; a mode; rpm."""

@@ -67,7 +67,6 @@ class StreamingLidar:
         self._clock = SampleClock()
         self._sensor_s = 0.0
         self._reported_hz: float | None = None
-        self._short_turns = 0
         self._begun_ns = self._stream_ns = 0
         self._bytes_ns = self._frame_ns = self._turn_ns = -REOPEN_NS
         self._was_up = False
