@@ -301,10 +301,6 @@ class Localizer:
         self._rest.end()
         self.map_watch.set_mirrors(polylines)
 
-    def suspect_mirrors(self, polylines: Sequence[NDArray[np.float64]]) -> None:
-        """Suspect mirrors that were seen before, as in `set_mirrors`, until they are known."""
-        self.map_watch.suspect(polylines)
-
     def pose_problem(self, map_T_base: Pose2D) -> PoseProblem | None:
         """Say why the robot cannot be at a pose, or None."""
         pose = self.field.to_cells(map_T_base)

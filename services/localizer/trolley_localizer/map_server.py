@@ -296,7 +296,7 @@ class MapServer:
         self._lease.end_with_map(params.name)
         self._gone = ""
         self._use(result)
-        result.localizer.suspect_mirrors([np.array(line) for line in params.mirrors])
+        result.localizer.map_watch.suspect([np.array(line) for line in params.mirrors])
         if pose is not None and result.localizer.pose_problem(pose) is None:
             result.localizer.set_pose(pose)
         chosen = ChosenMap(name=result.name, configured=self._store.configured_name)

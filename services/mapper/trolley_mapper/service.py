@@ -26,7 +26,7 @@ class MapperService(Service):
     name = "mapper"
 
     def __init__(self, config: RobotConfig) -> None:
-        self._mapping = Mapping(self, config, on_end=self._stop_exploring)
+        self._mapping = Mapping(self, config, on_end=lambda: self._explore.end())
         self._explore = ExploreService(self, config.mapper, self._mapping)
         self._idle_since_ns = 0
         self._starter = MapStarter(
@@ -75,6 +75,3 @@ class MapperService(Service):
         elif self.monotonic_ns - self._idle_since_ns >= IDLE_NS:
             self.log.info("Beginning anew to give memory back")
             self.is_spent = True
-
-    def _stop_exploring(self) -> None:
-        self._explore.end()

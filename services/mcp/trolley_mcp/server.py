@@ -65,7 +65,7 @@ def make_server(
             _check(tool, settings)
             if tool.name == STOP:  # whatever the arguments are, and however much is asked
                 return result_of(await tool.run(Call(robot, settings, _silent), None))
-            limits.check(monotonic_s(), is_command=tool.is_command)
+            limits.check(monotonic_s(), is_command=tool.role == "operator")
             limits.num_in_progress += 1
             try:
                 decoded = _decoded(tool, params.arguments or {})

@@ -132,9 +132,7 @@ class Tool:
     params: type[_Params]
     run: Callable[[Call, Any], Awaitable[Answer]]
     role: Role = "viewer"
-    """The least role that may call it."""
-    is_command: bool = False
-    """Whether it asks the robot to do something; those are rarer than looks."""
+    """The least role that may call it: what an operator may asks the robot to do something."""
 
 
 # Looking.
@@ -504,7 +502,6 @@ _TABLE = (
         DriveParams,
         _go,
         "operator",
-        is_command=True,
     ),
     Tool(
         "start_tour",
@@ -512,7 +509,6 @@ _TABLE = (
         TourParams,
         _start_tour,
         "operator",
-        is_command=True,
     ),
     Tool(
         "cancel",
@@ -520,7 +516,6 @@ _TABLE = (
         NoParams,
         _cancel,
         "operator",
-        is_command=True,
     ),
     Tool(
         "save_place",
@@ -528,7 +523,6 @@ _TABLE = (
         NewPlaceParams,
         _save_place,
         "operator",
-        is_command=True,
     ),
     Tool(
         "resume",
@@ -536,7 +530,6 @@ _TABLE = (
         NoParams,
         _resume,
         "operator",
-        is_command=True,
     ),
     Tool(
         "start_map",
@@ -544,7 +537,6 @@ _TABLE = (
         MapNameParams,
         _start_map,
         "operator",
-        is_command=True,
     ),
     Tool(
         "finish_map",
@@ -552,7 +544,6 @@ _TABLE = (
         NoParams,
         _finish_map,
         "operator",
-        is_command=True,
     ),
     Tool(
         "cancel_map",
@@ -560,7 +551,6 @@ _TABLE = (
         NoParams,
         _cancel_map,
         "operator",
-        is_command=True,
     ),
 )
 TOOLS: dict[str, Tool] = {tool.name: tool for tool in _TABLE}

@@ -103,7 +103,7 @@ class CurrentGoal:
         message: str | None = None,
     ) -> None:
         """Enter a state of the current goal, or stay in it."""
-        self.board.set(state, reason, now_ns, message, self._details(now_ns))
+        self.board.set(state, reason, now_ns, message, self._details())
 
     def pause(self, reason: str, now_ns: int, message: str | None = None) -> None:
         """Stop, and keep the goal."""
@@ -119,7 +119,7 @@ class CurrentGoal:
         blocked: Sequence[tuple[float, float]] = (),
     ) -> None:
         """Close the current goal; `blocked` are places that it ended for."""
-        details = self._details(now_ns)
+        details = self._details()
         if details is not None and blocked:
             details = msgspec.structs.replace(details, blocked=list(blocked))
         self.board.set(state, reason, now_ns, message, details)
@@ -130,7 +130,7 @@ class CurrentGoal:
 
     def status(self, now_ns: int) -> GoalStatus:
         """Return the status of the current goal."""
-        return self.board.snapshot(now_ns, self._details(now_ns))
+        return self.board.snapshot(now_ns, self._details())
 
     def status_of(self, goal_id: str, now_ns: int) -> GoalStatus | None:
         """Return the status of one of the last goals, None if it is not known."""
@@ -158,7 +158,7 @@ class CurrentGoal:
         stamp_ns = self._motion_state.commanded_ns
         return wire.trajectory_message(self.execution.context, self._inputs.frame, stamp_ns)
 
-    def _details(self, now_ns: int) -> GoalStatus | None:
+    def _details(self) -> GoalStatus | None:
         """Return distance, time and obstacles on the way to the goal for a status."""
         motion = self._motion_state.motion()
         if self.execution is None or motion is None or self.board.goal is None:

@@ -17,13 +17,11 @@ from trolley_viz.words.sentences import Tone
 
 MAX_TEXT = 10_000
 """No person types more characters than that into a field."""
+MAX_MOVE = 1000
+"""No list on a page is longer."""
 
 V = TypeVar("V", str, float, bool)
 Act = Callable[[], None]
-
-
-MAX_MOVE = 1000
-"""No list on a page is longer."""
 
 
 class NotThere(Exception):
