@@ -317,7 +317,14 @@ def test_a_robot_that_nobody_closes_does_not_hang_python_s_end(
     add_robot: Callable, endpoint: str
 ) -> None:
     add_robot("one")
-    program = f"from trolley import Robot; r = Robot(connect={endpoint!r}); r.pose(); print(r)"
+    program = f"""
+from trolley import Robot, topics
+robot = Robot(connect={endpoint!r})
+robot.on(topics.ODOM, id)
+waits = robot.subscribe(topics.POSE)
+robot.now_ns()
+print(robot.pose(), robot)
+"""
     done = subprocess.run(
         [sys.executable, "-c", program],
         capture_output=True,

@@ -10,6 +10,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -129,6 +130,7 @@ class Closable(Protocol):
 
 
 Opened = TypeVar("Opened", bound=Closable)
+T = TypeVar("T")
 
 
 def open_answering(open_one: Callable[[], Opened], answers: Callable[[], bool]) -> Opened:
@@ -380,7 +382,7 @@ class ZenohBus:
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
 
         handler = _handler(receive, None, is_direct=self._puts_directly)
-        subscriber = self._session.declare_subscriber(key_expr, handler)
+        subscriber = _as_daemon(lambda: self._session.declare_subscriber(key_expr, handler))
         return _Declared(subscriber.undeclare)
 
     def newest(self, key: str) -> _Newest:
@@ -553,6 +555,24 @@ def _handler(
     if is_direct:
         callback = _known_threads(callback)
     return zenoh.handlers.Callback(callback, on_end, indirect=not is_direct)
+
+
+def _as_daemon(declare: Callable[[], T]) -> T:
+    """Declare on a daemon thread.
+
+    The thread that Zenoh starts for the callbacks is one, too, then. Python waits for all others
+    before it ends, even before it closes the sessions that nobody has closed.
+    """
+    declared: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            declared.set_result(declare())
+        except zenoh.ZError as error:
+            declared.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return declared.result()
 
 
 def _read(payload: zenoh.ZBytes) -> bytes:
