@@ -127,6 +127,7 @@ class Robot:
         RobotUnreachable: No router answers, or no robot, or none of that name, is there.
         SeveralRobots: None was named and there are several.
         ConfigError: The configuration file cannot be used.
+        ValueError: `connect` is no endpoint.
     """
 
     name: str
@@ -551,7 +552,7 @@ class Robot:
         """Save a tour; it replaces one of the same name.
 
         Raises:
-            Refused: `bad_request`, `unknown_name` of a place, `not_saved`.
+            Refused: `bad_request`, `not_saved`. Places need not be saved before the trip.
         """
         return self.ask(requests.TOURS_PUT, tour)
 
@@ -649,7 +650,7 @@ class Robot:
                 if status.state in (*GOAL_ENDS, "idle"):
                     return
                 if _left(deadline) <= 0.0:
-                    raise Refused(codes.TIMEOUT, f"Not there after {timeout:.0f} s.", goal=goal)
+                    raise Refused(codes.TIMEOUT, f"Not there after {timeout:g} s.", goal=goal)
 
     def follow_person(
         self,
@@ -722,7 +723,7 @@ class Robot:
                 if status.state in TRIP_ENDS:
                     return
                 if _left(deadline) <= 0.0:
-                    raise Refused(codes.TIMEOUT, f"Not done after {timeout:.0f} s.", trip=trip)
+                    raise Refused(codes.TIMEOUT, f"Not done after {timeout:g} s.", trip=trip)
 
     # Driving by hand.
     def now_ns(self) -> int | None:

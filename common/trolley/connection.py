@@ -19,6 +19,7 @@ import msgspec
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.config import ConfigError, RobotConfig, find_config, load_host_config
+from trolley.config.robot import why_no_endpoint
 from trolley.messages import BaseState, Clock
 from trolley.ports import ROUTER_PORT
 from trolley.requests import Request
@@ -275,7 +276,7 @@ class Connection:
         """
         asked = {"format": "msgpack", **(parameters or {})}
         selector = ";".join(f"{name}={quote(value, safe='')}" for name, value in asked.items())
-        replies, _ = self._gather(f"{topic.key(robot, *parts)}?{selector}", timeout_s)
+        replies, _ = self._gather(f"{_key(robot, topic, parts)}?{selector}", timeout_s)
         found: dict[tuple[str, ...], M] = {}
         for reply in replies:
             matched = None if reply.is_error else topic.match(reply.key)
@@ -303,7 +304,7 @@ class Connection:
     ) -> Subscription[M]:
         """Listen to a topic, beginning with the latest values if its owner keeps some."""
         subscription = Subscription(topic, most_waiting)
-        key = topic.key(robot, *parts)
+        key = _key(robot, topic, parts)
         subscription.open(self.bus, key)
         if with_latest:
             self.bus.get(
@@ -317,13 +318,20 @@ class Connection:
         return subscription
 
     def publish(self, robot: str, topic: Topic[M], message: M, *parts: str) -> None:
-        """Publish a message; without a router it is dropped, like one that may not be sent."""
+        """Publish a message; without a router it is dropped, like one that may not be sent.
+
+        Raises:
+            ValueError: The key is not that of one value.
+        """
+        key = _key(robot, topic, parts)
+        if has_wildcard(key):
+            raise ValueError(f"to publish {topic.name}, name what varies, without a wildcard")
         payload = codec.encode(message, "msgpack")
-        self.bus.put(topic.key(robot, *parts), payload, codec.MIME["msgpack"], topic.qos)
+        self.bus.put(key, payload, codec.MIME["msgpack"], topic.qos)
 
     def delete(self, robot: str, topic: Topic[Any], *parts: str) -> None:
         """Ask the owner of what is stored to delete it."""
-        self.bus.delete(topic.key(robot, *parts))
+        self.bus.delete(_key(robot, topic, parts))
 
     def listen(self, key_expr: str, callback: Callable[[Sample], None]) -> Closer:
         """Call back, on a thread of the bus, with everything that is published under a key."""
@@ -469,7 +477,11 @@ def find_target(
 
     Raises:
         ConfigError: There is a configuration file, or keys, that cannot be used.
+        ValueError: What is given is no endpoint.
     """
+    for one in connect or ():
+        if why_not := why_no_endpoint(one):
+            raise ValueError(why_not)
     given = Path(config) if config is not None else None
     # Where an endpoint needs keys, the file says where they are.
     path = None if robot and connect and not any(map(is_far, connect)) else find_config(given)
@@ -489,14 +501,28 @@ def find_target(
     return Target(robot or known, tuple(endpoints), keys=keys)
 
 
+def _key(robot: str, topic: Topic[Any], parts: Sequence[str]) -> str:
+    """The key of a topic.
+
+    Raises:
+        ValueError: A part that can stand in none.
+    """
+    for part in parts:
+        if not part or not {"/", "?", "#"}.isdisjoint(part):
+            raise ValueError(f"{topic.name}: {part!r} cannot stand in a key")
+    return topic.key(robot, *parts)
+
+
 def pick_robot(connection: Connection, target: Target) -> str:
     """The robot meant by a target.
 
     Raises:
         SeveralRobots: None was named and several are there.
-        RobotUnreachable: None was named and none is there.
+        RobotUnreachable: None was named and none is there, or no robot can have that name.
     """
     if target.robot is not None:
+        if not topics.names_robot(target.robot):
+            raise connection.unknown_robot(target.robot)
         return target.robot
     names = connection.robots()
     if len(names) == 1:

@@ -208,6 +208,13 @@ def test_without_a_router_or_a_robot_it_is_unreachable(endpoint: str) -> None:
         Robot("nobody", connect=endpoint, connect_timeout=2.0)
 
 
+@pytest.mark.parametrize("address", ["kiwi.local:7448", "kiwi.local", "tls/kiwi.local", ""])
+def test_what_is_no_endpoint_is_named(address: str) -> None:
+    """It was called a router that does not answer."""
+    with pytest.raises(ValueError, match="is not an endpoint"):
+        Robot(connect=address, connect_timeout=0.1)
+
+
 @pytest.mark.parametrize(
     "read",
     [Robot.pose, Robot.scan, Robot.battery, Robot.map, Robot.zones, Robot.places, Robot.tours],

@@ -23,6 +23,7 @@ from trolley.messages import (
     Battery,
     GoalStatus,
     Health,
+    Marker,
     OccupancyGrid,
     SavedPose,
     SavedPoses,
@@ -136,6 +137,25 @@ def test_what_could_be_no_place_is_never_sent(add_robot: Callable, endpoint: str
         with pytest.raises(ValueError, match="BaseState"):
             robot.publish(topics.BASE, BaseState(stamp_ns=-1, mode="ok"))
     assert scripted.sent == []
+
+
+def test_what_is_no_key_is_named_and_not_sent(add_robot: Callable, endpoint: str) -> None:
+    """Zenoh's own exception came, or nothing at all."""
+    add_robot("one")
+    marker = Marker(kind="icon", icon="flag")
+    with Robot(connect=endpoint) as robot:
+        for name in ("", "a/b", "a?", "a#"):
+            with pytest.raises(ValueError, match=r"markers/.*cannot stand in a key"):
+                robot.put_marker(name, "flag", marker)
+            with pytest.raises(ValueError, match="cannot stand in a key"):
+                robot.latest(topics.TF, name)
+        with pytest.raises(ValueError, match="without a wildcard"):
+            robot.put_marker("*", "flag", marker)
+        with pytest.raises(ValueError, match="without a wildcard"):
+            robot.publish(topics.MARKER, marker)
+    for name in ("*", "a?b", "a/b"):
+        with pytest.raises(RobotUnreachable, match="There is only one"):
+            Robot(name, connect=endpoint)
 
 
 def test_a_closed_robot_says_so(add_robot: Callable, endpoint: str) -> None:
