@@ -52,16 +52,18 @@ them, then `get` them. Names are 1 to 64 letters, digits, single spaces, `_`, `-
 
 **Asking.** A request is a `get` on `trolley/<robot>/@do/<request>` with its parameters as payload
 (JSON or msgpack), or in the selector: `…/@do/goal/send?name=living%20room`. The answer comes within
-2 s; a refusal is an error reply `{code, message, details}`.
+2 s; a refusal is an error reply `{code, message, details}`. If the service is not running, the
+`get` ends without any reply.
 
 **Time.** `stamp_ns` is robot time, the clock of `base`; 0 means that the sender has none. A `clock`
 message with another epoch or rate, or one that would shift robot time by more than 2 s from what
 arrival times allow, counts only if a `get` from `base` confirms it; otherwise it is dropped and
 counted as `clock/implausible`.
 
-**Driving.** A velocity command on `cmd_vel/<source>` is dropped, and counted by reason, if its
-stamp is more than 0.5 s older than its arrival, more than 0.2 s ahead of robot time, or not newer
-than that of the source's last command. To hold a velocity, send it with a new stamp 10 to 30 times
+**Driving.** A velocity command on `cmd_vel/<source>` is dropped, and counted by reason, if
+`[base] sources` does not list the source (`teleop`, a person, precedes `planner`), or its stamp is
+more than 0.5 s older than its arrival, more than 0.2 s ahead of robot time, or not newer than that
+of the source's last command. To hold a velocity, send it with a new stamp 10 to 30 times
 a second.
 """
 

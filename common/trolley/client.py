@@ -579,7 +579,8 @@ class Robot:
     ) -> GoalStatus:
         """Drive to a place; with `wait` until it is there. `follow` shows how it goes.
 
-        Ctrl-C while it waits cancels the goal.
+        Ctrl-C while it waits cancels the goal. While the goal is paused, since somebody stopped the
+        robot, say, it goes on waiting: `ask(requests.GOAL_RESUME)` continues the goal.
 
         Args:
             place: a saved place's name, a pose, or x [m], y [m] and perhaps yaw [rad]; without a
