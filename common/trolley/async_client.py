@@ -76,12 +76,13 @@ class AsyncRobot:
         connect_timeout: float = 5.0,
     ) -> None:
         self._connect = functools.partial(Robot, name, connect, config, connect_timeout)
-        self._threads = ThreadPoolExecutor(MOST_CALLS, "robot")
+        self._threads: ThreadPoolExecutor
         self._robot: Robot | None = None
 
     async def __aenter__(self) -> Self:
         """Connect; what `Robot` raises, this raises, too."""
         loop = asyncio.get_running_loop()
+        self._threads = ThreadPoolExecutor(MOST_CALLS, "robot")
         self._robot = await loop.run_in_executor(self._threads, self._connect)
         return self
 

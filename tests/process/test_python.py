@@ -280,6 +280,19 @@ def test_asyncio_drives_streams_and_stops(add_robot: Callable, endpoint: str) ->
     assert scripted.stopped
 
 
+def test_an_async_robot_may_be_opened_again(add_robot: Callable, endpoint: str) -> None:
+    """As a program does that waits for a robot to come back."""
+    add_robot("one")
+
+    async def twice() -> None:
+        one = AsyncRobot("one", connect=endpoint)
+        for _ in range(2):
+            async with one:
+                assert (await one.pose()).state == "localized"
+
+    asyncio.run(twice())
+
+
 def test_a_cancelled_task_cancels_the_goal_that_it_waits_for(
     add_robot: Callable, endpoint: str
 ) -> None:
