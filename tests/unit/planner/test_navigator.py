@@ -196,7 +196,15 @@ def test_a_paused_goal_stands_until_it_is_resumed(ride) -> None:
 @pytest.mark.parametrize(
     ("base", "reason"),
     [
-        (BaseState(stamp_ns=0, mode="stopped", reason="button"), codes.STOPPED),
+        (
+            BaseState(
+                stamp_ns=0,
+                mode="stopped",
+                reason="button",
+                message="Stopped. `trolley resume` lets it drive.",
+            ),
+            codes.STOPPED,
+        ),
         (BaseState(stamp_ns=0, mode="fault", reason="bumper"), codes.BUMPER),
         (BaseState(stamp_ns=0, mode="ok", source="teleop"), codes.TAKEN_OVER),
     ],
@@ -211,6 +219,7 @@ def test_nothing_sets_off_by_itself_after_a_stop_or_a_hand(ride, base, reason) -
     status = drive.navigator.current.status(drive.now_ns)
     assert (status.state, status.reason) == ("paused", reason)
     assert status.message
+    assert "trolley resume" not in status.message, "base has been resumed already"
     assert drive.world.twist.is_zero
 
 

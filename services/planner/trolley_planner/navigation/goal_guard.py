@@ -98,11 +98,14 @@ class GoalGuard:
             return
         if base.is_from_before(self._set_off_ns):
             return
-        if base.mode in ("stopped", "fault"):
-            reason = codes.STOPPED if base.mode == "stopped" else base.reason
+        if base.mode == "stopped":
+            # It stays paused once the robot may drive again, and so does what it says.
+            why = "The robot was stopped; resume the goal to go on."
+            self.pause(codes.STOPPED, now_ns, why)
+        elif base.mode == "fault":
             # What it does just now is for base to say; the goal says why it is paused.
             message = None if base.reason == codes.DOES_NOT_OBEY else base.message or None
-            self.pause(reason or codes.STOPPED, now_ns, message)
+            self.pause(base.reason or codes.STOPPED, now_ns, message)
         elif base.source not in (None, OWN_SOURCE):
             drove_before = before is not None and before.source == base.source
             if not drove_before or now_ns - goal.sent_ns > SETTLED_S * 1e9:
