@@ -99,6 +99,8 @@ LOOK_AGAIN_S = 0.1
 FIND_TIMEOUT_S = 60.0
 CHECKED_WITHIN_S = 3.0
 """How long a pose that was found may be `unsure`, since it is checked against further scans."""
+GIVE_UP_S = 3.0
+"""How long closing waits until the goals are canceled that somebody waits for."""
 LOAD_TIMEOUT_S = 60.0
 """How long a map may take to be read by a small computer."""
 
@@ -184,6 +186,7 @@ class Robot:
         self._connection = connection
         self._end = None
         self._hand = _Hand(connection, name)
+        self._awaited: set[str | None] = set()  # goals, also of those apart
         self._listen_apart()
 
     def _listen_apart(self) -> None:
@@ -196,25 +199,27 @@ class Robot:
         apart = copy.copy(self)
         apart._end = None  # noqa: SLF001
         apart._listen_apart()  # noqa: SLF001
-        self._begin(apart)
-        return apart
-
-    def _begin(self, what: "Subscription[Any] | Robot") -> None:
-        """Note what has to end with this robot."""
         with self._lock:
-            self._begun.add(what)
+            self._begun.add(apart)
             is_late = self._closed.is_set()
         if is_late:
-            what.close()
+            apart.close()
+        return apart
 
     def close(self) -> None:
-        """End the connection, and whatever waits for the robot: that raises RobotUnreachable."""
+        """End the connection, and whatever waits for the robot: that raises RobotUnreachable.
+
+        Goals that `go_to` waits for are canceled.
+        """
         with self._lock:
             self._closed.set()
             begun = list(self._begun)
         for one in begun:
             one.close()
         if self._end is not None:
+            deadline = _deadline(GIVE_UP_S)
+            while self._awaited and _left(deadline) > 0.0:
+                time.sleep(0.01)
             self._end()
 
     def __enter__(self) -> Self:
@@ -270,10 +275,11 @@ class Robot:
             most_waiting: how many messages are kept that are not read yet.
             with_latest: whether it begins with the latest value, however old.
         """
-        subscription = self._open().subscribe(
-            self.name, topic, *parts, most_waiting=most_waiting, with_latest=with_latest
-        )
-        self._begin(subscription)
+        with self._lock:  # so that it is ended, too, if the robot is closed at this moment
+            subscription = self._open().subscribe(
+                self.name, topic, *parts, most_waiting=most_waiting, with_latest=with_latest
+            )
+            self._begun.add(subscription)
         return subscription
 
     def stream(self, topic: Topic[M], *parts: str, timeout: float | None = None) -> Iterator[M]:
@@ -348,6 +354,7 @@ class Robot:
         estimate = self._have(topics.POSE, "There is no pose: the localizer is not running.")
         now_ns = self._open().robot_now_ns(self.name)
         if now_ns is None:
+            self._open()
             raise Refused(codes.STALE, "The pose has no age: base is not running.")
         age_s = (now_ns - estimate.stamp_ns) * 1e-9
         if age_s > STALE_AFTER_S:
@@ -612,12 +619,15 @@ class Robot:
         )
         if not wait:
             return self.ask(requests.GOAL_SEND, goal)
+        self._awaited.add(goal.id)
         try:
             self.ask(requests.GOAL_SEND, goal)
             *_, status = self.follow(goal.id, timeout)
         except (KeyboardInterrupt, _Closed) as error:
             self._give_up(goal.id, error)
             raise
+        finally:
+            self._awaited.discard(goal.id)
         if status.state != "arrived":
             code = status.reason or status.state
             raise Refused(code, status.message or None, goal=status.id)

@@ -7,8 +7,8 @@ import dataclasses
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
@@ -29,7 +29,7 @@ from trolley.runtime.clock_follower import ANSWER_S, told
 from trolley.runtime.endpoints import is_far
 from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import FollowedTime
-from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus
+from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, ZenohError, open_bus
 from trolley.security.host_keys import DEFAULT_FOLDER, HostKeys, KeysError, keys_for
 from trolley.suggestions import did_you_mean
 from trolley.topics import Topic
@@ -49,6 +49,7 @@ MOST_WAITING_BYTES = 64 << 20
 TOKENS_S = (1.0, 10.0)
 """How long the router may take to say who is there, and when it is asked once more."""
 CLOCK_PATIENCE_S = 1.0
+CLOSED = "the connection to the router is closed; open another"
 
 
 class RobotUnreachable(Exception):
@@ -211,8 +212,16 @@ class Connection:
     def bus(self) -> ZenohBus:
         """The open bus."""
         if self._bus is None:
-            raise RobotUnreachable("the connection to the router is closed; open another")
+            raise RobotUnreachable(CLOSED)
         return self._bus
+
+    @contextmanager
+    def using(self) -> Generator[ZenohBus]:
+        """The open bus; another thread may close it meanwhile."""
+        try:
+            yield self.bus
+        except ZenohError as error:
+            raise RobotUnreachable(CLOSED) from error
 
     def ask(
         self, robot: str, request: Request[P, R], params: P, timeout_s: float = ASK_TIMEOUT_S
@@ -305,16 +314,17 @@ class Connection:
         """Listen to a topic, beginning with the latest values if its owner keeps some."""
         subscription = Subscription(topic, most_waiting)
         key = _key(robot, topic, parts)
-        subscription.open(self.bus, key)
-        if with_latest:
-            self.bus.get(
-                f"{key}?format=msgpack",
-                b"",
-                "",
-                GET_TIMEOUT_S,
-                subscription.add_latest,
-                lambda: None,
-            )
+        with self.using() as bus:
+            subscription.open(bus, key)
+            if with_latest:
+                bus.get(
+                    f"{key}?format=msgpack",
+                    b"",
+                    "",
+                    GET_TIMEOUT_S,
+                    subscription.add_latest,
+                    lambda: None,
+                )
         return subscription
 
     def publish(self, robot: str, topic: Topic[M], message: M, *parts: str) -> None:
@@ -327,11 +337,13 @@ class Connection:
         if has_wildcard(key):
             raise ValueError(f"to publish {topic.name}, name what varies, without a wildcard")
         payload = codec.encode(message, "msgpack")
-        self.bus.put(key, payload, codec.MIME["msgpack"], topic.qos)
+        with self.using() as bus:
+            bus.put(key, payload, codec.MIME["msgpack"], topic.qos)
 
     def delete(self, robot: str, topic: Topic[Any], *parts: str) -> None:
         """Ask the owner of what is stored to delete it."""
-        self.bus.delete(_key(robot, topic, parts))
+        with self.using() as bus:
+            bus.delete(_key(robot, topic, parts))
 
     def listen(self, key_expr: str, callback: Callable[[Sample], None]) -> Closer:
         """Call back, on a thread of the bus, with everything that is published under a key."""
@@ -369,7 +381,8 @@ class Connection:
         shown: list[str] = []
         for patience_s in TOKENS_S:
             began_s = time.monotonic()
-            shown = self.bus.alive(key_expr, patience_s)
+            with self.using() as bus:
+                shown = bus.alive(key_expr, patience_s)
             if time.monotonic() - began_s < patience_s:
                 return shown
         if not shown:
@@ -389,7 +402,8 @@ class Connection:
     ) -> tuple[list[Reply], bool]:
         replies: list[Reply] = []
         done = threading.Event()
-        self.bus.get(selector, payload, encoding, timeout_s, replies.append, done.set)
+        with self.using() as bus:
+            bus.get(selector, payload, encoding, timeout_s, replies.append, done.set)
         # Zenoh ends the query by itself at its deadline; the margin is for that to arrive.
         in_time = done.wait(timeout_s + 0.5)
         return list(replies), not in_time
@@ -403,7 +417,7 @@ class RobotTime:
     """
 
     def __init__(self, connection: Connection, robot: str) -> None:
-        self._bus, self._key = connection.bus, topics.CLOCK.key(robot)
+        self._connection, self._key = connection, topics.CLOCK.key(robot)
         self._clocks = connection.subscribe(robot, topics.CLOCK)
         self._time = FollowedTime()
         self._question: _ClockQuestion | None = None
@@ -428,19 +442,20 @@ class RobotTime:
         if self._time.follows(heard.message, arrived_ns):
             self._time.update(heard.message, arrived_ns)
         elif self._question is None:
-            self._question = _ClockQuestion(self._bus, self._key, heard.message, arrived_ns)
+            self._question = _ClockQuestion(self._connection, self._key, heard.message, arrived_ns)
 
 
 class _ClockQuestion:
     """Base is asked for its clock, because a message of it cannot be believed by itself."""
 
-    def __init__(self, bus: ZenohBus, key: str, clock: Clock, arrived_ns: int) -> None:
+    def __init__(self, connection: Connection, key: str, clock: Clock, arrived_ns: int) -> None:
         self.answered = threading.Event()
         self._clock, self._arrived_ns = clock, arrived_ns
         self._replies: list[Reply] = []
         self._answered_ns = 0
         self._asked_s = time.monotonic()
-        bus.get(f"{key}?format=msgpack", b"", "", ANSWER_S, self._replies.append, self._done)
+        with connection.using() as bus:
+            bus.get(f"{key}?format=msgpack", b"", "", ANSWER_S, self._replies.append, self._done)
 
     def settle(self, followed: FollowedTime) -> None:
         """Take in what came of it."""

@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -237,6 +238,64 @@ def test_ctrl_c_cancels_the_goal(
         with pytest.raises(KeyboardInterrupt):
             robot.go_to("kitchen")
     assert scripted.canceled == [scripted.sent[0].id]
+
+
+def test_closing_the_robot_cancels_the_goal_that_a_thread_waits_for(
+    add_robot: Callable, endpoint: str
+) -> None:
+    """The connection was closed before the goal could be canceled."""
+    scripted = add_robot("one", DRIVES_ON)
+    problems: list[RobotUnreachable] = []
+
+    def go() -> None:
+        try:
+            robot.go_to("kitchen")
+        except RobotUnreachable as closed:
+            problems.append(closed)
+
+    with Robot(connect=endpoint) as robot:
+        going = threading.Thread(target=go)
+        going.start()
+        wait_until(lambda: bool(scripted.sent), "it drives")
+    assert scripted.canceled == [scripted.sent[0].id]
+    going.join(PATIENCE_S)
+    assert "this Robot is closed" in str(problems[0])
+    assert not hasattr(problems[0], "__notes__")
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda robot: robot.subscribe(topics.ODOM).close(),
+        lambda robot: robot.put_marker("a", "b", Marker(kind="icon", icon="flag")),
+        Robot.delete_marker,
+        Robot.pose,
+        Robot.resume,
+    ],
+)
+def test_what_goes_on_while_the_robot_is_closed_says_so(
+    add_robot: Callable, endpoint: str, use: Callable
+) -> None:
+    """Zenoh's own exception came."""
+    add_robot("one")
+    closed = threading.Event()
+
+    def go_on(robot: Robot) -> None:
+        while not closed.is_set():
+            try:
+                use(robot)
+            except RobotUnreachable:
+                closed.set()
+
+    for _ in range(10):
+        closed.clear()
+        robot = Robot(connect=endpoint)
+        going_on = threading.Thread(target=go_on, args=(robot,))
+        going_on.start()
+        time.sleep(0.005)
+        robot.close()
+        going_on.join(PATIENCE_S)
+        assert closed.is_set()
 
 
 def test_asyncio_has_all_that_threads_have() -> None:

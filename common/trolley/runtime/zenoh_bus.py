@@ -58,6 +58,10 @@ _PRIORITIES = {
 }
 
 
+ZenohError = zenoh.ZError
+"""What the library raises, such as of a session that another thread has closed."""
+
+
 class NotConnected(Exception):
     """No router answers at the endpoints; the text says what to do."""
 
