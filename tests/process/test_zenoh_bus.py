@@ -1,5 +1,6 @@
 """A real bus: on whose threads it calls back, what leaves the process, and the ends of gets."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -183,3 +184,22 @@ def test_a_bus_tells_whether_a_stream_is_heard(bus: ZenohBus, other: ZenohBus) -
     wait_until(lambda: bus.is_heard(key, ""), "somebody listens")
     closer.close()
     wait_until(lambda: not bus.is_heard(key, ""), "nobody listens any more")
+
+
+def test_no_callback_goes_on_after_the_bus_is_closed(router_endpoint: str, other: ZenohBus) -> None:
+    """Its thread is a daemon: it aborted the process where Python ended meanwhile."""
+    heard: list[str] = []
+
+    def take_long(sample: Sample) -> None:
+        heard.append(sample.key)
+        time.sleep(0.2)
+        heard.append("done")
+
+    with open_bus([router_endpoint], timeout_s=PATIENCE_S) as closing:
+        closing.subscribe("trolley/tester/slow", take_long)
+        wait_until_known(closing, other)
+        for _ in range(MANY):
+            other.put("trolley/tester/slow", b"", "", Qos.STATE)
+        wait_until(lambda: bool(heard), "the first is being taken")
+    assert heard[-1] == "done"
+    assert len(heard) < MANY

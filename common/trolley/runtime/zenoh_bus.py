@@ -48,6 +48,9 @@ ANSWERS_S = 5.0
 NOBODY = "trolley/@nobody"
 """A key that nobody uses: the router's own answer to it is enough."""
 
+CALLBACK_S = 5.0
+"""How long a callback may go on after the session has ended."""
+
 SOCKET_MODE = 0o660
 """A Unix socket is for its owner and its group; Zenoh leaves it to its owner alone."""
 
@@ -322,6 +325,8 @@ class ZenohBus:
         self._publishers: dict[tuple[str, str], zenoh.Publisher] = {}
         self._heard: dict[tuple[str, str], _Heard] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
+        self._is_closed = False
+        self._calling: set[threading.Event] = set()  # a thread for callbacks each, until it ends
 
     @property
     def session(self) -> zenoh.Session:
@@ -329,8 +334,14 @@ class ZenohBus:
         return self._session
 
     def close(self) -> None:
-        """End the session."""
+        """End the session, and wait for the threads that call back.
+
+        They are daemons: one that is still inside Zenoh when Python ends would abort the process.
+        """
+        self._is_closed = True
         self._session.close()
+        for ended in list(self._calling):
+            ended.wait(CALLBACK_S)
 
     def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
         """Publish; without a router it is dropped, and a stream that nobody hears stays here."""
@@ -381,12 +392,28 @@ class ZenohBus:
         """Call back, on one of Zenoh's threads, for each put and delete that matches."""
 
         def receive(sample: zenoh.Sample) -> None:
+            if self._is_closed:
+                return  # what still waits then is many, perhaps
             payload = _read(sample.payload)
             is_delete = not payload and sample.kind == zenoh.SampleKind.DELETE
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
 
-        handler = _handler(receive, None, is_direct=self._puts_directly)
-        subscriber = _as_daemon(lambda: self._session.declare_subscriber(key_expr, handler))
+        if self._puts_directly:
+            handler = _handler(receive, None, is_direct=True)
+            return _Declared(self._session.declare_subscriber(key_expr, handler).undeclare)
+        ended = threading.Event()
+        self._calling.add(ended)
+
+        def end() -> None:
+            self._calling.discard(ended)
+            ended.set()
+
+        handler = _handler(receive, end, is_direct=False)
+        try:
+            subscriber = _as_daemon(lambda: self._session.declare_subscriber(key_expr, handler))
+        except ZenohError:
+            end()  # perhaps there never was a thread
+            raise
         return _Declared(subscriber.undeclare)
 
     def newest(self, key: str) -> _Newest:
