@@ -56,7 +56,7 @@ class BackupError(Exception):
     """It cannot be saved or restored; the text says why, and what has been changed if anything."""
 
 
-class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     """What a backup says about itself."""
 
     format: int
@@ -268,11 +268,16 @@ def _add(
 class Unpacked:
     """A backup that has been read and checked, in a folder beside the state folder.
 
+    Args:
+        source: the backup.
+        state: the state folder.
+        state_only: its robot.toml is not wanted, so it need not be a good one.
+
     Raises:
         BackupError: It is not a backup, is damaged, or contains what no backup contains.
     """
 
-    def __init__(self, source: Path, state: Path) -> None:
+    def __init__(self, source: Path, state: Path, *, state_only: bool = False) -> None:
         try:
             state.parent.mkdir(parents=True, exist_ok=True)
             self._folder = Path(
@@ -282,11 +287,15 @@ class Unpacked:
             raise BackupError(f"{state.parent} cannot be written: {error.strerror}") from error
         try:
             self.manifest = _unpack(source, self._folder)
-            if self.config is not None:
+            if self.config is not None and not state_only:
                 load_config(self.config)
         except ConfigError as error:
             self.close()
-            raise BackupError(f"{source}: its robot.toml cannot be used here: {error}") from error
+            why = str(error).removeprefix(f"{self._folder / CONFIG / CONFIG_FILE}: ")
+            raise BackupError(
+                f"{source}: its robot.toml cannot be used here: {why} --state-only restores "
+                "the rest"
+            ) from error
         except BackupError:
             self.close()
             raise

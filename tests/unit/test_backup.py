@@ -339,6 +339,38 @@ def test_a_robot_toml_that_cannot_be_restored_is_told_with_what_was(tmp_path: Pa
     assert str(aside) in result.output.replace("\n", "")
 
 
+def test_the_state_comes_back_whatever_the_robot_toml_of_the_backup_says(tmp_path: Path) -> None:
+    etc, state = tmp_path / "etc", tmp_path / "state"
+    fill(state)
+    etc.mkdir()
+    (etc / "robot.toml").write_text(ROBOT + "not_known_here = 1\n")
+    save(tmp_path / "b.tar.gz", state, etc / "robot.toml", MADE)
+    words = ["restore", str(tmp_path / "b.tar.gz"), "--state", str(tmp_path / "back")]
+    words += ["--config", str(tmp_path / "robot.toml")]
+    refused = CliRunner().invoke(cli, words)
+    assert refused.exit_code == 1
+    assert "cannot be used here: [robot] unknown key `not_known_here`" in refused.output
+    assert "--state-only restores the rest" in refused.output
+    result = CliRunner().invoke(cli, [*words, "--state-only"])
+    assert result.exit_code == 0
+    assert (tmp_path / "back" / "anna" / "poses.toml").is_file()
+
+
+@pytest.mark.parametrize(("name", "is_told"), [("plum", True), ("anna", False)])
+def test_the_state_of_another_robot_is_restored_with_a_word(
+    tmp_path: Path, name: str, is_told: bool
+) -> None:
+    fill(tmp_path / "state")
+    save(tmp_path / "b.tar.gz", tmp_path / "state", None, MADE)
+    config = tmp_path / "robot.toml"
+    config.write_text(ROBOT.replace("anna", name) + '[zenoh]\nconnect = ["tcp/127.0.0.1:1"]\n')
+    words = ["restore", str(tmp_path / "b.tar.gz"), "--state", str(tmp_path / "back")]
+    result = CliRunner().invoke(cli, [*words, "--config", str(config)])
+    assert result.exit_code == 0
+    assert ("This is the state of anna" in result.output) == is_told
+    assert (f"names the robot {name}" in result.output) == is_told
+
+
 def test_a_state_folder_may_be_named_from_the_present_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -371,6 +403,7 @@ def link(kind: bytes) -> tarfile.TarInfo:
         ({"state/anna/poses.toml": b""}, "not made by"),
         ({MANIFEST: b"format = 9", "state/x": b""}, "not made by"),
         ({MANIFEST: HEAD.replace("1\n", "2\n", 1).encode()}, "newer"),
+        ({MANIFEST: (HEAD.replace("1\n", "2\n", 1) + 'host = "anna"').encode()}, "newer"),
         ({MANIFEST: HEAD.encode(), "state/../../etc/passwd": b""}, "no backup contains"),
         ({MANIFEST: HEAD.encode(), "/etc/passwd": b""}, "no backup contains"),
         ({MANIFEST: HEAD.encode(), "state/Not A Robot/poses.toml": b""}, "no backup contains"),

@@ -13,7 +13,7 @@ from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import print_json
-from trolley.config import ConfigError, find_config
+from trolley.config import ConfigError, find_config, load_host_config
 from trolley.config.load import DEFAULT_PATH
 from trolley.connection import Connection, RobotUnreachable, find_target
 from trolley.runtime.clash import Run, host_name
@@ -111,13 +111,15 @@ def restore_command(file: Path, state_only: bool, state: Path | None, as_json: b
     _refuse_while_running()
     now = datetime.now().astimezone()
     try:
-        unpacked = Unpacked(file, root)
+        unpacked = Unpacked(file, root, state_only=state_only)
         try:
             kept = _put_back(unpacked, root, None if state_only else config, now)
         finally:
             unpacked.close()
     except BackupError as error:
         raise click.ClickException(str(error)) from error
+    if of_another := _of_another_robot(root, config):
+        say(of_another, err=True, fg="yellow")
     if as_json:
         kept_names = [str(path) for path in kept]
         print_json({"file": str(file), "manifest": unpacked.manifest, "kept": kept_names})
@@ -146,6 +148,21 @@ def _put_back(unpacked: Unpacked, root: Path, config: Path | None, now: datetime
                 f"{error}. The state has been restored, robot.toml not or not all of it.{before}"
             ) from error
     return kept
+
+
+def _of_another_robot(root: Path, config: Path) -> str | None:
+    """A sentence where the robot of this robot.toml would find none of its state."""
+    try:
+        name = load_host_config(config).robot.name
+    except ConfigError:
+        return None
+    others = sorted(one.name for one in root.iterdir() if one.is_dir() and one.name != "maps")
+    if not others or name in others:
+        return None
+    return (
+        f"This is the state of {', '.join(others)}, but {config} names the robot {name}: rename "
+        f"{root / others[0]} to {name} before you start the services, or it will know only the maps"
+    )
 
 
 def _refuse_while_running() -> None:
