@@ -27,7 +27,7 @@ class Robot(Struct, frozen=True, kw_only=True):
     `footprint` is a polygon in `base_link` [m]; `max_speed` [m/s], `max_wz` [rad/s] and
     `deceleration` [m/s^2] are the limits that `base` enforces; `mesh` is a glb body or null.
     `delay` is the usual time from a command until odometry shows that the wheels follow it [s],
-    null if nobody has measured it.
+    null if nobody has measured it. `replayed` is a recording that is played: no robot is there.
     """
 
     stamp_ns: StampNs
@@ -42,6 +42,7 @@ class Robot(Struct, frozen=True, kw_only=True):
     mesh: bytes | None = None
     simulated: bool = False
     delay: NonNegative | None = None
+    replayed: bool = False
 
     def __post_init__(self) -> None:
         """Refuse a mesh over 1 MiB."""

@@ -99,7 +99,7 @@ class Replica:
             self._hear(entry)
             return None
         if entry.topic is topics.ROBOT:
-            changed = _changed(entry, name=self.name)
+            changed = _changed(entry, name=self.name, replayed=True)
         elif entry.topic is topics.SIM_TRUTH:
             # A simulation of the recorded world would run into it.
             changed = _changed(entry, world=OTHER_WORLD)
@@ -142,7 +142,7 @@ class Replica:
             return  # whoever listened then did not understand it either
 
 
-def _changed(entry: Entry, **changes: str) -> Entry | None:
+def _changed(entry: Entry, **changes: str | bool) -> Entry | None:
     """An entry with a changed message, None if it cannot be decoded."""
     try:
         message = codec.decode(entry.topic.message, entry.payload, entry.encoding)

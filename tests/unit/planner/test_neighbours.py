@@ -9,7 +9,7 @@ from support.flatland import BOX, Flatland, empty_room
 
 from trolley import codes
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, Path, PoseEstimate
+from trolley.messages import GoalStatus, Path, PoseEstimate, Robot
 from trolley.messages.types import floats_to_bytes
 from trolley_planner.fleet.neighbours import NEIGHBOURS, Neighbours, outline_discs
 
@@ -70,6 +70,24 @@ def test_only_who_is_sure_heard_of_and_on_this_map_counts(others: Neighbours) ->
     assert others.on_map("room", SECOND_NS) == []
     others.update_pose(estimate(1.0), "me", SECOND_NS)
     assert others.on_map("room", SECOND_NS) == []
+
+
+def test_nobody_waits_for_a_recording_that_is_played(others: Neighbours) -> None:
+    played = Robot(
+        stamp_ns=0,
+        name="b",
+        title="b",
+        footprint=[(0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1)],
+        drive="differential",
+        max_speed=0.5,
+        max_wz=1.0,
+        deceleration=1.0,
+        replayed=True,
+    )
+    others.update_robot(played, "b")
+    assert others.on_map("room", SECOND_NS) == []
+    others.update_robot(msgspec.structs.replace(played, replayed=False), "b")
+    assert len(others.on_map("room", SECOND_NS)) == 1
 
 
 def test_where_it_will_be_is_read_from_its_trajectory(others: Neighbours) -> None:

@@ -81,6 +81,7 @@ def test_messages_go_out_as_they_were_but_the_robot_has_its_new_name() -> None:
     assert robot is not None
     renamed = codec.decode(Robot, robot.payload, robot.encoding)
     assert (renamed.name, renamed.title, renamed.footprint) == ("two", ROBOT.title, ROBOT.footprint)
+    assert renamed.replayed  # so that no robot waits for it
 
 
 def test_a_simulation_does_not_take_it_for_a_thing_of_its_world() -> None:

@@ -1,8 +1,9 @@
 """The other robots of the house, by what they report: where they are and will be.
 
 Times are those of arrival on the local monotonic clock: stamps of different robots are never
-compared. Only robots that are on the same map, sure of their pose and heard of lately count; one
-that falls silent is what the lidar sees of it, like anything else that stands or moves.
+compared. Only robots that are on the same map, sure of their pose and heard of lately count, no
+recordings that are replayed; one that falls silent is what the lidar sees of it, like anything else
+that stands or moves.
 """
 
 import math
@@ -88,6 +89,8 @@ class _Heard:
 
     discs: Floats = field(default_factory=lambda: np.array([[0.0, 0.0, 0.2]]))
     """(k, 3) x, y in `base_link`, radius: what its outline is taken for."""
+    is_replayed: bool = False
+    """Whether it is a recording, and nothing stands there."""
     pose: PoseEstimate | None = None
     pose_ns: int = 0
     is_going: bool = False
@@ -108,10 +111,13 @@ class Neighbours:
         self._heard: dict[str, _Heard] = {}
 
     def update_robot(self, robot: Robot, name: str) -> None:
-        """Keep a robot's outline."""
+        """Keep a robot's outline, and whether it is there at all."""
         heard = self._of(name)
+        if heard is None:
+            return
+        heard.is_replayed = robot.replayed
         corners = np.array(robot.footprint, dtype=np.float64)
-        if heard is not None and np.isfinite(corners).all() and np.abs(corners).max() < 5.0:
+        if np.isfinite(corners).all() and np.abs(corners).max() < 5.0:
             heard.discs = outline_discs(corners)
 
     def update_pose(self, pose: PoseEstimate, name: str, arrived_ns: int) -> None:
@@ -155,7 +161,7 @@ class Neighbours:
             heard, estimate = self._heard[name], self._heard[name].pose
             if estimate is None or estimate.pose is None or estimate.map != map_name:
                 continue
-            is_good = estimate.state in ("localized", "unsure", "mapping")
+            is_good = estimate.state in ("localized", "unsure", "mapping") and not heard.is_replayed
             if not is_good or now_ns - heard.pose_ns > NEIGHBOURS.silent_s * 1e9:
                 continue
             pose = estimate.pose
