@@ -4,7 +4,7 @@ import dataclasses
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any, NamedTuple, cast
 
 import lz4.frame
 import zstandard
@@ -22,6 +22,7 @@ from trolley.recording.layout import (
     recorded_topic,
     split_key,
 )
+from trolley.runtime.bus import matches
 from trolley.topics import Topic
 
 NAMED = 6
@@ -66,7 +67,7 @@ class Entry:
 
 @dataclasses.dataclass
 class Damage:
-    """What could not be read of a file."""
+    """What was not read of a file."""
 
     unread_bytes: int = 0
     """At the end."""
@@ -74,6 +75,8 @@ class Damage:
     """In the middle; each holds about a second."""
     lost_messages: int = 0
     """In intact chunks, of channels that were described in damaged ones."""
+    other_robots: set[str] = dataclasses.field(default_factory=set[str])
+    """Whose messages are in the file, too, as in one that was merged."""
 
     def sentences(self) -> list[str]:
         """Sentences about it; none about a file that is intact."""
@@ -90,6 +93,9 @@ class Damage:
                 f"The file was cut or is damaged: its last {self.unread_bytes} bytes "
                 "cannot be read."
             )
+        if self.other_robots:
+            others = ", ".join(sorted(self.other_robots))
+            found.append(f"The file is of several robots; left out: {others}.")
         return found
 
 
@@ -118,19 +124,18 @@ class RecordingFile:
 
     def entries(self) -> Iterator[Entry]:
         """The messages of the wire, in the order of their arrival."""
-        known = {} if self._summary is None else dict(self._summary.channels)
-        rows: dict[int, tuple[str, Topic[Any], str] | None] = {
-            number: _row(channel) for number, channel in known.items()
-        }
+        known = {} if self._summary is None else self._summary.channels
+        rows = {number: _row(channel) for number, channel in known.items()}
         damage = self.damage = Damage()
         for record in _read_records(self.path, damage):
             if isinstance(record, Channel):
                 rows[record.id] = _row(record)
             elif isinstance(record, Message):
                 row = rows.get(record.channel_id)
-                if row is not None:
-                    name, topic, encoding = row
-                    yield Entry(record.log_time, name, topic, record.data, encoding)
+                if row is not None and not matches(row.robot, self.robot):
+                    damage.other_robots.add(row.robot)
+                elif row is not None:
+                    yield Entry(record.log_time, row.name, row.topic, record.data, row.encoding)
                 elif record.channel_id not in rows:
                     damage.lost_messages += 1
 
@@ -158,9 +163,9 @@ class RecordingFile:
             channels = _read_records(self.path, Damage())
         for record in channels:
             if isinstance(record, Channel):
-                found = split_key(record.topic) if _row(record) is not None else None
-                if found is not None:
-                    return found[0]
+                row = _row(record)
+                if row is not None:
+                    return row.robot
                 others.add(record.topic)
         if not others:
             raise BadRecording(f"{self.path}: ends before its first message; nothing can be played")
@@ -177,13 +182,23 @@ class RecordingFile:
             raise BadRecording(f"{self.path}: cannot be read: {error.strerror or error}") from error
 
 
-def _row(channel: Channel) -> tuple[str, Topic[Any], str] | None:
-    """Name, topic and encoding of a channel of the wire, None for any other channel."""
+class _Row(NamedTuple):
+    """What a channel of the wire holds."""
+
+    robot: str
+    """May hold wildcards in the key of a deletion."""
+    name: str
+    topic: Topic[Any]
+    encoding: str
+
+
+def _row(channel: Channel) -> _Row | None:
+    """What a channel of the wire holds, None for any other channel."""
     found = split_key(channel.topic)
     topic = None if found is None else recorded_topic(channel.topic)
     if found is None or topic is None or WIRE not in channel.metadata:
         return None
-    return found[1], topic, channel.metadata[WIRE]
+    return _Row(*found, topic, channel.metadata[WIRE])
 
 
 def read_any(path: Path, damage: Damage) -> Iterator[tuple[Message, Channel, Schema | None]]:

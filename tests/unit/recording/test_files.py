@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from support.cases import cases
-from support.samples import make_clock, make_scan
+from support.samples import make_clock, make_estimate, make_scan
 from support.strategies import instances_of
 
 from trolley import topics
@@ -220,6 +220,20 @@ def test_a_file_that_another_tool_packed_anew_is_read(
         writer.add_message(channel, 1, sample.payload, 1)
         writer.finish()
     assert read(path) == [("scan", sample.payload, "application/msgpack")]
+
+
+def test_of_a_file_of_two_robots_one_is_read(tmp_path: Path) -> None:
+    """As `mcap merge` makes them."""
+    path = tmp_path / "both.mcap"
+    with RecordingWriter(path, "one", {}) as writer:
+        for robot in ("one", "two", "one"):
+            payload = sample_of(topics.POSE, make_estimate(5)).payload
+            writer.add(5, topics.POSE.key(robot), topics.POSE, payload, "application/msgpack", 5)
+        writer.finish()
+    recording = RecordingFile(path)
+    assert recording.robot == "one"
+    assert len(list(recording.entries())) == 2
+    assert recording.damage.sentences() == ["The file is of several robots; left out: two."]
 
 
 def test_files_of_others_are_refused_in_words(tmp_path: Path) -> None:
