@@ -9,6 +9,7 @@ import numpy as np
 import tomli_w
 
 from trolley.cli.demo_robot import Choices
+from trolley.cli.printing import say
 from trolley.config import ConfigError
 from trolley.files import open_file
 from trolley.gridmap import GridMap, MapError, save_map
@@ -31,6 +32,8 @@ def with_recorded(choices: Choices, folder: Path) -> Choices:
     if choices.recording is None or choices.recording.suffix != RECORDED:
         return choices
     drive = _read(choices.recording)
+    for note in drive.notes:
+        say(note, err=True, fg="yellow")
     map_file, start = choices.map_file, choices.start
     if map_file is None:
         if drive.map is None:

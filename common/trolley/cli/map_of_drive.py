@@ -117,7 +117,10 @@ def _read(source: Path, *, as_json: bool) -> "Drive":
     try:
         if source.suffix == RECORDED and source.is_file():
             with contextlib.suppress(ForeignRecording):
-                return read_drive(source)
+                drive = read_drive(source)
+                for note in drive.notes:
+                    say(note, err=True, fg="yellow")
+                return drive
         if bag_command is None:
             raise ConfigError(f"{source}: a ROS bag needs the extra trolley-robot[ros2]")
         with tempfile.TemporaryDirectory() as folder:

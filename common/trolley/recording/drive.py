@@ -36,6 +36,8 @@ class Drive:
     zones: Zones | None = None
     estimate: PoseEstimate | None = None
     """The first one in which the robot knew where it was."""
+    notes: list[str] = dataclasses.field(default_factory=list[str])
+    """Sentences about what of the file is not in it."""
 
     @property
     def seconds(self) -> float:
@@ -70,14 +72,19 @@ def read_drive(path: Path) -> Drive:
     """
     drive = Drive()
     epoch: int | None = None
-    for entry in RecordingFile(path).entries():
+    recording = RecordingFile(path)
+    for entry in recording.entries():
         message = _message(entry)
         if isinstance(message, Clock):
             if epoch not in (None, message.epoch) and drive.scans:
+                drive.notes.append(
+                    f"`base` was restarted after {drive.seconds:.0f} s, where the drive ends."
+                )
                 break
             epoch = message.epoch
         elif message is not None:
             _take(drive, entry, message)
+    drive.notes += recording.damage.sentences()
     _check(path, drive)
     # A scan needs odometry before it; what is stamped twice or backwards is of no use.
     drive.scans = [scan for scan in drive.scans if scan.stamp_ns >= drive.odometry[0].stamp_ns]

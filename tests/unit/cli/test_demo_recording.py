@@ -45,8 +45,14 @@ MAP = OccupancyGrid(
 )
 
 
-def record(path: Path, *, grid: OccupancyGrid | None = MAP, estimate: bool = True) -> Path:
-    """Ten seconds straight on at 0.1 m/s, known at 5 s to be at x = 3.5 m."""
+def record(
+    path: Path,
+    *,
+    grid: OccupancyGrid | None = MAP,
+    estimate: bool = True,
+    restarted_s: float = 99.0,
+) -> Path:
+    """Ten seconds straight on at 0.1 m/s, known at 5 s to be at x = 3.5 m; written each second."""
     with RecordingWriter(path, "one", {}) as writer:
         recorder = Recorder(writer, "one")
 
@@ -63,7 +69,10 @@ def record(path: Path, *, grid: OccupancyGrid | None = MAP, estimate: bool = Tru
             take(topics.ZONES, Zones(stamp_ns=0, map=grid.name, zones=[MIRROR]))
         for step in range(101):
             stamp_ns = step * SECOND_NS // 10
-            take(topics.CLOCK, make_clock(stamp_ns))
+            epoch_ns = round(restarted_s * SECOND_NS)
+            take(topics.CLOCK, make_clock(stamp_ns, epoch=epoch_ns if stamp_ns > epoch_ns else 0))
+            if step % 10 == 0:
+                writer.flush()
             take(topics.ODOM, make_odometry(stamp_ns, 0.01 * step))
             take(topics.SCAN, make_scan(stamp_ns))
             if estimate and step == 50:
@@ -119,6 +128,21 @@ def test_a_map_with_an_evil_name_stays_in_the_folder(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     taken = with_recorded(Choices(recording=record(tmp_path / "x.mcap", grid=evil)), folder)
     assert taken.map_file == folder / "recorded.yaml"
+
+
+def test_what_of_the_file_is_not_played_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = record(tmp_path / "drive.mcap")
+    with_recorded(Choices(recording=whole), tmp_path)
+    assert capsys.readouterr().err == ""
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with_recorded(Choices(recording=cut), tmp_path)
+    assert "The file was cut or is damaged" in capsys.readouterr().err
+    restarted = record(tmp_path / "restarted.mcap", restarted_s=6.0)
+    with_recorded(Choices(recording=restarted), tmp_path)
+    assert "`base` was restarted after 6 s, where the drive ends." in capsys.readouterr().err
 
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
