@@ -250,9 +250,10 @@ def test_a_full_disk_ends_it_with_words(
     add_robot("one")
     folder = tmp_path / "small"
     folder.mkdir()
-    if os.system(f"mount -t tmpfs -o size=32k tmpfs {folder} 2>/dev/null") != 0:
+    if os.system(f"mount -t tmpfs -o size=1m tmpfs {folder} 2>/dev/null") != 0:
         pytest.skip("file systems cannot be mounted here")
     try:
+        (folder / "map").write_bytes(bytes(980_000))
         file = folder / "one.mcap"
         process = start("record", str(file))
         assert process.wait() == 1
@@ -260,5 +261,11 @@ def test_a_full_disk_ends_it_with_words(
         recording = RecordingFile(file)
         assert len(list(recording.entries())) > 20
         assert recording.damage.sentences() == []
+        # What the robot saves still fits on it.
+        (folder / "places").write_bytes(bytes(8192))
+        process = start("record", str(folder / "next.mcap"))
+        assert process.wait() != 0
+        assert "cannot be written" in process.log
+        assert not (folder / "next.mcap").exists()
     finally:
         os.system(f"umount {folder}")

@@ -186,7 +186,8 @@ def _silence(seconds: float) -> str:
 
 
 def _say_why(path: Path, writer: "RecordingWriter", error: OSError) -> None:
-    why = "The disk is full" if error.errno == errno.ENOSPC else f"It cannot be written ({error})"
+    full = "The disk is full except for what the robot needs"
+    why = full if error.errno == errno.ENOSPC else f"It cannot be written ({error})"
     say(err=True)
     say(
         f"{why}, so recording has stopped. {path} is complete up to here: {writer.size / 1e6:.1f} "

@@ -1,5 +1,6 @@
 """Writes a recording so that what is older than the last flush survives a crash and a power cut."""
 
+import errno
 import json
 import os
 from collections.abc import Mapping
@@ -16,6 +17,8 @@ from trolley.runtime.codec import detect_format
 from trolley.topics import Topic
 
 CHUNK_BYTES = 1 << 20
+LEFT_SHARE, LEFT_BYTES = 0.01, 500_000_000
+"""What is left of a disk for what the robot saves: this share of it, this much at most."""
 
 
 class RecordingWriter:
@@ -45,9 +48,14 @@ class RecordingWriter:
             chunk_size=CHUNK_BYTES,
             compression=CompressionType.ZSTD,
         )
-        self._mcap.start(library="trolley")
-        self._mcap.add_metadata(ABOUT, {"robot": robot, **about})
-        self.flush()
+        try:
+            self._mcap.start(library="trolley")
+            self._mcap.add_metadata(ABOUT, {"robot": robot, **about})
+            self.flush()
+        except OSError:
+            self._file.close()
+            path.unlink()
+            raise
 
     @property
     def size(self) -> int:
@@ -84,9 +92,10 @@ class RecordingWriter:
         self._mcap.add_message(channel, log_time=at_ns, data=data, publish_time=stamp_ns)
 
     def flush(self) -> None:
-        """End the chunk and wait until it is on the disk."""
+        """End the chunk and wait until it is on the disk, which it may not fill."""
         self._mcap.flush()
         self._file.sync()
+        self._file.leave_room()
 
     def finish(self) -> None:
         """Write the index, which ends the file."""
@@ -151,6 +160,12 @@ class _File:
     def sync(self) -> None:
         os.fsync(self._handle)
         self._synced = self.size
+
+    def leave_room(self) -> None:
+        disk = os.fstatvfs(self._handle)
+        left = disk.f_frsize * disk.f_bavail
+        if left < min(LEFT_SHARE * disk.f_frsize * disk.f_blocks, LEFT_BYTES):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def cut(self) -> None:
         os.ftruncate(self._handle, self._synced)
