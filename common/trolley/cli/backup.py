@@ -13,7 +13,7 @@ from trolley.cli.options import given, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import print_json
-from trolley.config import ConfigError, find_config, load_host_config
+from trolley.config import ConfigError, find_config, load_config
 from trolley.config.load import DEFAULT_PATH
 from trolley.connection import Connection, RobotUnreachable, find_target
 from trolley.runtime.clash import Run, host_name
@@ -153,7 +153,7 @@ def _put_back(unpacked: Unpacked, root: Path, config: Path | None, now: datetime
 def _of_another_robot(root: Path, config: Path) -> str | None:
     """A sentence where the robot of this robot.toml would find none of its state."""
     try:
-        name = load_host_config(config).robot.name
+        name = load_config(config).robot.name
     except ConfigError:
         return None
     others = sorted(one.name for one in root.iterdir() if one.is_dir() and one.name != "maps")
