@@ -186,12 +186,13 @@ class Robot:
         self._connection = connection
         self._end = None
         self._hand = _Hand(connection, name)
-        self._awaited: set[str | None] = set()  # goals, also of those apart
+        # Goals, also of those apart, and the threads that wait for them.
+        self._awaited: dict[str | None, int] = {}
         self._listen_apart()
 
     def _listen_apart(self) -> None:
         self._closed = threading.Event()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a signal may close what is just beginning
         self._begun: weakref.WeakSet[Subscription[Any] | Robot] = weakref.WeakSet()
 
     def apart(self) -> "Robot":
@@ -199,12 +200,16 @@ class Robot:
         apart = copy.copy(self)
         apart._end = None  # noqa: SLF001
         apart._listen_apart()  # noqa: SLF001
+        self._begin(apart)
+        return apart
+
+    def _begin(self, what: "Subscription[Any] | Robot") -> None:
+        """Note what has to end with this robot."""
         with self._lock:
-            self._begun.add(apart)
+            self._begun.add(what)
             is_late = self._closed.is_set()
         if is_late:
-            apart.close()
-        return apart
+            what.close()
 
     def close(self) -> None:
         """End the connection, and whatever waits for the robot: that raises RobotUnreachable.
@@ -216,11 +221,16 @@ class Robot:
             begun = list(self._begun)
         for one in begun:
             one.close()
-        if self._end is not None:
-            deadline = _deadline(GIVE_UP_S)
-            while self._awaited and _left(deadline) > 0.0:
-                time.sleep(0.01)
-            self._end()
+        if self._end is None:
+            return
+        for goal, thread in list(self._awaited.items()):
+            if thread == threading.get_ident():  # a signal has interrupted `go_to`
+                del self._awaited[goal]
+                self._give_up(goal, None)
+        deadline = _deadline(GIVE_UP_S)
+        while self._awaited and _left(deadline) > 0.0:
+            time.sleep(0.01)
+        self._end()
 
     def __enter__(self) -> Self:
         return self
@@ -275,11 +285,10 @@ class Robot:
             most_waiting: how many messages are kept that are not read yet.
             with_latest: whether it begins with the latest value, however old.
         """
-        with self._lock:  # so that it is ended, too, if the robot is closed at this moment
-            subscription = self._open().subscribe(
-                self.name, topic, *parts, most_waiting=most_waiting, with_latest=with_latest
-            )
-            self._begun.add(subscription)
+        subscription = self._open().subscribe(
+            self.name, topic, *parts, most_waiting=most_waiting, with_latest=with_latest
+        )
+        self._begin(subscription)
         return subscription
 
     def stream(self, topic: Topic[M], *parts: str, timeout: float | None = None) -> Iterator[M]:
@@ -619,27 +628,30 @@ class Robot:
         )
         if not wait:
             return self.ask(requests.GOAL_SEND, goal)
-        self._awaited.add(goal.id)
+        self._open()
+        self._awaited[goal.id] = threading.get_ident()
         try:
             self.ask(requests.GOAL_SEND, goal)
             *_, status = self.follow(goal.id, timeout)
         except (KeyboardInterrupt, _Closed) as error:
-            self._give_up(goal.id, error)
+            if goal.id in self._awaited:
+                self._give_up(goal.id, error)
             raise
         finally:
-            self._awaited.discard(goal.id)
+            self._awaited.pop(goal.id, None)
         if status.state != "arrived":
             code = status.reason or status.state
             raise Refused(code, status.message or None, goal=status.id)
         return status
 
-    def _give_up(self, goal: str | None, error: BaseException) -> None:
-        """Cancel a goal that nobody waits for any longer."""
+    def _give_up(self, goal: str | None, error: BaseException | None) -> None:
+        """Cancel a goal that nobody waits for any longer; the error is told if that fails."""
         try:
             which = request_params.WhichGoal(id=goal)
             self._connection.ask(self.name, requests.GOAL_CANCEL, which)
         except (Refused, RobotUnreachable) as problem:
-            error.add_note(f"The goal was not canceled: {problem}")
+            if error is not None:
+                error.add_note(f"The goal was not canceled: {problem}")
 
     def follow(self, goal: str | None = None, timeout: float | None = None) -> Iterator[GoalStatus]:
         """Each status of a goal (the current one if none is named) until it has ended.

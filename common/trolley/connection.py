@@ -523,7 +523,8 @@ def _key(robot: str, topic: Topic[Any], parts: Sequence[str]) -> str:
         ValueError: A part that can stand in none.
     """
     for part in parts:
-        if not part or not {"/", "?", "#"}.isdisjoint(part):
+        is_wild = part in ("*", "**")
+        if not part or not (is_wild or set("/?#*$").isdisjoint(part)):
             raise ValueError(f"{topic.name}: {part!r} cannot stand in a key")
     return topic.key(robot, *parts)
 

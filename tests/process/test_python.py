@@ -1,6 +1,7 @@
 """What `trolley.Robot` and `AsyncRobot` do beyond goals, with a scripted robot over real Zenoh."""
 
 import asyncio
+import contextlib
 import inspect
 import math
 import subprocess
@@ -145,11 +146,13 @@ def test_what_is_no_key_is_named_and_not_sent(add_robot: Callable, endpoint: str
     add_robot("one")
     marker = Marker(kind="icon", icon="flag")
     with Robot(connect=endpoint) as robot:
-        for name in ("", "a/b", "a?", "a#"):
+        for name in ("", "a/b", "a?", "a#", "a$b", "a*b"):
             with pytest.raises(ValueError, match=r"markers/.*cannot stand in a key"):
                 robot.put_marker(name, "flag", marker)
             with pytest.raises(ValueError, match="cannot stand in a key"):
                 robot.latest(topics.TF, name)
+        with pytest.raises(ValueError, match="surrogates"):  # it waited for ever
+            robot.subscribe(topics.TF, "\udc80")
         with pytest.raises(ValueError, match="without a wildcard"):
             robot.put_marker("*", "flag", marker)
         with pytest.raises(ValueError, match="without a wildcard"):
@@ -261,6 +264,53 @@ def test_closing_the_robot_cancels_the_goal_that_a_thread_waits_for(
     going.join(PATIENCE_S)
     assert "this Robot is closed" in str(problems[0])
     assert not hasattr(problems[0], "__notes__")
+
+
+def test_a_signal_that_closes_the_robot_cancels_the_goal_that_it_interrupts(
+    add_robot: Callable, endpoint: str
+) -> None:
+    scripted = add_robot("one", DRIVES_ON)
+    program = f"""
+import signal
+from trolley import Robot, RobotUnreachable
+robot = Robot(connect={endpoint!r})
+signal.signal(signal.SIGTERM, lambda *_: robot.close())
+try:
+    robot.go_to("kitchen")
+except RobotUnreachable as closed:
+    print(closed, *getattr(closed, "__notes__", ()))
+"""
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as going:
+        wait_until(lambda: bool(scripted.sent), "it drives")
+        going.terminate()
+        said, _ = going.communicate(timeout=PATIENCE_S)
+    assert scripted.canceled == [scripted.sent[0].id]
+    assert said == "this Robot is closed; make a new one\n"
+
+
+def test_a_signal_may_close_the_robot_that_begins_to_listen(
+    add_robot: Callable, endpoint: str
+) -> None:
+    """It waited for ever for what it had interrupted."""
+    add_robot("one")
+    robot = Robot(connect=endpoint)
+    subscribe = robot.connection.subscribe
+
+    def interrupted(*which: Any, **how: Any) -> Any:
+        robot.close()
+        return subscribe(*which, **how)
+
+    def listen() -> None:
+        with contextlib.suppress(RobotUnreachable):
+            robot.subscribe(topics.ODOM)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(robot.connection, "subscribe", interrupted)
+        listening = threading.Thread(target=listen, daemon=True)
+        listening.start()
+        listening.join(PATIENCE_S)
+    assert not listening.is_alive()
 
 
 @pytest.mark.parametrize(

@@ -340,8 +340,9 @@ class ZenohBus:
         """
         self._is_closed = True
         self._session.close()
+        deadline_s = time.monotonic() + CALLBACK_S
         for ended in list(self._calling):
-            ended.wait(CALLBACK_S)
+            ended.wait(max(deadline_s - time.monotonic(), 0.0))
 
     def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
         """Publish; without a router it is dropped, and a stream that nobody hears stays here."""
@@ -411,7 +412,7 @@ class ZenohBus:
         handler = _handler(receive, end, is_direct=False)
         try:
             subscriber = _as_daemon(lambda: self._session.declare_subscriber(key_expr, handler))
-        except ZenohError:
+        except BaseException:
             end()  # perhaps there never was a thread
             raise
         return _Declared(subscriber.undeclare)
@@ -599,7 +600,7 @@ def _as_daemon(declare: Callable[[], T]) -> T:
     def run() -> None:
         try:
             declared.set_result(declare())
-        except zenoh.ZError as error:
+        except BaseException as error:  # noqa: BLE001 - raised where it is waited for
             declared.set_exception(error)
 
     threading.Thread(target=run, daemon=True).start()
