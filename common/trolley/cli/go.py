@@ -12,6 +12,7 @@ from trolley.cli import exits
 from trolley.cli.any_robot import ask_offers, in_order
 from trolley.cli.options import NumbersCommand, as_number, given, json_option, where_options
 from trolley.cli.printing import say
+from trolley.cli.robot_sentence import goal_message
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import Progress, pose_text, print_json, seconds_text
 from trolley.client import GOAL_ENDS, Place, Robot, goal_to, person_at
@@ -158,7 +159,8 @@ def _progress_text(status: GoalStatus) -> str:
     if status.eta is not None:
         text += f", {seconds_text(status.eta)} left"
     text += f", {seconds_text(status.elapsed)} so far"
-    return f"{text}: {status.message}" if status.message else text
+    message = goal_message(status)
+    return f"{text}: {message}" if message else text
 
 
 def _say(status: GoalStatus, *, is_over: bool, as_json: bool) -> None:

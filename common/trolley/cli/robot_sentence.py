@@ -49,12 +49,13 @@ def robot_sentence(
     return doing
 
 
-def goal_message(goal: GoalStatus, base: BaseState | None) -> str:
-    """Return what a goal says, or what to do about one that stays paused after a stop."""
+def goal_message(goal: GoalStatus, base: BaseState | None = None) -> str:
+    """Return what a goal says, or the commands that continue one that a stop has paused."""
+    if (goal.state, goal.reason) != ("paused", codes.STOPPED):
+        return goal.message
     is_resumed = base is not None and base.mode != "stopped"
-    if is_resumed and (goal.state, goal.reason) == ("paused", codes.STOPPED):
-        return CONTINUES
-    return goal.message
+    begin = "" if is_resumed else "Once the robot may drive again (`trolley resume`), "
+    return begin + CONTINUES
 
 
 def _on_its_way(base: BaseState, goal: GoalStatus | None, trip: TourStatus | None) -> str:

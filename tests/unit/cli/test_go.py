@@ -61,6 +61,20 @@ def test_how_a_drive_ended_is_printed_once(monkeypatch: pytest.MonkeyPatch) -> N
     assert result.exit_code == 0
 
 
+def test_a_drive_that_a_stop_has_paused_names_the_commands_that_continue_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    why = "The robot was stopped; once it may drive again, resume the goal to go on."
+    paused = GoalStatus(stamp_ns=1, id="g1", state="paused", reason="stopped", message=why)
+    arrived = structs.replace(paused, state="arrived", elapsed=4.0)
+    robot = SimpleNamespace(
+        ask=lambda request, params: paused, follow=lambda goal, timeout: iter((paused, arrived))
+    )
+    monkeypatch.setattr(go, "one_robot", lambda: contextlib.nullcontext(robot))
+    output = CliRunner().invoke(go.go_command, ["kitchen"]).output
+    assert "drive again (`trolley resume`), `trolley ask goal/resume` continues it" in output
+
+
 def test_a_goal_that_was_only_sent_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = Silent(KeyboardInterrupt())
     monkeypatch.setattr(go, "one_robot", lambda: contextlib.nullcontext(robot))

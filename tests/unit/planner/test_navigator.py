@@ -220,6 +220,8 @@ def test_nothing_sets_off_by_itself_after_a_stop_or_a_hand(ride, base, reason) -
     assert (status.state, status.reason) == ("paused", reason)
     assert status.message
     assert "trolley resume" not in status.message, "base has been resumed already"
+    if reason == codes.STOPPED:
+        assert "once it may drive again, resume the goal to go on." in status.message
     assert drive.world.twist.is_zero
 
 

@@ -100,7 +100,7 @@ class GoalGuard:
             return
         if base.mode == "stopped":
             # It stays paused once the robot may drive again, and so does what it says.
-            why = "The robot was stopped; resume the goal to go on."
+            why = "The robot was stopped; once it may drive again, resume the goal to go on."
             self.pause(codes.STOPPED, now_ns, why)
         elif base.mode == "fault":
             # What it does just now is for base to say; the goal says why it is paused.

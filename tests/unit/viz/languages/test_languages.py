@@ -166,6 +166,7 @@ def test_every_sentence_of_the_wire_can_be_said(code: str) -> None:
         "The lidar sees nothing behind, so it does not move there. It will continue by itself.",
         "Stop 2 (kitchen): not reached within 2 min; trying again in 10 s.",
         "Planner did not answer in time.",
+        "The robot was stopped; once it may drive again, press “Continue”.",
         "The tour “dawn”, due on 2026-11-02 at 08:30, was skipped: another tour was paused.",
         "The tour “dawn”, due on 2026-11-02 at 08:30, was skipped: the robot was "
         "not on its map hall.",
