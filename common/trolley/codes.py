@@ -93,7 +93,7 @@ SENTENCES: dict[str, str] = {
     STALE: "The newest pose is too old.",
     MOVING: "The robot is moving; save the place when it stands still.",
     NOT_CONVERGED: "The pose is not certain enough yet; drive a little or set the pose.",
-    EXISTS: "That name is taken; use `--replace` to overwrite it.",
+    EXISTS: "That name is taken; choose another one, or use `replace` to overwrite it.",
     OUTSIDE_MAP: "That place lies outside the map.",
     IN_OBSTACLE: "The robot does not fit there: something is in the way.",
     IN_PASSAGE: "That is a narrow passage: while the robot stands there, nobody gets past it.",

@@ -8,11 +8,8 @@ from collections.abc import Callable
 import click
 import pytest
 
-from trolley import codes
 from trolley.cli import show
 from trolley.cli.printing import say, say_block, say_over, show_error
-from trolley.cli.robots import reports_errors
-from trolley.codes import Refused
 from trolley.messages import GoalStatus
 
 NAMES = ("\x1b]0;owned\x07lime", "\x9b2Jlime", "lime\u202e", "K\u00fcche \u66f8\u658e")
@@ -64,16 +61,6 @@ def test_a_text_from_outside_begins_no_line_of_its_own(take_terminal: Callable[[
     say_block(show.describe(status))
     assert "kiwi: stopped" in terminal.shown
     assert not any(line.startswith("kiwi") for line in terminal.shown.splitlines())
-
-
-def test_a_name_that_is_taken_is_answered_with_the_option(capsys: pytest.CaptureFixture) -> None:
-    @reports_errors
-    def save() -> None:
-        raise Refused(codes.EXISTS)
-
-    with pytest.raises(SystemExit):
-        save()
-    assert "use `--replace` to overwrite it" in capsys.readouterr().err
 
 
 def test_a_block_has_the_lines_it_was_given(take_terminal: Callable[[], Terminal]):

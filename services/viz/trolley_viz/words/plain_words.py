@@ -25,9 +25,11 @@ _WORDS = {
     "resume the robot, then the tour": "press “Drive on”, then “Continue”",
     "resume it, then exploring": "press “Drive on”, then “Explore by itself”",
     "`trolley map explore` continues it": "tell it to continue",
-    "use `--replace` to overwrite it": "choose another one",
+    ", or use `replace` to overwrite it": "",
+    "use `replace` to overwrite it": "choose another one",  # said by release 0.2.0
     "make one (`trolley map new NAME`), or set [map] file": "make one in the “Map” tab",
     " (`--as NAME`)": "",
+    " (`trolley map load NAME`)": "",
     codes.SENTENCES[codes.NOT_READY]: NOT_READY,
     codes.SENTENCES[codes.INTERNAL]: "Something went wrong in the robot's software; its log has "
     "the details.",

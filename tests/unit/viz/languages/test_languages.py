@@ -307,6 +307,7 @@ def test_languages_are_known_by_their_tags(tag: str, code: str) -> None:
             "Stellen widersprechen sich Messungen verschiedener Zeiten: dort die Karte ansehen, "
             "sie kann falsch sein.",
         ),
+        ("There is no saved pose 'hall'.", "Es gibt keinen Ort 'hall'."),  # release 0.2.0
         ("Remove 08:30 Mon–Wed, Fri", "08:30 Mo–Mi, Fr entfernen"),
         ("The robot cannot drive: zorp.", "Der Roboter kann nicht fahren: zorp."),
         ("Nobody has ever said so.", "Nobody has ever said so."),

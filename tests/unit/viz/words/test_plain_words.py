@@ -1,6 +1,7 @@
 """What services say, in the words of the page: no commands, keys or codes are left of it."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -49,6 +50,10 @@ def test_nothing_that_services_say_is_left_in_backticks_or_speaks_of_resuming() 
     # `trolley detect` and the like are for who can reach a terminal: they stay, in quotes.
     plainly = {text: plain(text) for text in said_by_services}
     assert [text for text, shown in plainly.items() if "`" in shown or "; resume" in shown] == []
+    commands = {
+        found for shown in plainly.values() for found in re.findall("“trolley [^”]*", shown)
+    }
+    assert commands == {"“trolley detect"}
 
 
 @pytest.mark.parametrize("code", codes.SENTENCES)
@@ -62,6 +67,10 @@ def test_every_code_is_said_without_words_of_programs(code: str) -> None:
     [
         ("goal/send: planner did not answer in time.", "Planner did not answer in time."),
         ("Stopped. `trolley resume` lets it drive.", "Stopped. “Drive on” lets it drive."),
+        (
+            "That name is taken; use `replace` to overwrite it.",  # release 0.2.0
+            "That name is taken; choose another one.",
+        ),
         ("unknown key `colour`", "unknown key “colour”"),
         ("An odd ` stays", "An odd ` stays"),
         ("", ""),
@@ -69,6 +78,11 @@ def test_every_code_is_said_without_words_of_programs(code: str) -> None:
 )
 def test_words_of_programs_become_words_of_the_page(text: str, shown: str) -> None:
     assert plain(text) == shown
+
+
+def test_a_name_that_is_taken_is_said_without_options_of_commands() -> None:
+    assert "--" not in codes.SENTENCES[codes.EXISTS]
+    assert said("", codes.EXISTS) == "That name is taken; choose another one."
 
 
 def test_a_code_of_a_newer_program_is_shown_as_words() -> None:
