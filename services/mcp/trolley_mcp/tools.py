@@ -132,7 +132,7 @@ class Tool:
     params: type[_Params]
     run: Callable[[Call, Any], Awaitable[Answer]]
     role: Role = "viewer"
-    """The least role that may call it: what an operator may asks the robot to do something."""
+    """The least role that may call it: an operator's tools ask the robot to do something."""
 
 
 # Looking.
