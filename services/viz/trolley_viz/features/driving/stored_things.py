@@ -58,7 +58,7 @@ class StoredThings(Generic[T]):
             failed: says that it was not done.
             done: gets it as it was saved, if the same robot is selected still.
             robot: whose; that of the selected one if "".
-            refused: called if it was not done, and the same robot is selected still.
+            refused: called if nothing was done, and the same robot is selected still.
         """
 
         def changed(saved: T) -> None:
@@ -106,7 +106,7 @@ class StoredThings(Generic[T]):
             for tour in tours:
                 ask(requests.TOURS_PUT, tour, f"“{tour.name}” was not changed", robot=robot)
             failed = "The old name was not deleted"
-            ask(self._delete, old, failed, lambda _: done(saved), robot=robot, refused=refused)
+            ask(self._delete, old, failed, lambda _: done(saved), robot=robot)
 
         # The new one first: a mirror stored twice does no harm, a missing one does.
         ask(self._put, after, failed, then=put, robot=robot, refused=refused)

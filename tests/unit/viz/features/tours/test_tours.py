@@ -313,6 +313,7 @@ class PretendTour(Service):
         self.started: list[str | None] = []
         self.asked_history = 0
         self.is_full = False
+        self.keeps_all = False
 
     def start(self) -> None:
         self.say()
@@ -330,6 +331,8 @@ class PretendTour(Service):
 
     @answers(requests.TOURS_DELETE)
     def delete(self, params: Named) -> Tour:
+        if self.keeps_all:
+            raise Refused(codes.NOT_SAVED)
         tour = self.tours.pop(params.name)
         self.say()
         return tour
@@ -566,6 +569,25 @@ def test_an_undo_that_is_refused_is_offered_again(
     undo(page)
     settle(stage)
     assert tour.tours == before
+
+
+def test_an_undo_that_was_half_done_is_not_offered_again(
+    stage: "Stage", tour: PretendTour, page: PageOf
+) -> None:
+    make_tour(stage, page)
+    edit_tour(stage, page)
+    page.type("Name", "night")
+    settle(stage)
+    page.press("Save")
+    settle(stage)
+    tour.keeps_all = True
+    assert undo(page) == "Undo: Save the tour night"
+    settle(stage)
+    assert set(tour.tours) == {"evening", "night"}
+    assert stage.browsers[0].notices[-1][0] == "The old name was not deleted"
+    last = stage.session.actions.history.last()
+    assert last is not None
+    assert last.title == "Save the tour evening"
 
 
 def test_undo_neither_deletes_nor_overwrites_a_tour_that_somebody_else_worked_on(
