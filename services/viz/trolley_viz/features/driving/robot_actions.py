@@ -52,12 +52,11 @@ class RobotActions:
         """The goals that the person has queued."""
         self.search = Search(tell)
         """What the person waits for after *Find position*."""
-        self._num_asked = 0
+        self._asked: list[Request[Any, Any]] = []
 
-    @property
-    def is_asking(self) -> bool:
-        """Whether an answer is awaited."""
-        return self._num_asked > 0
+    def is_asking(self, *which: Request[Any, Any]) -> bool:
+        """Whether an answer to one of these requests is awaited."""
+        return any(request in which for request in self._asked)
 
     def forget(self) -> None:
         """Forget what was done and queued, as when another robot is followed."""
@@ -174,7 +173,7 @@ class RobotActions:
         robot = robot or self._robot()
 
         def finish(reply: Any) -> None:
-            self._num_asked -= 1
+            self._asked.remove(request)
             if isinstance(reply, Refused):
                 self._service.log.info("Refused", request=request.name, code=reply.code)
                 self.tell(failed, refusal(reply), "bad")
@@ -192,7 +191,7 @@ class RobotActions:
 
         if self.before_ask is not None:
             self.before_ask(request)
-        self._num_asked += 1
+        self._asked.append(request)
         self._service.request(request, params, finish, robot=robot)
 
     # Inside.

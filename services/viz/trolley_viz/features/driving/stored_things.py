@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from trolley import requests
 from trolley.messages import SavedPose, Tour, Zone
@@ -25,6 +25,7 @@ class StoredThings(Generic[T]):
         stored: what is stored under a name now.
         follow: the tours as they have to be once the first has become the second.
         map_name: of the map on which a change can be undone; "" for any.
+        also: other requests that change one.
     """
 
     def __init__(
@@ -36,10 +37,17 @@ class StoredThings(Generic[T]):
         stored: Callable[[str], T | None],
         follow: Callable[[T, T], Sequence[Tour]] = lambda before, after: (),
         map_name: Callable[[], str] = lambda: "",
+        also: Sequence[Request[Any, Any]] = (),
     ) -> None:
         self._actions, self._kind = actions, kind
         self._put, self._delete = put, delete
         self._stored, self._follow, self._map_name = stored, follow, map_name
+        self._changing = (put, delete, *also)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a change has not been answered yet."""
+        return self._actions.is_asking(*self._changing)
 
     def change(
         self,
@@ -74,7 +82,7 @@ class StoredThings(Generic[T]):
         map_name = self._map_name()
 
         def undo() -> None:
-            if self._actions.is_asking:
+            if self.is_busy:
                 self._actions.tell("Not undone", "The last change has not been saved yet.", "warn")
                 offer()
             elif not change.is_overtaken(self._stored, self._actions.tell):

@@ -34,6 +34,7 @@ class PlaceActions:
             requests.POSES_DELETE,
             self.stored,
             self._tours_led_on,
+            also=[requests.POSE_CAPTURE],
         )
 
     def stored(self, name: str) -> SavedPose | None:

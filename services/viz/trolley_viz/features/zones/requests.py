@@ -37,8 +37,8 @@ class ZoneRequests:
 
     @property
     def is_busy(self) -> bool:
-        """Whether an answer is awaited."""
-        return self._actions.is_asking
+        """Whether a change has not been answered yet."""
+        return self._things.is_busy
 
     def ask(
         self,

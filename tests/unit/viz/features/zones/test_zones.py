@@ -16,7 +16,7 @@ from trolley.messages.mapping import ZoneKind
 from trolley.messages.request_params import Named
 from trolley.runtime.service import Service, answers
 from trolley.zones import check_zone, with_zone, without_zone
-from trolley_viz.controls.undo import History
+from trolley_viz.controls.undo import Change, History
 from trolley_viz.features.zones.dismissed import Dismissed
 from trolley_viz.server.visitors import Visitor
 
@@ -246,6 +246,23 @@ def test_a_zone_is_tapped_and_its_corner_dragged(hand: Hand, keeper: ZoneKeeper)
     hand.wait()
     assert keeper["hall mirror"] == MIRROR
     assert hand.history.last() is None
+
+
+def test_a_zone_is_saved_while_something_else_is_asked_but_not_while_another_is(
+    hand: Hand, keeper: ZoneKeeper
+) -> None:
+    hand.stage.session.actions.find()
+    requests_of = hand.editor.zone_requests
+    requests_of.ask(Change(MIRROR, None), lambda _: None)
+    told = len(hand.browser.notices)
+    requests_of.ask(Change(None, MIRROR), lambda _: None)
+    assert hand.browser.notices[told:] == [("Not saved", "The last change has not been saved yet.")]
+    hand.wait()
+    assert keeper.names == []
+    hand.stage.session.actions.find()
+    hand.history.undo()
+    hand.wait()
+    assert keeper.names == ["hall mirror"]
 
 
 def test_handles_keep_their_size_on_the_screen(hand: Hand) -> None:
