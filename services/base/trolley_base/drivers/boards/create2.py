@@ -40,7 +40,7 @@ from trolley_base.drivers.boards.models import (
     count_nothing,
 )
 from trolley_base.drivers.boards.report import Report
-from trolley_base.drivers.boards.wheel_ticks import StreamedOdometry
+from trolley_base.drivers.boards.wheel_ticks import Counts, StreamedOdometry
 from trolley_base.drivers.dialogue import Line, Status, travel_ns
 from trolley_base.drivers.interface import ChassisReading, Contact, DriverError, Sector
 
@@ -97,8 +97,8 @@ ENOUGH_FRAMES = 3
 """Frames with a sum and fifteen numbers of packets: so many are no coincidence."""
 COUNT_RANGE = 1 << 16
 NEAR_START = 100
-"""One whose counts both lie within this of zero after a silence has just booted, even if what it
-said of that was lost: 4 cm."""
+"""One whose counts both lie within this of zero after a silence, but not before, has just booted,
+even if what it said of that was lost: 4 cm. Unless it was heading there."""
 FIRST_COUNT = 1 << 20
 """Counts go on from here, far from those of a board that has just started."""
 TRACK_M = 0.235
@@ -281,8 +281,10 @@ class Create2Dialogue:
         if self._heard.has_reported and not self._heard.is_reporting(arrived_ns):
             self._settled_ns = arrived_ns + SETTLES_NS
             self._wheels.miss()
-            if max(abs(_shorter(sensors.left)), abs(_shorter(sensors.right))) < NEAR_START:
-                self._forget_counts()
+            if _is_near_start(sensors) and not (before and _is_near_start(before)):
+                new = Counts(*self._unwrapped(sensors), left_ns)
+                if not self._wheels.wheels.continues(new):
+                    self._forget_counts()
         self._sensors = sensors
         self._heard.take_report(arrived_ns)
         if sensors.capacity:
@@ -428,6 +430,10 @@ def _why_not(sensors: Sensors) -> str:
     if sensors.mode == SAFE_MODE:
         return "The Create reports again; it is watched for a moment."
     return "The Create has left its safe mode, in which it drives; it is put into it again."
+
+
+def _is_near_start(sensors: Sensors) -> bool:
+    return max(abs(_shorter(sensors.left)), abs(_shorter(sensors.right))) < NEAR_START
 
 
 def _shorter(difference: int) -> int:

@@ -23,6 +23,8 @@ NEAR_START_M = 0.1
 SHORTEST_RESTART_S = 0.15
 """A board is back after a restart no sooner than this [s]: at a brown-out the boot loader of an
 Arduino does not wait and its sketch runs after 65 ms, but what it was asked meanwhile is lost."""
+LEEWAY_M = 0.005
+"""Counts that differ by so little from where the wheels were heading went on from there [m]."""
 FRAME_S = 0.033
 """One round of the board's speed control [s]: 1000 / 30 ms as whole numbers."""
 MOST_TARGET = 32767
@@ -56,11 +58,25 @@ class WheelOdometry:
         self._ticks_per_m = ticks_per_m(wheels)
         self.has_restarted = self.has_jumped = False
         self._last: Counts | None = None
+        self._before: Counts | None = None
         self._jumped: Counts | None = None
 
     def reset(self) -> None:
         """Start over: the next counts are where the motion begins."""
-        self._last = self._jumped = None
+        self._last = self._before = self._jumped = None
+
+    def continues(self, new: Counts) -> bool:
+        """Whether these counts are about where the last motion leads, so nothing started over."""
+        last, before = self._last, self._before
+        if last is None or before is None:
+            return False
+        share = (new.stamp_ns - last.stamp_ns) / (last.stamp_ns - before.stamp_ns)
+        leads = [share * wrapped(last[i] - before[i]) for i in (0, 1)]
+        leeway = LEEWAY_M * self._ticks_per_m
+        return all(
+            abs(wrapped(new[i] - last[i]) - leads[i]) <= 0.5 * abs(leads[i]) + leeway
+            for i in (0, 1)
+        )
 
     def add(self, new: Counts) -> MotionSample | None:
         """Return the motion since the last counts; None if these are the first or are refused."""
@@ -68,18 +84,21 @@ class WheelOdometry:
         self.has_jumped = False
         self.has_restarted = last is not None and self._is_restart(last, new)
         if last is None or self.has_restarted:
-            self._last, self._jumped = new, None
+            self._last, self._before, self._jumped = new, None, None
             return None
         if new.stamp_ns <= last.stamp_ns:
             return None
         if self._is_possible(last, new):
-            self._last, self._jumped = new, None
+            self._last, self._before, self._jumped = new, last, None
             return self._motion(last, new)
         self._count("encoder_jumps", 1)
         self.has_jumped = True
         # One that does not fit was misread; two that fit each other were counted from a new zero.
         self.has_restarted = self._jumped is not None and self._is_possible(self._jumped, new)
-        self._last, self._jumped = (new, None) if self.has_restarted else (last, new)
+        if self.has_restarted:
+            self._last, self._before, self._jumped = new, None, None
+        else:
+            self._jumped = new
         return None
 
     def _motion(self, last: Counts, new: Counts) -> MotionSample:
@@ -100,7 +119,9 @@ class WheelOdometry:
     def _is_restart(self, last: Counts, new: Counts) -> bool:
         if new.stamp_ns - last.stamp_ns < SHORTEST_RESTART_S * 1e9:
             return False
-        return self._is_near_start(new) and not self._is_near_start(last)
+        if not self._is_near_start(new) or self._is_near_start(last):
+            return False
+        return not self.continues(new)
 
     def _is_near_start(self, counts: Counts) -> bool:
         return max(abs(counts.left), abs(counts.right)) <= NEAR_START_M * self._ticks_per_m

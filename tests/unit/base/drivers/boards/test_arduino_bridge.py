@@ -189,6 +189,27 @@ def test_one_that_a_brown_out_restarts_while_it_drives_has_not_moved(
     assert talk.total("restarts") == 1
 
 
+@pytest.mark.parametrize("deaf_ms", [20, 80])
+def test_lost_answers_while_it_drives_back_over_its_start_are_no_restart(
+    talk: Talk, board: FakeArduino, deaf_ms: int
+) -> None:
+    talk.run(1.0)
+    talk.wanted = Twist2D(0.3, 0.0, 0.0)
+    talk.run(2.0)
+    talk.wanted = Twist2D(-0.3, 0.0, 0.0)
+    ticks_per_m = 1200.0 / (math.pi * 0.065)
+    while board.counts[0] > 0.11 * ticks_per_m:
+        talk.run(0.02)
+    board.is_deaf = True
+    talk.run(deaf_ms * 1e-3)
+    board.is_deaf = False
+    talk.run(0.5)
+    talk.wanted = Twist2D.zero()
+    talk.run(0.5)
+    assert talk.total("restarts") == 0
+    assert talk.pose.x == pytest.approx(board.counts[0] / ticks_per_m, abs=0.01)
+
+
 def test_a_busy_board_that_drives_back_over_its_start_has_not_restarted(board: FakeArduino) -> None:
     inputs = InputsConfig(
         bumper_pins=[2, 3], cliff_pins=[4, 5], sonar_pins={"left": 6, "ahead": 7, "right": 8}

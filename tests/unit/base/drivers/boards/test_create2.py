@@ -311,3 +311,23 @@ def test_one_that_is_silent_feels_nothing(talk: EmulatedTalk) -> None:
     talk.run(0.1)
     talk.is_cut = True
     assert talk.run(1.0).contacts == ()
+
+
+def test_one_that_rolls_over_its_start_in_a_silence_has_not_restarted() -> None:
+    dialogue = dialogue_of("create2")
+    dialogue.begin(0)
+    for n in [*range(60), *range(135, 195)]:
+        count = (10 * min(n, 135) - 1300) & 0xFFFF
+        dialogue.receive(frame(p43=count, p44=count), n * 15 * MS)
+    reading = dialogue.take(195 * 15 * MS)
+    assert "chassis/restarts" not in reading.counts
+    way = sum(motion.previous_T_base.x for motion in reading.motions)
+    assert way == pytest.approx(1350 * math.pi * 0.072 / 508.8, abs=0.03)
+
+
+def test_one_that_stands_near_its_start_does_not_restart_with_every_silence() -> None:
+    dialogue = dialogue_of("create2")
+    dialogue.begin(0)
+    for n in [*range(60), *range(160, 220), *range(320, 380)]:
+        dialogue.receive(frame(p43=20, p44=20), n * 15 * MS)
+    assert "chassis/restarts" not in dialogue.take(380 * 15 * MS).counts
