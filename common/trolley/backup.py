@@ -291,9 +291,13 @@ class Unpacked:
                 load_config(self.config)
         except ConfigError as error:
             self.close()
-            why = str(error).removeprefix(f"{self._folder / CONFIG / CONFIG_FILE}: ")
+            why = (
+                str(error)
+                .removeprefix(f"{self._folder / CONFIG / CONFIG_FILE}: ")
+                .removesuffix(".")
+            )
             raise BackupError(
-                f"{source}: its robot.toml cannot be used here: {why} --state-only restores "
+                f"{source}: its robot.toml cannot be used here: {why}; --state-only restores "
                 "the rest"
             ) from error
         except BackupError:

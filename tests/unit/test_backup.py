@@ -350,7 +350,7 @@ def test_the_state_comes_back_whatever_the_robot_toml_of_the_backup_says(tmp_pat
     refused = CliRunner().invoke(cli, words)
     assert refused.exit_code == 1
     assert "cannot be used here: [robot] unknown key `not_known_here`" in refused.output
-    assert "--state-only restores the rest" in refused.output
+    assert "; --state-only restores the rest" in refused.output
     result = CliRunner().invoke(cli, [*words, "--state-only"])
     assert result.exit_code == 0
     assert (tmp_path / "back" / "anna" / "poses.toml").is_file()
@@ -369,6 +369,20 @@ def test_the_state_of_another_robot_is_restored_with_a_word(
     assert result.exit_code == 0
     assert ("This is the state of anna" in result.output) == is_told
     assert (f"names the robot {name}" in result.output) == is_told
+
+
+def test_of_several_folders_none_is_named_to_be_renamed(tmp_path: Path) -> None:
+    fill(tmp_path / "state")
+    for name in ("aaron", "Not a robot"):
+        (tmp_path / "state" / name).mkdir()
+        (tmp_path / "state" / name / "poses.toml").write_text("")
+    save(tmp_path / "b.tar.gz", tmp_path / "state", None, MADE)
+    config = tmp_path / "robot.toml"
+    config.write_text(ROBOT.replace("anna", "plum") + '[zenoh]\nconnect = ["tcp/127.0.0.1:1"]\n')
+    words = ["restore", str(tmp_path / "b.tar.gz"), "--state", str(tmp_path / "back")]
+    result = CliRunner().invoke(cli, [*words, "--config", str(config)])
+    assert "This is the state of aaron, anna, but" in result.output
+    assert "rename one of them to plum" in result.output
 
 
 def test_a_state_folder_may_be_named_from_the_present_folder(

@@ -18,6 +18,7 @@ from trolley.config.load import DEFAULT_PATH
 from trolley.connection import Connection, RobotUnreachable, find_target
 from trolley.runtime.clash import Run, host_name
 from trolley.runtime.state import state_root
+from trolley.topics import names_robot
 
 state_option = click.option(
     "--state",
@@ -156,12 +157,14 @@ def _of_another_robot(root: Path, config: Path) -> str | None:
         name = load_config(config).robot.name
     except ConfigError:
         return None
-    others = sorted(one.name for one in root.iterdir() if one.is_dir() and one.name != "maps")
+    folders = (one.name for one in root.iterdir() if one.is_dir() and one.name != "maps")
+    others = sorted(filter(names_robot, folders))
     if not others or name in others:
         return None
+    which = root / others[0] if len(others) == 1 else "one of them"
     return (
         f"This is the state of {', '.join(others)}, but {config} names the robot {name}: rename "
-        f"{root / others[0]} to {name} before you start the services, or it will know only the maps"
+        f"{which} to {name} before you start the services, or it will know only the maps"
     )
 
 
