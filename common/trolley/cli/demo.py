@@ -32,7 +32,7 @@ from trolley.cli.demo_run import (
     wait_for_ports,
     wait_for_services,
 )
-from trolley.cli.options import robot_name_option
+from trolley.cli.options import FloatRange, robot_name_option
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.running import (
@@ -80,7 +80,7 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--headless", is_flag=True, help="Do not start the viewer.")
 @click.option("--tour", is_flag=True, help="Drive the tour, then exit.")
 @click.option(
-    "--speed", type=click.FloatRange(0.1, 20.0), default=1.0, help="Simulated seconds per second."
+    "--speed", type=FloatRange(0.1, 20.0), default=1.0, help="Simulated seconds per second."
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, help="Fixes the world.")
 @click.option(

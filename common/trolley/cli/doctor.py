@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from trolley.cli import exits
-from trolley.cli.options import given, json_option, where_options
+from trolley.cli.options import FloatRange, given, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import Progress, counted, print_json
@@ -42,7 +42,7 @@ class Row:
     "--seconds",
     default=LISTEN_S,
     show_default=True,
-    type=click.FloatRange(1.0, 60.0),
+    type=FloatRange(1.0, 60.0),
     help="How long to listen to a robot.",
 )
 @where_options

@@ -10,7 +10,14 @@ import click
 from trolley import codes, requests
 from trolley.cli import exits
 from trolley.cli.any_robot import ask_offers, in_order
-from trolley.cli.options import NumbersCommand, as_number, given, json_option, where_options
+from trolley.cli.options import (
+    FloatRange,
+    NumbersCommand,
+    as_number,
+    given,
+    json_option,
+    where_options,
+)
 from trolley.cli.printing import say
 from trolley.cli.robot_sentence import goal_message
 from trolley.cli.robots import connected, one_robot, reports_errors
@@ -34,7 +41,7 @@ def _place(where: tuple[str, ...], *, deg: bool) -> Place:
 
 _speed = click.option(
     "--speed",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FloatRange(min=0.0, min_open=True),
     metavar="M/S",
     help="Highest speed.",
 )
@@ -49,13 +56,13 @@ _frame = click.option(
 @_speed
 @click.option(
     "--xy-tolerance",
-    type=click.FloatRange(min=request_params.FINEST_XY_M),
+    type=FloatRange(min=request_params.FINEST_XY_M),
     metavar="METRES",
     help="How near is near enough [default: 0.05].",
 )
 @click.option(
     "--yaw-tolerance",
-    type=click.FloatRange(min=request_params.FINEST_YAW_RAD),
+    type=FloatRange(min=request_params.FINEST_YAW_RAD),
     metavar="RADIANS",
     help="How near the heading has to be [default: 0.05].",
 )
@@ -65,7 +72,7 @@ _frame = click.option(
 @click.option("--no-wait", is_flag=True, help="Send the goal and return.")
 @click.option(
     "--timeout",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FloatRange(min=0.0, min_open=True),
     metavar="SECONDS",
     help="When to give up and cancel.",
 )
@@ -182,7 +189,7 @@ def _ending(status: GoalStatus) -> str:
 @click.argument("where", nargs=-1, metavar="[X Y]")
 @click.option(
     "--distance",
-    type=click.FloatRange(0.8, 2.0),
+    type=FloatRange(0.8, 2.0),
     help="How far behind them to stay, in m [default: 1.2].",
 )
 @_speed
@@ -190,7 +197,7 @@ def _ending(status: GoalStatus) -> str:
 @click.option("--no-wait", is_flag=True, help="Begin to follow and return.")
 @click.option(
     "--timeout",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FloatRange(min=0.0, min_open=True),
     metavar="SECONDS",
     help="When to stop following.",
 )

@@ -10,6 +10,7 @@ from trolley import codes, requests, topics
 from trolley.cli.map_edit import edit_map
 from trolley.cli.map_of_drive import map_of_drive
 from trolley.cli.options import (
+    FloatRange,
     NumbersCommand,
     as_pose,
     json_option,
@@ -137,7 +138,7 @@ def save_map(name: str | None, as_json: bool) -> None:
 
 
 @click.command(name="undo")
-@click.option("--seconds", type=click.FloatRange(0.1, 86_400.0), default=60.0, show_default=True)
+@click.option("--seconds", type=FloatRange(0.1, 86_400.0), default=60.0, show_default=True)
 @where_options
 @json_option
 @reports_errors

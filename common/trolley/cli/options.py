@@ -102,6 +102,19 @@ def given(name: str) -> Any:
     return cast("dict[str, Any]", context.ensure_object(dict)).get(name)
 
 
+class FloatRange(click.FloatRange):
+    """A number in a range, which `nan` is not."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Refuse `nan`, which click finds in every range."""
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        return number
+
+
 class NumbersCommand(click.Command):
     """A command whose arguments may be negative numbers: `-1.5` is not an option."""
 

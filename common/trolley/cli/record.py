@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from trolley.cli import exits
-from trolley.cli.options import json_option, where_options
+from trolley.cli.options import FloatRange, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, counted, print_json, seconds_text
@@ -73,7 +73,7 @@ def until_signalled() -> Generator[Callable[[], bool]]:
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FloatRange(min=0.0, min_open=True),
     metavar="SECONDS",
     help="For how long; else until Ctrl-C.",
 )

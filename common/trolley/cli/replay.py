@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from trolley.cli import exits
-from trolley.cli.options import given, json_option, robot_name, where_options
+from trolley.cli.options import FloatRange, given, json_option, robot_name, where_options
 from trolley.cli.printing import say
 from trolley.cli.record import patterns_option, until_signalled
 from trolley.cli.robots import connected, reports_errors
@@ -33,7 +33,7 @@ LONGEST_NAME = 32
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option(
     "--speed",
-    type=click.FloatRange(0.01, 1000.0),
+    type=FloatRange(0.01, 1000.0),
     default=1.0,
     show_default=True,
     help="Recorded seconds per second.",
@@ -47,7 +47,7 @@ LONGEST_NAME = 32
 @click.option("--loop", is_flag=True, help="Repeat until Ctrl-C.")
 @click.option(
     "--start",
-    type=click.FloatRange(min=0.0),
+    type=FloatRange(min=0.0),
     default=0.0,
     help="How far into the recording to start [s].",
 )

@@ -11,7 +11,7 @@ import click
 import msgspec
 
 from trolley import codes, topics
-from trolley.cli.options import where_options
+from trolley.cli.options import FloatRange, where_options
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.teleop_keys import ASK_ALIVE, HeldKeys, Key, KeyDecoder, Pace, TerminalReport
 from trolley.cli.terminal import Terminal, TerminalGone
@@ -47,14 +47,14 @@ _COLOURS = {"ok": None, "held": "yellow", "stopped": "red", "fault": "red"}
 @click.command(name="teleop")
 @click.option(
     "--speed",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FloatRange(min=0.0, min_open=True),
     default=SPEED_MPS,
     show_default=True,
     help="Speed in m/s, within the robot's own limit.",
 )
 @click.option(
     "--turn",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FloatRange(min=0.0, min_open=True),
     default=TURN_RADPS,
     show_default=True,
     help="Turn rate in rad/s, within the robot's own limit.",

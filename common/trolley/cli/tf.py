@@ -9,7 +9,7 @@ import click
 
 from trolley import codes, topics
 from trolley.cli import exits
-from trolley.cli.options import json_option, where_options
+from trolley.cli.options import FloatRange, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import as_json as to_json
@@ -64,7 +64,7 @@ def _print(found: Relation) -> None:
 @click.argument("child")
 @click.option("--follow", is_flag=True, help="Repeat until Ctrl-C.")
 @click.option(
-    "--period", type=click.FloatRange(min=0.05), default=0.5, help="Seconds between repetitions."
+    "--period", type=FloatRange(min=0.05), default=0.5, help="Seconds between repetitions."
 )
 @where_options
 @json_option

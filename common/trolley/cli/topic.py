@@ -10,7 +10,7 @@ import click
 from trolley import topics
 from trolley.cli import SuggestingGroup, exits
 from trolley.cli.json_argument import read_json
-from trolley.cli.options import json_option, where_options
+from trolley.cli.options import FloatRange, json_option, where_options
 from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, as_json, counted, describe, print_json, print_table
@@ -201,7 +201,7 @@ def topic_rate(name: str, seconds: float, as_json: bool) -> None:
 @click.argument("message", metavar="JSON")
 @click.option(
     "--hz",
-    type=click.FloatRange(min=0.0, max=100.0, min_open=True),
+    type=FloatRange(min=0.0, max=100.0, min_open=True),
     metavar="RATE",
     help="Publish it again and again, this often, until Ctrl-C.",
 )

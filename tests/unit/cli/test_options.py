@@ -3,10 +3,11 @@
 import contextlib
 from types import SimpleNamespace
 
+import click
 import pytest
 from click.testing import CliRunner
 
-from trolley.cli import config, maps
+from trolley.cli import config, maps, record, replay
 from trolley.messages import Settings
 
 
@@ -29,3 +30,15 @@ def test_a_map_is_loaded_at_a_pose(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(maps, "one_robot", lambda: contextlib.nullcontext(robot))
     result = CliRunner().invoke(maps.map_command, ["load", "home", "--at", "1", "-2", "0"])
     assert result.output == "The robot now uses the map home (1.0, -2.0, 0.0).\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (replay.replay_command, [__file__, "--speed", "nan"]),
+        (record.record_command, ["--seconds", "nan"]),
+    ],
+)
+def test_what_is_no_number_is_refused(command: click.Command, words: list[str]) -> None:
+    with pytest.raises(click.BadParameter, match="is not a number"):
+        command.make_context("it", words)
