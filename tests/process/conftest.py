@@ -31,7 +31,7 @@ from trolley.messages import (
     Twist2D,
 )
 from trolley.messages.mapping import PoseState
-from trolley.messages.request_params import Named, Nothing, SendGoal, WhichGoal
+from trolley.messages.request_params import Nothing, SendGoal, WhichGoal
 from trolley.runtime.log import Log
 from trolley.runtime.node import Node
 from trolley.runtime.process import Run
@@ -151,10 +151,6 @@ class ScriptedRobot(Service):
     def resume_it(self, _params: Nothing) -> BaseState:
         self.stopped = False
         return BaseState(stamp_ns=0, mode="ok")
-
-    @answers(requests.POSES_DELETE)
-    def delete_it(self, params: Named) -> SavedPose:
-        raise Refused(codes.UNKNOWN_NAME, f"There is no {params.name!r}. There is only kitchen.")
 
     @answers(requests.GOAL_SEND)
     def send(self, params: SendGoal) -> GoalStatus:

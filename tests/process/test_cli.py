@@ -66,14 +66,6 @@ def test_where_it_was_found_is_said_with_what_is_the_matter(
     assert done.stdout.endswith(": checking\n")
 
 
-def test_a_place_to_delete_that_is_none_is_called_a_place(
-    add_robot: Callable, endpoint: str, trolley: Callable
-) -> None:
-    add_robot("one")
-    done = trolley("pose", "delete", "nope", "--connect", endpoint)
-    assert done.stderr.startswith("There is no saved place 'nope'. There is only kitchen.")
-
-
 def test_nobody_there_is_exit_code_3(endpoint: str, trolley: Callable) -> None:
     for arguments in (["status"], ["go", "kitchen"], ["stop"], ["--robot", "one", "stop"]):
         done = trolley(*arguments, "--connect", endpoint)

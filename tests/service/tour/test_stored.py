@@ -102,6 +102,7 @@ def test_requests_put_and_delete(empty: "Home"):
     with pytest.raises(Refused) as caught:
         empty.lockstep.ask(requests.POSES_DELETE, Named(name="kitchen"))
     assert caught.value.code == codes.UNKNOWN_NAME
+    assert caught.value.message.startswith("There is no saved place 'kitchen'.")
     assert get(empty, "poses/kitchen") == ["unknown_name"]
     assert get(empty, "poses/*") == []
 
