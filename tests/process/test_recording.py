@@ -263,6 +263,8 @@ def test_a_full_disk_ends_it_with_words(
         assert recording.damage.sentences() == []
         # What the robot saves still fits on it.
         (folder / "places").write_bytes(bytes(8192))
+        disk = os.statvfs(folder)
+        (folder / "log").write_bytes(bytes(disk.f_frsize * (disk.f_bavail - 1)))
         process = start("record", str(folder / "next.mcap"))
         assert process.wait() != 0
         assert "cannot be written" in process.log

@@ -92,10 +92,10 @@ class RecordingWriter:
         self._mcap.add_message(channel, log_time=at_ns, data=data, publish_time=stamp_ns)
 
     def flush(self) -> None:
-        """End the chunk and wait until it is on the disk, which it may not fill."""
+        """End the chunk and wait until it is on the disk; `abandon` drops one that fills it."""
         self._mcap.flush()
-        self._file.sync()
         self._file.leave_room()
+        self._file.sync()
 
     def finish(self) -> None:
         """Write the index, which ends the file."""

@@ -301,6 +301,26 @@ def test_on_a_full_disk_what_was_written_stays_readable(
     assert recording.damage.unread_bytes == 0
 
 
+def test_what_would_take_the_room_that_the_robot_needs_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A chunk that was already written stayed, however far it reached into that room."""
+    path = tmp_path / "full.mcap"
+    disk = os.statvfs(tmp_path)
+    low = os.statvfs_result((*disk[:4], 1, *disk[5:]))
+    with RecordingWriter(path, "one", {}) as writer:
+        recorder = Recorder(writer, "one")
+        before = writer.size
+        for at_s, sample in drive(1.0):
+            recorder.take(sample, round(at_s * SECOND_NS), START_NS)
+        monkeypatch.setattr("trolley.recording.writer.os.fstatvfs", lambda _: low)
+        with pytest.raises(OSError, match="No space left"):
+            writer.flush()
+        assert path.stat().st_size > before
+        writer.abandon()
+    assert path.stat().st_size == before
+
+
 def test_foxglove_finds_its_schemas(write_recording: WriteRecording) -> None:
     path = write_recording([*drive(1.0), (1.0, sample_of(topics.SCAN, make_scan(START_NS)))])
     with path.open("rb") as file:
