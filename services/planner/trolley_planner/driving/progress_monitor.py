@@ -118,8 +118,8 @@ class ProgressMonitor:
         trouble = self._checker.check(
             now.now_ns, left_m, pose, now.odom_T_base, speed, now.limits.max_turn
         )
-        is_lost = self._no_path_s > PATIENCE.no_path_s
-        if trouble is None and is_lost and now.motion.is_standing:
+        has_no_path = self._no_path_s > PATIENCE.no_path_s
+        if trouble is None and has_no_path and now.motion.is_standing:
             return codes.BLOCKED
         return trouble
 

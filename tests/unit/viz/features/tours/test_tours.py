@@ -405,6 +405,14 @@ def edit_tour(stage: "Stage", page: PageOf) -> None:
     settle(stage)
 
 
+def rename_tour(stage: "Stage", page: PageOf) -> None:
+    edit_tour(stage, page)
+    page.type("Name", "night")
+    settle(stage)
+    page.press("Save")
+    settle(stage)
+
+
 def test_a_tour_is_made_saved_and_started(stage: "Stage", tour: PretendTour, page: PageOf) -> None:
     make_tour(stage, page)
     assert not page.is_shown("Save")
@@ -512,11 +520,7 @@ def test_a_renamed_tour_keeps_one_name_and_undo_brings_the_other_back(
 ) -> None:
     make_tour(stage, page)
     before = tour.tours["evening"]
-    edit_tour(stage, page)
-    page.type("Name", "night")
-    settle(stage)
-    page.press("Save")
-    settle(stage)
+    rename_tour(stage, page)
     assert set(tour.tours) == {"night"}
     undo(page)
     settle(stage)
@@ -539,11 +543,7 @@ def test_undo_leaves_a_tour_that_somebody_else_changed_since(
     stage: "Stage", tour: PretendTour, page: PageOf, name: str
 ) -> None:
     make_tour(stage, page)
-    edit_tour(stage, page)
-    page.type("Name", "night")
-    settle(stage)
-    page.press("Save")
-    settle(stage)
+    rename_tour(stage, page)
     tour.put(Tour(name=name, stops=[Stop(pose=Pose2D(1.0, 1.0, 0.0))]))
     settle(stage)
     before = dict(tour.tours)
@@ -575,11 +575,7 @@ def test_an_undo_that_was_half_done_is_not_offered_again(
     stage: "Stage", tour: PretendTour, page: PageOf
 ) -> None:
     make_tour(stage, page)
-    edit_tour(stage, page)
-    page.type("Name", "night")
-    settle(stage)
-    page.press("Save")
-    settle(stage)
+    rename_tour(stage, page)
     tour.keeps_all = True
     assert undo(page) == "Undo: Save the tour night"
     settle(stage)
