@@ -9,12 +9,14 @@ Source:
 
 import fnmatch
 import math
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from trolley.config import ConfigError
 from trolley.config.base import LimitsConfig
+from trolley.geometry import angle_problem
 from trolley_base.importers.findings import Findings, Value
 from trolley_base.importers.parameters import read_parameters
 from trolley_base.importers.settings import take_footprint, take_map
@@ -23,6 +25,8 @@ Parameters = Mapping[str, Value]
 """By path without `ros__parameters`: `controller_server.FollowPath.vx_max`."""
 
 CONTROLLER, COSTMAPS = "controller_server.*.", ("local_costmap.*", "global_costmap.*")
+CONTROLLERS = "controller_server.controller_plugins"
+SMOOTHED = "velocity_smoother.max_velocity"
 SPEEDS = ("vx_max", "max_vel_x", "max_vel_trans", "desired_linear_vel", "v_linear_max")
 TURNS = ("wz_max", "max_vel_theta", "rotate_to_heading_angular_vel", "v_angular_max")
 
@@ -111,6 +115,10 @@ DEFAULT_ACCELERATION_MPS2 = LimitsConfig().acceleration_mps2
 NUM_AXES = 3
 """Of a velocity: x, y, theta."""
 
+ZONES = (
+    "What is forbidden or slow there is free to the planner until you draw no-go and slow zones "
+    "in the viewer, or put them with `trolley.Robot.put_zone`."
+)
 LEFT: tuple[tuple[str, str], ...] = (
     (
         "*.xy_goal_tolerance",
@@ -131,9 +139,11 @@ LEFT: tuple[tuple[str, str], ...] = (
     ),
     ("*.ax_min", "See deceleration: [base.limits] deceleration_mps2 is what it surely reaches."),
     (
-        "*costmap*filter*",
-        "Draw no-go and slow zones in the viewer, or put them with `trolley.Robot.put_zone`.",
+        "*.footprint_padding",
+        "The planner keeps its own distance beside the footprint: [planner] clearance_m.",
     ),
+    ("*costmap*filter*", ZONES),
+    ("*filter_mask_server.*", ZONES),
     ("*costmap*voxel*", "There is no 3D costmap; another sensor can be published as costs."),
     ("*costmap*", "One costmap, made from map and lidar, sets itself up."),
     ("amcl.*", "The localizer has other parameters, which need no tuning to a robot."),
@@ -156,6 +166,10 @@ LEFT: tuple[tuple[str, str], ...] = (
     ("*", "Trolley has no such part."),
 )
 """Patterns of paths, and why what matches is not taken; the first that matches counts."""
+NODES = {"local_costmap", "global_costmap"} | {
+    pattern.removesuffix(".*") for pattern, _ in LEFT if not pattern.startswith("*")
+}
+"""Names of Nav2's programs; what stands before one is a namespace."""
 
 
 def read_nav2(path: Path) -> Findings:
@@ -183,9 +197,13 @@ def read_nav2(path: Path) -> Findings:
 
 def _plain(name: str) -> str:
     """A path without the words that ROS puts into each: namespaces, and a costmap's name twice."""
-    parts = [part for part in name.split(".") if part not in ("ros__parameters", "/**")]
-    parts = [part.lstrip("/") for part in parts]
-    return ".".join(part for i, part in enumerate(parts) if i == 0 or part != parts[i - 1])
+    node, marker, parameter = name.partition("ros__parameters.")
+    if not marker:
+        return name
+    parts = [part for part in re.split(r"[./]", node) if part not in ("", "*", "**")]
+    first = next((i for i, part in enumerate(parts) if part in NODES), 0)
+    parts = list(dict.fromkeys(parts[first:]))
+    return ".".join([*parts, parameter])
 
 
 def _find(parameters: Parameters, *patterns: str) -> tuple[str, Value] | None:
@@ -211,7 +229,14 @@ def _take_shape(findings: Findings, parameters: Parameters) -> Iterator[str]:
     take_footprint(findings, None if found is None else found[1])
     yield from _all(parameters, *polygons, *radii)
     model = _find(parameters, "amcl.robot_model_type", "controller_server.*.motion_model")
-    if model is not None:
+    steered = _find(parameters, "controller_server.*.motion_model")
+    if steered is not None and "ackermann" in str(steered[1].value).lower():
+        findings.note(
+            f"{findings.place(steered[1])}: the robot steers like a car, which Trolley cannot "
+            "drive: its robots turn on the spot."
+        )
+        yield steered[0]
+    elif model is not None:
         is_omni = "omni" in str(model[1].value).lower()
         drive = "mecanum" if is_omni else "differential"
         findings.take("robot.drive", drive, f"{drive} drive", model[1])
@@ -219,8 +244,13 @@ def _take_shape(findings: Findings, parameters: Parameters) -> Iterator[str]:
 
 
 def _take_numbers(findings: Findings, parameters: Parameters) -> Iterator[str]:
+    plugins: Any = parameters[CONTROLLERS].value if CONTROLLERS in parameters else None
+    used = (
+        f"controller_server.{plugins[0]}." if isinstance(plugins, list) and plugins else CONTROLLER
+    )
     for wanted in NUMBERS:
-        found = _find(parameters, *wanted.names)
+        names = [name.replace(CONTROLLER, used) for name in wanted.names]
+        found = _find(parameters, *names, *wanted.names)
         number = None if found is None else found[1].number
         if found is None:
             continue
@@ -241,13 +271,13 @@ def _take_numbers(findings: Findings, parameters: Parameters) -> Iterator[str]:
 
 def _take_limits(findings: Findings, parameters: Parameters) -> Iterator[str]:
     """The limits of the base: the velocity smoother's, and at least what the planner may do."""
-    found = _find(parameters, "velocity_smoother.max_velocity")
+    found = parameters.get(SMOOTHED)
     axes: list[float | None] = [None] * NUM_AXES
     if found is not None:
-        value: Any = found[1].value
+        value: Any = found.value
         if isinstance(value, list) and len(value) == NUM_AXES:
-            axes = [found[1]._replace(value=one).number for one in value]
-        yield found[0]
+            axes = [found._replace(value=one).number for one in value]
+        yield SMOOTHED
     rows = (
         ("base.limits.max_speed_mps", "planner.max_speed_mps", DEFAULT_SPEED_MPS, 5.0, 0, "m/s"),
         (
@@ -263,11 +293,17 @@ def _take_limits(findings: Findings, parameters: Parameters) -> Iterator[str]:
         wanted = float(findings.chosen.get(planner, default))
         limit = axes[axis]
         if found is not None and limit is not None and 0.0 < limit <= most:
-            findings.take(key, limit, f"limit of the base {limit:g} {unit}", found[1])
+            findings.take(key, limit, f"limit of the base {limit:g} {unit}", found)
             if limit < wanted:
                 findings.set(planner, limit)
-        elif wanted > default:
+            continue
+        if wanted > default:
             findings.set(key, wanted)
+        if found is not None:
+            findings.note(
+                f"{findings.place(found)}: {SMOOTHED} is {found.value!r}, which gives no limit of "
+                f"up to {most:g} {unit}: {max(wanted, default):g} {unit} is used."
+            )
     acceleration = float(findings.chosen.get("planner.acceleration_mps2", 0.0))
     if acceleration > DEFAULT_ACCELERATION_MPS2:
         findings.note(
@@ -318,6 +354,10 @@ def _take_start(findings: Findings, parameters: Parameters) -> Iterator[str]:
         findings.note("No start pose is set: the robot searches the map when it starts.")
         return
     x, y, yaw = (number or 0.0 for number in numbers)
+    if problem := angle_problem(yaw):
+        place = findings.place(parameters[names[2]])
+        findings.note(f"{place}: no start pose is taken: the yaw {problem}.")
+        return
     pose: dict[str, Any] = {"x": x, "y": y, "yaw": yaw}
     words = f"start at x {x:.3f} m, y {y:.3f} m, {math.degrees(yaw):.1f}°"
     findings.take(

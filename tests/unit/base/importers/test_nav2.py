@@ -187,3 +187,64 @@ def test_a_value_that_cannot_be_is_left_out_and_said(tmp_path: Path, value: str)
     done = run(path, "-o", tmp_path / "robot.toml")
     assert done.exit_code == 0, done.output
     load_config(tmp_path / "robot.toml")
+
+
+def read(folder: Path, text: str) -> nav2.Findings:
+    path = folder / "p.yaml"
+    path.write_text(text)
+    return nav2.read_nav2(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "/robot1:\n" + "".join(f"  {line}\n" for line in PARAMS.splitlines()),
+        PARAMS.replace(
+            "local_costmap:\n  local_costmap:\n    ros__parameters:",
+            "<robot_namespace>/local_costmap:\n  local_costmap:\n    ros__parameters:",
+        ),
+        PARAMS.replace("controller_server:", "/robot1/controller_server:"),
+    ],
+)
+def test_what_stands_in_a_namespace_is_what_stands_without_one(tmp_path: Path, text: str) -> None:
+    assert read(tmp_path, text).chosen == read(tmp_path, PARAMS).chosen
+
+
+def test_a_robot_that_steers_like_a_car_is_not_called_differential(tmp_path: Path) -> None:
+    found = read(tmp_path, PARAMS.replace("batch_size: 2000", 'motion_model: "Ackermann"'))
+    assert "robot.drive" not in found.chosen
+    assert any("steers like a car" in note for note in found.notes)
+
+
+def test_a_controller_that_is_not_used_says_nothing(tmp_path: Path) -> None:
+    spare = "    Precise: {vx_max: 0.1, desired_linear_vel: 0.1}\n    FollowPath:\n"
+    text = PARAMS.replace("    FollowPath:\n", spare).replace(
+        "    controller_frequency: 50.0", "    controller_plugins: [FollowPath]"
+    )
+    assert read(tmp_path, text).chosen["planner.max_turn_radps"] == "1.9"
+    assert read(tmp_path, text.replace("[0.5, 0.0, 2.5]", "[5.0, 0.0, 2.5]")).chosen[
+        "planner.max_speed_mps"
+    ] == ("0.7")
+
+
+@pytest.mark.parametrize("value", ["[0.5, 0.0]", "[-0.5, 0.0, 2.5]", "[7.0, 0.0, 2.5]", "fast"])
+def test_a_limit_that_is_not_taken_is_said(tmp_path: Path, value: str) -> None:
+    found = read(tmp_path, PARAMS.replace("[0.5, 0.0, 2.5]", value))
+    assert any("velocity_smoother.max_velocity" in note for note in found.notes)
+
+
+def test_a_start_pose_in_degrees_is_left_out_and_said(tmp_path: Path) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text(PARAMS.replace("yaw: 1.57", "yaw: 90.0"))
+    done = run(path, "-o", tmp_path / "robot.toml")
+    assert done.exit_code == 0, done.output
+    assert "p.yaml:8: no start pose is taken: the yaw 90 is more than" in done.output
+    assert load_config(tmp_path / "robot.toml").start.pose is None
+
+
+def test_a_keepout_mask_and_the_padding_have_reasons_of_their_own(tmp_path: Path) -> None:
+    text = PARAMS.replace("      robot_radius: 0.22", "      footprint_padding: 0.05")
+    mask = "keepout_filter_mask_server:\n  ros__parameters:\n    yaml_filename: keepout.yaml\n"
+    left = dict(read(tmp_path, text + mask).left)
+    assert "clearance_m" in left["global_costmap.footprint_padding"]
+    assert "no-go" in left["keepout_filter_mask_server.yaml_filename"]
