@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from trolley.cli.options import json_option, robot_name_option
+from trolley.cli.options import FloatRange, json_option, robot_name_option
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.cli.show import print_json
@@ -33,8 +33,20 @@ from trolley.files import why_not_written
     callback=robot_name_option,
     help="The robot's name.",
 )
-@click.option("--length", default=0.30, show_default=True, help="Its length in metres.")
-@click.option("--width", default=0.24, show_default=True, help="Its width in metres.")
+@click.option(
+    "--length",
+    type=FloatRange(min=0.0, min_open=True),
+    default=0.30,
+    show_default=True,
+    help="Its length in metres.",
+)
+@click.option(
+    "--width",
+    type=FloatRange(min=0.0, min_open=True),
+    default=0.24,
+    show_default=True,
+    help="Its width in metres.",
+)
 @click.option("--map", "map_file", help="The map to start with, a map_server YAML file.")
 @json_option
 @reports_errors

@@ -8,7 +8,7 @@ import click
 from msgspec.structs import replace
 
 from trolley import codes, requests
-from trolley.cli.options import json_option, where_options
+from trolley.cli.options import FloatRange, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import Progress, print_json
@@ -30,7 +30,7 @@ from trolley.messages import (
 TIMEOUT_S = 120.0
 """A large map on a small computer takes its time."""
 WORKING = "working"
-LINE = (float, float, float, float)
+LINE = (FloatRange(),) * 4
 Line = tuple[float, float, float, float]
 
 
@@ -39,13 +39,20 @@ Line = tuple[float, float, float, float]
 @click.option("--erase", type=LINE, multiple=True, metavar="X Y X Y", help="Erase along a line.")
 @click.option("--wall", type=LINE, multiple=True, metavar="X Y X Y", help="Draw a wall.")
 @click.option(
-    "--width", type=float, help="Width of the brush and of walls [m]; default 0.2 and 0.05."
+    "--width",
+    type=FloatRange(min=0.0, max=100.0, min_open=True),
+    help="Width of the brush and of walls [m]; default 0.2 and 0.05.",
 )
 @click.option("--merge", "other", metavar="MAP", help="Fill in unknown areas from this map.")
 @click.option(
-    "--at", type=(float, float, float), metavar="X Y YAW", help="Where that map lies [m, m, °]."
+    "--at", type=(FloatRange(),) * 3, metavar="X Y YAW", help="Where that map lies [m, m, °]."
 )
-@click.option("--turn", type=float, metavar="DEGREES", help="Turn it counter-clockwise.")
+@click.option(
+    "--turn",
+    type=FloatRange(-360.0, 360.0),
+    metavar="DEGREES",
+    help="Turn it counter-clockwise.",
+)
 @click.option("--crop", type=LINE, metavar="X Y X Y", help="Keep this rectangle.")
 @click.option("--undo", is_flag=True, help="Go back to the previous version.")
 @click.option("--as", "as_name", metavar="NEW", help="Store the result as a map of its own.")

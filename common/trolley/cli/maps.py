@@ -9,7 +9,7 @@ from trolley import requests, topics
 from trolley.cli import SuggestingGroup
 from trolley.cli.changes import map_changes
 from trolley.cli.mapping import add_commands
-from trolley.cli.options import NumbersCommand, json_option, where_options
+from trolley.cli.options import FloatRange, NumbersCommand, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import known, one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table
@@ -95,7 +95,7 @@ def list_maps(as_json: bool) -> None:
 @click.argument("name")
 @click.option(
     "--at",
-    type=(float, float, float),
+    type=(FloatRange(),) * 3,
     metavar="X Y YAW",
     help="Where the robot is [m, m, rad].",
 )

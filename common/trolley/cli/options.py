@@ -103,15 +103,15 @@ def given(name: str) -> Any:
 
 
 class FloatRange(click.FloatRange):
-    """A number in a range, which `nan` is not."""
+    """A finite number, if need be in a range."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Refuse `nan`, which click finds in every range."""
+        """Refuse `nan`, which click finds in every range, and `inf`."""
         number = super().convert(value, param, ctx)
-        if math.isnan(number):
-            self.fail(f"{value!r} is not a number.", param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
 

@@ -22,6 +22,7 @@ from trolley.topics import Kind, Topic
 from trolley.traffic import Traffic
 
 LISTEN_S = 2.0
+SECONDS = FloatRange(min=0.0, max=86_400.0, min_open=True)
 
 
 def _complete(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[str]:
@@ -52,7 +53,9 @@ def _resolve(robot: Robot, name: str) -> tuple[Topic[Any], tuple[str, ...]]:
 
 @topic_command.command(name="list")
 @click.option("--all", "everything", is_flag=True, help="Also topics that nobody publishes now.")
-@click.option("--seconds", default=LISTEN_S, show_default=True, help="How long to listen.")
+@click.option(
+    "--seconds", type=SECONDS, default=LISTEN_S, show_default=True, help="How long to listen."
+)
 @where_options
 @json_option
 @reports_errors
@@ -121,7 +124,7 @@ def _rate(row: dict[str, Any]) -> str:
 @click.option("--full", is_flag=True, help="Print arrays in full.")
 @click.option(
     "--timeout",
-    type=float,
+    type=SECONDS,
     metavar="SECONDS",
     help="Exit with code 1 after this long without a message.",
 )
@@ -160,7 +163,7 @@ def _print(topic: Topic[Any], arrival: Arrival[Any], *, full: bool, to_json: boo
 
 @topic_command.command(name="hz")
 @topic_argument
-@click.option("--seconds", default=5.0, show_default=True, help="How long to listen.")
+@click.option("--seconds", type=SECONDS, default=5.0, show_default=True, help="How long to listen.")
 @where_options
 @json_option
 @reports_errors

@@ -8,7 +8,7 @@ import click
 import msgspec
 from msgspec import structs
 
-from trolley.cli.options import given, json_option, where_options
+from trolley.cli.options import FloatRange, given, json_option, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import connected, reports_errors
 from trolley.cli.show import print_json
@@ -83,14 +83,14 @@ def _settings(path: Path | None) -> Ros2Config:
 @click.option("--odom", metavar="TOPIC", help="The odometry; /tf for the transforms.")
 @click.option(
     "--laser",
-    type=(float, float, float),
+    type=(FloatRange(),) * 3,
     metavar="X Y YAW",
     help="Where the lidar sits on the robot [m, m, rad], if the bag does not say.",
 )
 @click.option(
     "--radius",
     "radius_m",
-    type=click.FloatRange(min=0.02, max=5.0),
+    type=FloatRange(min=0.02, max=5.0),
     default=0.2,
     show_default=True,
     help="Half the robot's width [m]: no bag says it.",

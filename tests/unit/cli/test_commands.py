@@ -15,13 +15,16 @@ from click.testing import CliRunner
 from trolley.cli import COMMANDS, PLUGINS, cli, plugins
 from trolley.cli.go import go_command
 from trolley.cli.init import render
+from trolley.cli.options import FloatRange
 from trolley.config import RobotConfig, load_config
 from trolley.config.describe import sections
 
 
-def walk(command: click.Command, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """The path of every command and group."""
-    yield path
+def walk(
+    command: click.Command, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    """Every command and group, and its path."""
+    yield path, command
     if isinstance(command, click.Group):
         context = click.Context(command)
         for name in command.list_commands(context):
@@ -39,13 +42,27 @@ def runner() -> CliRunner:
     return CliRunner()
 
 
-@pytest.mark.parametrize("path", list(walk(cli)), ids=" ".join)
+@pytest.mark.parametrize("path", [path for path, _ in walk(cli)], ids=" ".join)
 def test_every_command_explains_itself(runner: CliRunner, path: tuple[str, ...]) -> None:
     result = runner.invoke(cli, [*path, "--help"])
     assert result.exit_code == 0
     lines = result.output.splitlines()
     assert lines[0].startswith("Usage:")
     assert len(lines[2].strip()) > 10
+
+
+def test_no_number_may_be_nan() -> None:
+    numbers = (type(click.FLOAT), click.FloatRange)
+    careless = [
+        f"{' '.join(path)}: {parameter.name}"
+        for path, command in walk(cli)
+        for parameter in command.params
+        for kind in (
+            parameter.type.types if isinstance(parameter.type, click.Tuple) else [parameter.type]
+        )
+        if isinstance(kind, numbers) and not isinstance(kind, FloatRange)
+    ]
+    assert careless == []
 
 
 def test_the_table_of_commands_has_the_words_of_the_help() -> None:
@@ -137,7 +154,7 @@ def test_init_writes_a_file_that_loads_and_never_overwrites(
         (["--map", "none.yaml"], "none.yaml is not there; leave it out"),
         (["--map", "song.yaml"], "not valid YAML (not text)"),
         (["--map", "torn.yaml"], "there is no such image"),
-        (["--length", "-1"], "it must be at least 0.02"),
+        (["--length", "0.01"], "it must be at least 0.02"),
     ],
 )
 def test_init_writes_nothing_that_no_robot_could_use(
@@ -272,7 +289,7 @@ def test_what_starts_a_robot_says_where_its_name_and_router_stand(
         assert key in result.output
 
 
-PATHS = list(walk(cli))
+PATHS = [path for path, _ in walk(cli)]
 GROUPS = [path for path in PATHS if any(other[:-1] == path for other in PATHS if other)]
 
 

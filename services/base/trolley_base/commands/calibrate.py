@@ -11,7 +11,7 @@ import click
 
 from trolley import codes, requests, topics
 from trolley.cli import SuggestingGroup, exits
-from trolley.cli.options import given, json_option, where_options
+from trolley.cli.options import FloatRange, given, json_option, where_options
 from trolley.cli.printing import say, say_block
 from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import print_json
@@ -75,13 +75,13 @@ def _result_options(command: F) -> F:
         click.option(
             "--in-force",
             nargs=3,
-            type=click.FloatRange(0.5, 2.0),
+            type=FloatRange(0.5, 2.0),
             metavar="LINEAR ANGULAR RATIO",
             help="The scales that the robot uses now, if its robot.toml is not on this machine.",
         ),
         click.option(
             "--track",
-            type=click.FloatRange(0.02, 3.0),
+            type=FloatRange(0.02, 3.0),
             metavar="METRES",
             help="The track that the board assumes, if no robot.toml says it.",
         ),
@@ -101,7 +101,7 @@ def calibrate_command() -> None:
     "--side",
     default=1.0,
     show_default=True,
-    type=click.FloatRange(0.3, 5.0),
+    type=FloatRange(0.3, 5.0),
     metavar="METRES",
     help="How long each side is.",
 )
@@ -117,7 +117,7 @@ def calibrate_command() -> None:
     "--speed",
     default=0.2,
     show_default=True,
-    type=click.FloatRange(0.05, 0.5),
+    type=FloatRange(0.05, 0.5),
     metavar="M/S",
     help="How fast it drives.",
 )
@@ -152,7 +152,7 @@ def square_command(
 
 
 @calibrate_command.command(name="compare")
-@click.option("--seconds", default=120.0, show_default=True, type=click.FloatRange(5.0, 3600.0))
+@click.option("--seconds", default=120.0, show_default=True, type=FloatRange(5.0, 3600.0))
 @_result_options
 @where_options
 @json_option
@@ -293,8 +293,10 @@ def _drive_by_hand(
 
 def _ask_end() -> tuple[Pose2D, float]:
     """Ask where the robot ended relative to its mark, and how certain its heading is."""
-    x = click.prompt("How far ahead of its mark is it, in metres (negative: behind)", type=float)
-    y = click.prompt("How far to the left of it, in metres (negative: right)", type=float)
+    x = click.prompt(
+        "How far ahead of its mark is it, in metres (negative: behind)", type=FloatRange()
+    )
+    y = click.prompt("How far to the left of it, in metres (negative: right)", type=FloatRange())
     yaw = click.prompt(
         "Turned to the left by how many degrees (Enter: not measured)", default="", type=str
     )
