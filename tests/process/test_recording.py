@@ -155,6 +155,9 @@ def test_the_name_of_a_robot_that_is_there_is_refused(
     done = trolley("replay", str(recorded), *at)
     assert done.returncode == 2
     assert "one-replay" in done.stderr
+    done = trolley("status", "--robot", "one-replay", *at)
+    assert done.returncode == 0, done.stdout
+    assert "A recording is played" in done.stdout
 
 
 def test_a_robot_that_comes_up_later_has_its_name_for_itself(

@@ -24,6 +24,7 @@ from trolley.sanitize import sanitize
 
 EXPECTED = ("base", "localizer", "planner", "tour")
 """What a robot needs to drive tours."""
+REPLAYED = "A recording is played; no robot is there."
 COLUMNS = (
     Column("SERVICE", is_number=False),
     Column("STATE", 9, is_number=False),
@@ -87,9 +88,11 @@ def read_status(robot: Robot) -> dict[str, Any]:
     now_ns = robot.connection.robot_now_ns(robot.name)
     unix_ms = time.time_ns() // 1_000_000
     restarts = {unit.service: unit.restarts for unit in read_units(Host()) or []}
+    of_robot = robot.latest(topics.ROBOT)
+    is_replayed = of_robot is not None and of_robot.replayed
     found: dict[str, Any] = {
         "name": robot.name,
-        "robot": robot.latest(topics.ROBOT),
+        "robot": of_robot,
         "services": {
             service: {
                 "runs": runs.get(service, []),
@@ -98,7 +101,7 @@ def read_status(robot: Robot) -> dict[str, Any]:
                 "up_s": up_seconds(runs.get(service, []), unix_ms),
                 "restarts": restarts.get(service),
             }
-            for service in sorted({*EXPECTED, *runs, *health})
+            for service in sorted(set() if is_replayed else {*EXPECTED, *runs, *health})
         },
         "base": robot.latest(topics.BASE),
         "pose": pose,
@@ -106,8 +109,8 @@ def read_status(robot: Robot) -> dict[str, Any]:
         "goal": robot.latest(topics.GOAL),
         "trip": robot.latest(topics.TOUR),
     }
-    found["sentence"] = _sentence(found)
-    found["problems"] = problems(found)
+    found["sentence"] = REPLAYED if is_replayed else _sentence(found)
+    found["problems"] = [] if is_replayed else problems(found)
     return found
 
 
@@ -170,6 +173,8 @@ def _print(found: dict[str, Any]) -> None:
     say(sanitize(f"pose   {_pose_text(found['pose'], found['pose_age'])}"))
     say(sanitize(f"goal   {_goal_text(found['goal'], found['base'])}"))
     say(sanitize(f"trip   {_trip_text(found['trip'])}"))
+    if not found["services"]:
+        return
     say()
     width = shutil.get_terminal_size().columns
     rows = [_service_row(name, service) for name, service in found["services"].items()]

@@ -74,6 +74,9 @@ class RobotFacts:
 
 def check_robot(facts: RobotFacts) -> list[Finding]:
     """All checks of a running robot."""
+    if facts.robot is not None and facts.robot.replayed:
+        text = f"{facts.name} is a recording that is played; no robot is there to be examined."
+        return [note("robot", text)]
     return [
         *check_services(facts),
         *check_base(facts),

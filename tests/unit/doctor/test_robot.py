@@ -82,6 +82,12 @@ GOOD = RobotFacts(
 )
 
 
+def test_of_a_recording_that_is_played_no_service_is_missed() -> None:
+    played = msgspec.structs.replace(ROBOT, replayed=True)
+    found = check_robot(RobotFacts("one", 3.0, runs={"replay": ["pi-1-1"]}, robot=played))
+    assert [(one.level, one.remedy) for one in found] == [(Level.NOTE, "")]
+
+
 def without(facts: RobotFacts, *names: str) -> RobotFacts:
     return replace(facts, flows={k: v for k, v in facts.flows.items() if k not in names})
 
