@@ -133,7 +133,10 @@ def _check_role(place: Place) -> list[Finding]:
 def _check_kept(place: Place) -> list[Finding]:
     if place.config is None or place.config_path is None:
         return []
-    return settings.check_kept(place.config_path, place.state)
+    return [
+        *settings.check_kept(place.config_path, place.state),
+        *settings.check_name(place.config.robot.name, place.state),
+    ]
 
 
 def _check_devices(place: Place) -> list[Finding]:

@@ -18,6 +18,7 @@ from trolley.gridmap import GridMap
 from trolley.gridmap.io import MapError, load_map
 from trolley.messages import SavedPose, Zone
 from trolley.state_file import Unreadable, parse
+from trolley.topics import names_robot
 
 FINE_M, COARSE_M = 0.02, 0.1
 """Cell edges that work well."""
@@ -26,6 +27,8 @@ LARGE_CELLS = 25_000_000
 LEAST_FLOOR_M2 = 1.0
 """A map with less free floor leaves a robot nowhere to go, however large its canvas is."""
 MOST_NAMED = 5
+SAVED_FILES = ("poses.toml", "tours.toml")
+"""What people save for a robot."""
 
 
 class PlaceFile(Struct, frozen=True, kw_only=True):
@@ -112,6 +115,30 @@ def check_kept(path: Path, state: Path) -> list[Finding]:
         found.append(ok("settings", text))
     remedy = "Set it again with `trolley config set`, or delete what is wrong there."
     return [*found, *(warning("settings", text, remedy) for text in loaded.troubles)]
+
+
+def check_name(name: str, state: Path) -> list[Finding]:
+    """Whether what people saved is there under the robot's name: each robot has a folder of its own.
+
+    Args:
+        name: of the robot of robot.toml.
+        state: the host's state folder.
+    """
+    try:
+        saved = {file.parent.name for file in state.glob("*/*.toml") if file.name in SAVED_FILES}
+    except OSError:
+        return []  # a check of its own says that it cannot be read
+    saved = sorted(filter(names_robot, saved))
+    if not saved or name in saved:
+        return []
+    return [
+        note(
+            "settings",
+            f"Nobody has saved a place or tour for {name}; {state} has those of {_listed(saved)}.",
+            "If that is this robot under an earlier name, docs/install.md says how to take them "
+            "along.",
+        )
+    ]
 
 
 def _value(value: Any) -> str:

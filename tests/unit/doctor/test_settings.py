@@ -14,6 +14,7 @@ from trolley.doctor.settings import (
     check_file,
     check_kept,
     check_kept_aside,
+    check_name,
     check_map,
     check_places,
     check_without_robot,
@@ -222,6 +223,18 @@ def test_files_that_were_kept_aside_are_named(tmp_path: Path) -> None:
     (tmp_path / "tours.toml.broken-1700000000").touch()
     (found,) = check_kept_aside(tmp_path)
     assert "tours.toml.broken-1700000000" in found.sentence
+
+
+def test_a_robot_of_a_new_name_has_nothing_of_the_old_one(tmp_path: Path) -> None:
+    assert check_name("plum", tmp_path / "nowhere") == []
+    for file in ("kiwi/poses.toml", "maps/home.toml", "plum/last_pose.toml", "Not one/poses.toml"):
+        (tmp_path / file).parent.mkdir()
+        (tmp_path / file).touch()
+    (found,) = check_name("plum", tmp_path)
+    assert "place or tour for plum" in found.sentence
+    assert found.sentence.endswith("those of kiwi.")
+    (tmp_path / "plum" / "tours.toml").touch()
+    assert check_name("plum", tmp_path) == []
 
 
 def test_the_map_of_the_last_run_is_looked_at(tmp_path: Path) -> None:
