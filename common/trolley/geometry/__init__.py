@@ -6,6 +6,7 @@ from trolley.geometry.footprint import (
     footprint_from_polygon,
     footprint_from_radius,
     inscribed_radius,
+    radius_of_gyration,
 )
 from trolley.geometry.frames import FrameTree, Link, MissingLink
 from trolley.geometry.polygon import (
@@ -55,6 +56,7 @@ __all__ = [
     "log_pose",
     "polygon_contains",
     "pose_from_quaternion",
+    "radius_of_gyration",
     "segments_meet",
     "wrap_angle",
     "wrap_angles",

@@ -78,6 +78,19 @@ def circumscribed_radius(footprint: NDArray[np.float64]) -> float:
     return float(np.max(np.hypot(footprint[:, 0], footprint[:, 1])))
 
 
+def radius_of_gyration(footprint: NDArray[np.float64]) -> float:
+    """Return how far from `base_link` the robot's mass resists a turn [m].
+
+    Its mass is taken to be even over the footprint: turning at w, it has the energy that it has
+    driving straight at w times this radius.
+    """
+    x, y = footprint.T
+    next_x, next_y = np.roll(footprint, -1, axis=0).T
+    doubled_areas = x * next_y - next_x * y
+    squares = x * x + x * next_x + next_x * next_x + y * y + y * next_y + next_y * next_y
+    return math.sqrt(float(np.sum(doubled_areas * squares) / (6.0 * np.sum(doubled_areas))))
+
+
 def _check_size(name: str, size: float) -> None:
     # Written so that NaN is refused, too.
     if not MIN_SIZE_M <= size <= MAX_SIZE_M:

@@ -9,6 +9,7 @@ from trolley.geometry import (
     footprint_from_polygon,
     footprint_from_radius,
     inscribed_radius,
+    radius_of_gyration,
 )
 
 
@@ -30,6 +31,13 @@ def test_radii_are_about_base_link_not_the_middle() -> None:
     footprint = footprint_from_polygon([[-0.1, -0.15], [0.3, -0.15], [0.3, 0.15], [-0.1, 0.15]])
     assert inscribed_radius(footprint) == pytest.approx(0.1)
     assert circumscribed_radius(footprint) == pytest.approx(math.hypot(0.3, 0.15))
+
+
+def test_mass_far_from_base_link_resists_a_turn() -> None:
+    middle = math.hypot(0.4, 0.3) / math.sqrt(12.0)  # of a box
+    assert radius_of_gyration(footprint_from_box(0.4, 0.3)) == pytest.approx(middle)
+    behind = footprint_from_polygon([[-0.1, -0.15], [0.3, -0.15], [0.3, 0.15], [-0.1, 0.15]])
+    assert radius_of_gyration(behind) == pytest.approx(math.hypot(middle, 0.1))  # Steiner
 
 
 def test_clockwise_outline_is_turned_round() -> None:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Twist2D, circumscribed_radius, polygon_contains
+from trolley.geometry import Twist2D, circumscribed_radius, polygon_contains, radius_of_gyration
 from trolley.sight import SIGHT
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.observed_space import Unseen
@@ -80,6 +80,7 @@ class SightDistance:
         self._limits = limits
         self._delay_s = delay_s
         self._radius = circumscribed_radius(footprint)
+        self._gyration = radius_of_gyration(footprint)
         self.reach = self._reach_of(limits.speed) + 0.5 * limits.speed
         """How far from `base_link` what was not seen can matter within half a second [m]."""
 
@@ -110,7 +111,7 @@ class SightDistance:
         near, times, is_ahead = near[met], times[met], is_ahead[met]
         velocities = point_velocities(near, twist)
         times -= PARAMS.margin_m / np.hypot(velocities[:, 0], velocities[:, 1])
-        creep = min(1.0, SIGHT.creep_mps / self._fastest(twist))
+        creep = min(1.0, SIGHT.creep_mps / self._impact_speed(twist))
         is_held = is_ahead & ~may_creep[met] & (not by_hand)
         scale = min(
             max(creep, self._scale_before(times[~is_held], twist)),
@@ -139,11 +140,15 @@ class SightDistance:
 
     def is_creeping(self, twist: Twist2D) -> bool:
         """Say whether a velocity is no faster than what is driven where nothing was seen."""
-        return self._fastest(twist) <= (1.0 + PARAMS.slack) * SIGHT.creep_mps
+        return self._impact_speed(twist) <= (1.0 + PARAMS.slack) * SIGHT.creep_mps
 
     def is_coming_softly(self, twist: Twist2D) -> bool:
         """Say whether a velocity still brings sides to what was not seen, as slowly as they may."""
         return self._fastest(twist) >= 0.5 * PARAMS.soft
+
+    def _impact_speed(self, twist: Twist2D) -> float:
+        """Return the speed at which the robot has the same energy driving straight on [m/s]."""
+        return math.hypot(twist.speed, twist.wz * self._gyration)
 
     def _fastest(self, twist: Twist2D) -> float:
         """Return a speed that no point of the footprint exceeds [m/s]."""

@@ -93,7 +93,9 @@ def test_corners_that_swing_out_creep_whoever_drives(by_hand: bool) -> None:
     unseen = cells(-0.1, 0.32)
     turn = SIGHT.look(Twist2D(0.0, 0.0, 1.5), unseen, by_hand=by_hand)
     assert turn.where == "beside the robot"
-    assert 1.5 * turn.scale * math.hypot(0.2, 0.1) == pytest.approx(sight.SIGHT.creep_mps)
+    # With the energy of a creep straight on: I w^2 = m v^2, where I = m (0.4^2 + 0.2^2) / 12.
+    gyration_m = math.hypot(0.4, 0.2) / math.sqrt(12.0)
+    assert 1.5 * turn.scale * gyration_m == pytest.approx(sight.SIGHT.creep_mps)
     arc = SIGHT.look(Twist2D(0.3, 0.0, -1.0), unseen, by_hand=by_hand)
     assert 0.0 < arc.scale < 1.0
 
