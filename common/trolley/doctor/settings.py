@@ -118,7 +118,7 @@ def check_kept(path: Path, state: Path) -> list[Finding]:
 
 
 def check_name(name: str, state: Path) -> list[Finding]:
-    """Whether what people saved is there under the robot's name: each robot has a folder of its own.
+    """Whether what people saved is there under the robot's name, which its folder has.
 
     Args:
         name: of the robot of robot.toml.
