@@ -11,6 +11,7 @@ from support.cases import cases
 from trolley.geometry import Pose2D, exp_twist
 from trolley.geometry import Twist2D as Twist
 from trolley_base.calibration import (
+    Benchmark,
     Correction,
     Leg,
     Return,
@@ -19,6 +20,7 @@ from trolley_base.calibration import (
     estimate,
     square,
 )
+from trolley_base.calibration.report import describe_estimate, is_right, usable
 from trolley_base.odometry.wheel_scales import WheelScales
 
 TRACK_M = 0.2
@@ -69,7 +71,7 @@ def test_ends_of_squares_alone_give_turn_and_bend(angular: float, bend: float) -
         Leg(steps, truth.integrate(steps), 0.005, math.inf)
         for steps in (square_steps("ccw", 1.5), square_steps("cw", 1.5))
     ]
-    found = estimate(legs, knows_length=False)
+    found = estimate(legs, by_hand=True)
     assert found.correction.linear == 1.0
     assert found.correction.angular == pytest.approx(angular, abs=3e-3)
     assert found.correction.bend == pytest.approx(bend, abs=3e-3)
@@ -110,6 +112,67 @@ def test_a_wrong_pose_among_many_counts_for_little() -> None:
     assert found.linear == pytest.approx(truth.linear, abs=0.005)
     assert found.angular == pytest.approx(truth.angular, abs=0.005)
     assert found.bend == pytest.approx(truth.bend, abs=0.02)
+
+
+def seen_by(lidar: Pose2D, legs: list[Leg]) -> list[Leg]:
+    """The legs as a localizer sees them whose lidar sits otherwise than it believes."""
+    return [
+        Leg(leg.steps, lidar.inverse() @ leg.start_T_end @ lidar, leg.error_m, leg.error_rad)
+        for leg in legs
+    ]
+
+
+@given(planted, st.floats(-0.3, 0.3), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
+@settings(max_examples=cases(30))
+def test_a_lidar_that_sits_otherwise_is_told_from_the_wheels(
+    truth: Correction, yaw: float, x: float, y: float
+) -> None:
+    legs = legs_of(square_steps("ccw", 1.0), truth, 8) + legs_of(square_steps("cw", 1.0), truth, 8)
+    found = estimate(seen_by(Pose2D(x, y, yaw), legs))
+    assert found.correction.linear == pytest.approx(truth.linear, abs=0.003)
+    assert found.correction.angular == pytest.approx(truth.angular, abs=0.003)
+    assert found.correction.bend == pytest.approx(truth.bend, abs=0.01)
+    assert found.lidar.yaw == pytest.approx(yaw, abs=0.01)
+    assert found.lidar.distance_to(Pose2D(x, y, 0.0)) < 0.01
+    said = "\n".join(describe_estimate(found))
+    assert ("lidar sits otherwise" in said) or max(abs(yaw), abs(x), abs(y)) < 0.03
+
+
+def slipping(rng: np.random.Generator, share: float) -> list[Leg]:
+    legs = legs_of(square_steps("ccw", 1.0), Correction(), 8)
+    legs += legs_of(square_steps("cw", 1.0), Correction(), 8)
+    return [
+        Leg(leg.steps, leg.start_T_end @ Pose2D(*rng.normal(0.0, share, 3)), 0.01, 0.01)
+        for leg in legs
+    ]
+
+
+def test_wheels_that_slip_are_not_called_too_few_straight_stretches() -> None:
+    found = estimate(slipping(np.random.default_rng(1), 0.1))
+    assert usable(found) == Correction()
+    said = "\n".join(describe_estimate(found))
+    assert "slipped" in said
+    assert "too few" not in said
+
+
+def test_a_correction_that_spoils_the_squares_is_worse() -> None:
+    def ends(angular: float) -> Benchmark:
+        returns = [
+            Return(direction, Pose2D.identity(), Correction(1.0, angular).integrate(steps))
+            for direction in ("ccw", "cw")
+            for steps in [square_steps(direction, 1.0)]
+        ]
+        return benchmark(returns, 1.0)
+
+    assert ends(0.97).is_worse_than(ends(1.0))
+    assert not ends(1.001).is_worse_than(ends(1.0))
+    assert not ends(1.0).is_worse_than(ends(0.97))
+
+
+def test_errors_within_what_they_may_be_are_no_errors() -> None:
+    assert is_right(estimate(slipping(np.random.default_rng(1), 0.005)))
+    wide = legs_of(square_steps("ccw", 1.0), Correction(1.0, 0.96, 0.0), 8)
+    assert not is_right(estimate(wide))
 
 
 def test_a_drive_without_turns_says_that_it_knows_nothing_of_turning() -> None:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 from bench.harness.drives import make_config
+from msgspec.structs import replace
+from support.samples import make_estimate
 
 from trolley import codes, requests, topics
 from trolley.config import RobotConfig
@@ -219,11 +221,38 @@ def test_squares_measured_by_hand_find_turn_and_bend(tmp_path: Path) -> None:
         steps, moved = drive.between(0, 8)
         assert moved is None
         legs.append(Leg(steps, end, 0.01, math.inf))
-    found = estimate(legs, knows_length=False).correction
+    found = estimate(legs, by_hand=True).correction
     true = true_scales(wheels)
     assert found.angular == pytest.approx(true.angular, abs=0.01)
     scales = combined(found, WheelScales(track_m=TRACK_M))
     assert scales.wheel_ratio == pytest.approx(true.wheel_ratio, abs=0.005)
+
+
+def test_motors_that_do_not_turn_slowly_hold_nothing_up(tmp_path: Path) -> None:
+    """The last tenth of each turn is too slow for them."""
+    room = Room(tmp_path, 1, {}, things="[motors]\ndead_band_mps = 0.03\n")
+    drive = CalibrationDrive(squares_both_ways(0.5, 1).places[:3], 0.2)
+    with room.lockstep:
+        room.calibrate(drive)
+        assert room.lockstep.run_until(lambda: drive.has_ended, 100.0)
+    assert drive.problem is None
+
+
+def test_a_robot_that_does_not_go_where_its_wheels_take_it_is_stopped() -> None:
+    """Its lidar is turned by a right angle against robot.toml."""
+    drive = CalibrationDrive(squares_both_ways(SIDE_M, 1).places, 0.2)
+    counted, now_ns, twist = 0.0, 0, Twist2D.zero()
+    while not drive.has_ended and counted < SIDE_M:
+        now_ns, counted = now_ns + 50_000_000, counted + 0.05 * twist.vx
+        drive.update_odometry(
+            Odometry(stamp_ns=now_ns, pose=Pose2D(counted, 0.0, 0.0), twist=twist)
+        )
+        seen = Pose2D(0.0, counted, 0.0)
+        drive.update_pose(replace(make_estimate(now_ns), pose=seen))
+        twist = drive.step(now_ns)
+    assert twist.is_zero
+    assert counted < 0.5 * SIDE_M
+    assert "sees the robot drive 90° to the left" in (drive.problem or "")
 
 
 class Driving:

@@ -53,6 +53,10 @@ class Place:
     pose: Pose2D
     drives: bool
 
+    def is_near(self, place_T_base: Pose2D, metres: float, radians: float) -> bool:
+        """Say whether so little is left that the robot may rest here."""
+        return -place_T_base.x < metres if self.drives else abs(place_T_base.yaw) < radians
+
     def command(self, place_T_base: Pose2D, speed_mps: float) -> Twist2D | None:
         """Return the velocity towards the place, None where the robot is there.
 

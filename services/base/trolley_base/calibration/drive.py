@@ -48,6 +48,16 @@ class CalibrationDriveParams:
     """Longest time in which base does not take the commands [ns]."""
     max_place_ns: int = 60_000_000_000
     """A place takes longer only when something holds the robot [ns]."""
+    stalled_ns: int = 1_000_000_000
+    """A robot that is told to move and stands for so long moves no further [ns] ..."""
+    stalled_m: float = 0.05
+    """... as motors do when told to turn slowly: this near to a place it has reached it [m]."""
+    stalled_rad: float = 0.3
+    """The same for a heading [rad]."""
+    compare_m: float = 0.25
+    """Distance after which wheels and localizer are asked in which direction it went [m]."""
+    aside_rad: float = 0.8
+    """They may differ by this much, as with unequal wheels [rad]."""
 
 
 PARAMS = CalibrationDriveParams()
@@ -91,6 +101,7 @@ class CalibrationDrive:
         self._leg_ns = 0
         self._is_driving = False
         self._followed_ns: int | None = None
+        self._moved_ns = 0
 
     @property
     def has_ended(self) -> bool:
@@ -122,6 +133,8 @@ class CalibrationDrive:
             self._sure_ns = estimate.stamp_ns
             self._estimates.append((estimate.stamp_ns, estimate.pose))
         self._world_T_odom = estimate.pose @ self.log.pose_at(estimate.stamp_ns).inverse()
+        if self._is_driving:
+            self._compare_directions(estimate.stamp_ns, estimate.pose)
 
     def give_up(self, problem: str) -> None:
         """End it, with the reason."""
@@ -143,7 +156,7 @@ class CalibrationDrive:
         if not self._is_driving:
             self._rest(now_ns, self._odometry)
             return Twist2D.zero()
-        command = self._steer(self._odometry.pose)
+        command = self._steer(now_ns, self._odometry)
         if command is None:
             self._is_driving, self._still_ns = False, None
             return Twist2D.zero()
@@ -170,17 +183,47 @@ class CalibrationDrive:
             return steps, None
         return steps, before.map_T_base.inverse() @ after.map_T_base
 
-    def _steer(self, odom_T_base: Pose2D) -> Twist2D | None:
+    def _compare_directions(self, stamp_ns: int, pose: Pose2D) -> None:
+        """Give up where the robot does not go where its wheels take it: it would go on for long."""
+        begin = self.stops[-1]
+        assert begin.map_T_base is not None  # set by the rest
+        counted = self.log.pose_at(begin.stamp_ns).inverse() @ self.log.pose_at(stamp_ns)
+        seen = begin.map_T_base.inverse() @ pose
+        if (
+            min(math.hypot(counted.x, counted.y), 2.0 * math.hypot(seen.x, seen.y))
+            < PARAMS.compare_m
+        ):
+            return
+        aside = wrap_angle(math.atan2(seen.y, seen.x) - math.atan2(counted.y, counted.x))
+        if abs(aside) > PARAMS.aside_rad:
+            side = "left" if aside > 0.0 else "right"
+            self.give_up(
+                f"the lidar sees the robot drive {math.degrees(abs(aside)):.0f}° to the {side} of "
+                "where its wheels take it. The lidar's yaw in robot.toml is wrong, or how the "
+                "motors are connected; `trolley setup` tells which"
+            )
+
+    def _steer(self, now_ns: int, odometry: Odometry) -> Twist2D | None:
         place = self._places[len(self.stops) - 1]
         assert self._world_T_start is not None  # set by the first rest
         world_T_place = self._world_T_start @ place.pose
-        place_T_base = world_T_place.inverse() @ self._world_T_odom @ odom_T_base
+        place_T_base = world_T_place.inverse() @ self._world_T_odom @ odometry.pose
+        if not self._stands(odometry):
+            self._moved_ns = now_ns
+        if now_ns - self._moved_ns > PARAMS.stalled_ns and place.is_near(
+            place_T_base, PARAMS.stalled_m, PARAMS.stalled_rad
+        ):
+            return None
         return place.command(place_T_base, self._speed_mps)
+
+    @staticmethod
+    def _stands(odometry: Odometry) -> bool:
+        twist = odometry.twist
+        return twist.speed <= PARAMS.still_speed and abs(twist.wz) <= PARAMS.still_wz
 
     def _rest(self, now_ns: int, odometry: Odometry) -> None:
         """Wait until the robot stands, measure, and go on to the next place."""
-        twist = odometry.twist
-        if twist.speed > PARAMS.still_speed or abs(twist.wz) > PARAMS.still_wz:
+        if not self._stands(odometry):
             self._still_ns = None
             return
         if self._still_ns is None:
@@ -196,6 +239,7 @@ class CalibrationDrive:
         if self._world_T_start is None:
             self._world_T_start = odometry.pose if mean is None else mean
         self._is_driving, self._leg_ns, self._followed_ns = True, now_ns, None
+        self._moved_ns = now_ns
 
     def _find_problem(self, now_ns: int) -> str | None:
         """Say why the drive cannot go on, None if it can."""

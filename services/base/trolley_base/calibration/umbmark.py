@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 
 Direction = Literal["ccw", "cw"]
+WORSE_SHARE, WORSE_M = 1.1, 0.01
+"""Two results of one drive that differ by less are as good as each other; by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,10 @@ class Benchmark:
     largest_m: float
     alpha_rad: float
     beta_rad: float
+
+    def is_worse_than(self, other: "Benchmark") -> bool:
+        """Say whether odometry misses the ends by more than chance makes of the same drive."""
+        return self.largest_m > WORSE_SHARE * other.largest_m + WORSE_M
 
     @property
     def track_ratio(self) -> float:

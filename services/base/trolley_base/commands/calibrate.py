@@ -25,6 +25,7 @@ from trolley_base.calibration import (
     CalibrationDrive,
     Comparison,
     Correction,
+    Estimate,
     Leg,
     Return,
     benchmark,
@@ -38,6 +39,7 @@ from trolley_base.calibration.report import (
     describe_estimate,
     describe_fit,
     describe_track,
+    is_right,
     usable,
 )
 from trolley_base.calibration.umbmark import Direction
@@ -57,6 +59,14 @@ from trolley_base.odometry.wheel_scales import WheelScales, scales_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 NO_TRACK = "The wheel ratio is left out: give --track, the track that the board assumes."
+WORSE = (
+    "Nothing is proposed: corrected, the odometry would miss the ends of the squares by more than "
+    "it does now. The wheels slip, or have play whenever they turn back."
+)
+RIGHT = (
+    "As far as this drive shows, nothing is to be corrected: no error is larger than twice its "
+    "standard error. More runs and larger squares show smaller ones."
+)
 BY_HAND_M, BY_HAND_RAD = 0.01, math.radians(2.0)
 """Errors of a person with a tape measure, from the mark to where the robot stands."""
 WAYS: dict[Direction, str] = {"ccw": "counter-clockwise", "cw": "clockwise"}
@@ -139,7 +149,7 @@ def square_command(
         refuse_unready(robot, needs_pose=not by_hand)
         measure = _drive_by_hand if by_hand else _drive_by_map
         legs, returns = measure(robot, side, runs, speed, yes)
-    found = estimate(legs, knows_length=not by_hand)
+    found = estimate(legs, by_hand=by_hand)
     correction = usable(found)
     say_block("\n".join(describe_estimate(found)))
     before, after = (
@@ -147,8 +157,11 @@ def square_command(
         for kind in (Correction(), correction)
     )
     say_block("\n".join(describe_benchmark(before, after, side)))
-    say_block(describe_fit(legs, correction))
-    _propose(correction, in_force, path, result)
+    say_block(describe_fit(legs, correction, found.lidar))
+    if after.is_worse_than(before):
+        say(WORSE, err=True)
+        raise SystemExit(exits.FAILED)
+    _propose(found, in_force, path, result)
 
 
 @calibrate_command.command(name="compare")
@@ -176,11 +189,10 @@ def compare_command(seconds: float, as_json: bool, **result: Any) -> None:
         )
         raise SystemExit(exits.FAILED)
     found = estimate(comparison.legs)
-    correction = usable(found)
     if not as_json:
         say_block("\n".join(describe_estimate(found)))
-        say_block(describe_fit(comparison.legs, correction))
-    _propose(correction, in_force, path, result, as_json=as_json)
+        say_block(describe_fit(comparison.legs, usable(found), found.lidar))
+    _propose(found, in_force, path, result, as_json=as_json)
 
 
 @calibrate_command.command(name="proposed")
@@ -344,13 +356,19 @@ def _in_force(name: str, result: dict[str, Any]) -> tuple[WheelScales, Path | No
 
 
 def _propose(
-    correction: Correction,
+    found: Estimate,
     in_force: WheelScales,
     path: Path | None,
     result: dict[str, Any],
     *,
     as_json: bool = False,
 ) -> None:
+    correction = usable(found)
+    if correction != Correction() and is_right(found):
+        say(RIGHT, err=as_json)
+        if as_json:
+            print_json({"settings": {}, "file": None})
+        return
     if correction.bend != 0.0 and in_force.track_m is None:
         say(NO_TRACK, err=as_json)
         correction = replace(correction, bend=0.0)

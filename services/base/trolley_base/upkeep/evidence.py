@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D, angle_difference
+from trolley.geometry import Pose2D
 from trolley_base.upkeep.correction import Correction
 from trolley_base.upkeep.legs import Leg
 
@@ -148,14 +148,8 @@ def _linearize(leg: Leg, base_T_laser: Pose2D) -> tuple[Floats, Floats]:
 
 def _misses(leg: Leg, base_T_laser: Pose2D, values: Floats) -> Floats:
     linear, angular, bend, yaw, x, y = values.tolist()
-    driven = Correction(1.0 + linear, 1.0 + angular, bend).integrate(leg.steps)
     mount = base_T_laser
     true = Pose2D(mount.x + x, mount.y + y, mount.yaw + yaw)
-    moved = true @ mount.inverse()
-    fitted, measured = moved.inverse() @ driven @ moved, leg.start_T_end
-    direction = math.atan2(measured.y, measured.x)
-    cos, sin = math.cos(direction), math.sin(direction)
-    off_x, off_y = fitted.x - measured.x, fitted.y - measured.y
-    turn = angle_difference(fitted.yaw, measured.yaw)
-    misses = np.array([cos * off_x + sin * off_y, cos * off_y - sin * off_x, turn])
-    return misses / np.array(leg.deviations)
+    correction = Correction(1.0 + linear, 1.0 + angular, bend)
+    misses = leg.error_of(correction, true @ mount.inverse())
+    return np.array(misses) / np.array(leg.deviations)

@@ -63,9 +63,16 @@ class Leg:
             math.hypot(math.sqrt(2.0) * self.error_rad, slip_rad),
         )
 
-    def error_of(self, correction: Correction) -> tuple[float, float, float]:
-        """Return by how much the corrected odometry misses the measured end, as `deviations`."""
-        fitted, measured = correction.integrate(self.steps), self.start_T_end
+    def error_of(self, correction: Correction, lidar: Pose2D) -> tuple[float, float, float]:
+        """Return by how much the corrected odometry misses the measured end, as `deviations`.
+
+        Args:
+            correction: of the odometry.
+            lidar: base_T_laser, true, @ base_T_laser^-1, as written: the localizer sees the base
+                move by what a lidar that was turned or moved sees.
+        """
+        fitted = lidar.inverse() @ correction.integrate(self.steps) @ lidar
+        measured = self.start_T_end
         direction = math.atan2(measured.y, measured.x)
         cos, sin = math.cos(direction), math.sin(direction)
         x, y = fitted.x - measured.x, fitted.y - measured.y
