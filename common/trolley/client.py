@@ -425,7 +425,9 @@ class Robot:
                 if _left(deadline) <= 0.0:
                     said = "there is no pose" if last is None else last.message or last.state
                     if last is not None and last.state == "localized":
-                        said = "its pose is old, since the localizer gets no scans"
+                        said = "no pose came in that time"
+                        if timeout is not None and timeout > STALE_AFTER_S:
+                            said = "its pose is old, since the localizer gets no scans"
                     why = f"Not localized after {timeout:g} s: {said}"
                     raise Refused(codes.NOT_LOCALIZED, f"{why.rstrip('.')}.")
 
@@ -657,8 +659,8 @@ class Robot:
         """Each status of a goal (the current one if none is named) until it has ended.
 
         Raises:
-            Refused: `restarted` if the planner came back without it, `timeout`. RobotUnreachable:
-            The planner is gone.
+            Refused: `restarted` if the planner came back without it, or never had it; `timeout`.
+            RobotUnreachable: The planner is gone.
         """
         deadline = _deadline(timeout)
         with self.subscribe(topics.GOAL) as statuses:
@@ -895,7 +897,10 @@ class Robot:
             return self._ask_again(topics.GOAL, "planner")
         found = self._open().get(self.name, topics.GOAL, parameters={"id": goal})
         if not found and self._ask_again(topics.GOAL, "planner").id != goal:
-            raise Refused(codes.RESTARTED, "The planner was restarted and the goal is gone.")
+            raise Refused(
+                codes.RESTARTED,
+                f"The planner does not know the goal {goal}: it was restarted, or never had it.",
+            )
         return found.get(()) or self._ask_again(topics.GOAL, "planner")
 
     def _ask_again(self, topic: Topic[M], service: str) -> M:

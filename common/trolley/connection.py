@@ -29,7 +29,14 @@ from trolley.runtime.clock_follower import ANSWER_S, told
 from trolley.runtime.endpoints import is_far
 from trolley.runtime.replies import outcome
 from trolley.runtime.robot_time import FollowedTime
-from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, ZenohError, open_bus
+from trolley.runtime.zenoh_bus import (
+    FORKED,
+    NotConnected,
+    ZenohBus,
+    ZenohError,
+    is_forked,
+    open_bus,
+)
 from trolley.security.host_keys import DEFAULT_FOLDER, HostKeys, KeysError, keys_for
 from trolley.suggestions import did_you_mean
 from trolley.topics import Topic
@@ -213,6 +220,8 @@ class Connection:
         """The open bus."""
         if self._bus is None:
             raise RobotUnreachable(CLOSED)
+        if is_forked():
+            raise RobotUnreachable(FORKED)
         return self._bus
 
     @contextmanager

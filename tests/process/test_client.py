@@ -82,8 +82,10 @@ def test_a_pose_from_before_the_lidar_fell_silent_is_not_waited_for(
             return False
 
         wait_until(is_stale, "the last pose is old")
+        with pytest.raises(Refused, match="after 0 s: no pose came in that time"):
+            robot.wait_until_localized(0)
         with pytest.raises(Refused, match="its pose is old") as caught:
-            robot.wait_until_localized(0.3)
+            robot.wait_until_localized(1.1)
         assert caught.value.code == codes.NOT_LOCALIZED
         scripted.is_blind = False
         assert robot.wait_until_localized(PATIENCE_S).state == "localized"
@@ -285,6 +287,8 @@ def test_a_goal_that_a_restarted_planner_forgot_is_over(add_robot: Callable, end
         with pytest.raises(Refused) as refused:
             list(follow)
         assert refused.value.code == "restarted"
+        with pytest.raises(Refused, match="does not know the goal g-7: it was restarted, or never"):
+            list(robot.follow("g-7"))
 
 
 def test_a_lost_connection_says_that_the_robot_drives_on(

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import inspect
 import math
+import signal
 import subprocess
 import sys
 import threading
@@ -32,6 +33,9 @@ from trolley.messages import (
     Scan,
     floats_to_bytes,
 )
+from trolley.runtime import zenoh_bus
+from trolley.runtime.zenoh_bus import open_bus
+from trolley.topics import Qos
 
 from .conftest import ScriptedRobot, running
 
@@ -475,3 +479,63 @@ print(robot.pose(), robot)
         timeout=PATIENCE_S,
     )
     assert "Robot one" in done.stdout
+
+
+def test_a_process_that_was_forked_says_so_and_ends(add_robot: Callable, endpoint: str) -> None:
+    add_robot("one")
+    program = f"""
+import os, sys
+from trolley import Robot, topics
+robot = Robot(connect={endpoint!r})
+robot.on(topics.ODOM, id)
+child = os.fork()
+if child:
+    print("child:", os.waitpid(child, 0)[1])
+else:
+    for what in (robot.latest, robot.subscribe, lambda _: Robot(connect={endpoint!r})):
+        try:
+            what(topics.POSE)
+        except Exception as error:
+            print(type(error).__name__, error)
+robot.close()
+"""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE_S)
+    said = "RobotUnreachable this process was forked from one"
+    assert [line[: len(said)] for line in done.stdout.splitlines()] == [said] * 3 + ["child: 0"]
+
+
+def test_ctrl_c_ends_the_search_for_a_router() -> None:
+    program = """
+from trolley import Robot
+print("looking", flush=True)
+Robot("one", connect="tcp/127.0.0.1:1", connect_timeout=1000.0)
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "looking\n"
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+    assert said.endswith("KeyboardInterrupt\n")
+
+
+def test_a_session_may_be_closed_where_it_calls_back(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zenoh_bus, "CALLBACK_S", 10.0 * PATIENCE_S)
+    is_closed = threading.Event()
+    with open_bus([endpoint], PATIENCE_S) as bus, open_bus([endpoint], PATIENCE_S) as other:
+
+        def close(_sample: object) -> None:
+            bus.close()
+            is_closed.set()
+
+        bus.subscribe("trolley/one/close", close)
+
+        def heard() -> bool:
+            other.put("trolley/one/close", b"1", "", Qos.STATE)
+            return is_closed.is_set()
+
+        wait_until(heard, "it is closed")

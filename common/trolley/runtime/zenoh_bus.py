@@ -9,8 +9,9 @@ import ctypes
 import os
 import threading
 import time
+import weakref
 from collections.abc import Callable, Generator, Mapping, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -63,6 +64,12 @@ _PRIORITIES = {
 
 ZenohError = zenoh.ZError
 """What the library raises, such as of a session that another thread has closed."""
+
+
+FORKED = (
+    "this process was forked from one that is or was connected to a robot, and cannot be itself: "
+    'begin it anew, as multiprocessing does with set_start_method("spawn")'
+)
 
 
 class NotConnected(Exception):
@@ -232,14 +239,36 @@ class _ZenohQuery:
             self._query = None
 
 
+_opened_in: set[int] = set()
+"""Processes that have opened a session: this one, and those that it was forked from."""
+_living: "weakref.WeakSet[ZenohBus | _Declared]" = weakref.WeakSet()
+"""What takes itself back at its end."""
+
+
+def is_forked() -> bool:
+    """Whether this process was forked from one that used Zenoh, whose threads are not here."""
+    return not _opened_in <= {os.getpid()}
+
+
+def _keep_after_fork() -> None:
+    """Keep what a forked process has of its parent's sessions: dropping it would wait for ever."""
+    for one in list(_living):
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(one))
+
+
+os.register_at_fork(after_in_child=_keep_after_fork)
+
+
 class _Declared:
     """A subscriber, queryable or token that can be taken back."""
 
     def __init__(self, undeclare: Callable[[], object]) -> None:
         self._undeclare = undeclare
+        _living.add(self)
 
     def close(self) -> None:
-        self._undeclare()
+        if not is_forked():
+            self._undeclare()
 
 
 class _Served:
@@ -326,7 +355,8 @@ class ZenohBus:
         self._heard: dict[tuple[str, str], _Heard] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
         self._is_closed = False
-        self._calling: set[threading.Event] = set()  # a thread for callbacks each, until it ends
+        self._calling: dict[threading.Event, int] = {}  # a thread for callbacks each, until it ends
+        _living.add(self)
 
     @property
     def session(self) -> zenoh.Session:
@@ -334,15 +364,18 @@ class ZenohBus:
         return self._session
 
     def close(self) -> None:
-        """End the session, and wait for the threads that call back.
+        """End the session, and wait for the other threads that call back.
 
         They are daemons: one that is still inside Zenoh when Python ends would abort the process.
         """
+        if is_forked():
+            return
         self._is_closed = True
         self._session.close()
         deadline_s = time.monotonic() + CALLBACK_S
-        for ended in list(self._calling):
-            ended.wait(max(deadline_s - time.monotonic(), 0.0))
+        for ended, thread in list(self._calling.items()):
+            if thread != threading.get_ident():
+                ended.wait(max(deadline_s - time.monotonic(), 0.0))
 
     def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
         """Publish; without a router it is dropped, and a stream that nobody hears stays here."""
@@ -391,10 +424,13 @@ class ZenohBus:
 
     def subscribe(self, key_expr: str, callback: Callable[[Sample], None]) -> _Declared:
         """Call back, on one of Zenoh's threads, for each put and delete that matches."""
+        ended = threading.Event()
 
         def receive(sample: zenoh.Sample) -> None:
             if self._is_closed:
                 return  # what still waits then is many, perhaps
+            if ended in self._calling:
+                self._calling[ended] = threading.get_ident()
             payload = _read(sample.payload)
             is_delete = not payload and sample.kind == zenoh.SampleKind.DELETE
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
@@ -402,11 +438,10 @@ class ZenohBus:
         if self._puts_directly:
             handler = _handler(receive, None, is_direct=True)
             return _Declared(self._session.declare_subscriber(key_expr, handler).undeclare)
-        ended = threading.Event()
-        self._calling.add(ended)
+        self._calling[ended] = 0
 
         def end() -> None:
-            self._calling.discard(ended)
+            self._calling.pop(ended, None)
             ended.set()
 
         handler = _handler(receive, end, is_direct=False)
@@ -518,8 +553,9 @@ def open_bus(
     """
     zenoh.init_log_from_env_or("off")
     timeout_ms = -1 if timeout_s is None else int(timeout_s * 1000)
+    opening = _open_apart(lambda: client_config(endpoints, timeout_ms, keys))
     try:
-        session = zenoh.open(client_config(endpoints, timeout_ms, keys))
+        session = opening.result()
     except zenoh.ZError as error:
         for one in endpoints:
             if is_forbidden(one):
@@ -532,6 +568,10 @@ def open_bus(
             f"no router answers at {where}; start one with `trolley up`, `trolley demo` or "
             f"`trolley router`, or name another with --connect"
         ) from error
+    except BaseException:  # Ctrl-C
+        if not opening.cancel():
+            opening.result().close()
+        raise
     bus = ZenohBus(session)
     try:
         yield bus
@@ -548,33 +588,51 @@ def open_bus_patiently(
 ) -> ZenohBus | None:
     """Wait for the router until it is there or `wants_to_wait()`, asked all the time, says no.
 
-    It is for services: the bus calls back directly (see `ZenohBus`, also on `puts_apart`). Opening
-    blocks inside Zenoh, where no signal reaches Python, so it runs on a thread of its own.
+    It is for services: the bus calls back directly (see `ZenohBus`, also on `puts_apart`).
 
     Raises:
         NotConnected: The endpoints cannot be used at all.
     """
     zenoh.init_log_from_env_or("off")
     os.environ.setdefault(*ONE_RECEIVER)  # read when this process opens its first session
-    outcome: list[ZenohBus | zenoh.ZError] = []
-    ready = threading.Event()
-
-    def connect() -> None:
-        try:
-            session = zenoh.open(client_config(endpoints, keys=keys))
-            outcome.append(ZenohBus(session, calls_directly=True, puts_apart=puts_apart))
-        except zenoh.ZError as error:
-            outcome.append(error)
-        ready.set()
-
-    threading.Thread(target=connect, daemon=True).start()
-    while not ready.wait(0.05):
+    opening = _open_apart(lambda: client_config(endpoints, keys=keys))
+    while not wait([opening], 0.05).done:
         if not wants_to_wait():
             return None
-    opened = outcome[0]
-    if isinstance(opened, zenoh.ZError):
-        raise NotConnected(f"cannot connect to {', '.join(endpoints)}: {opened}")
-    return opened
+    try:
+        session = opening.result()
+    except zenoh.ZError as error:
+        raise NotConnected(f"cannot connect to {', '.join(endpoints)}: {error}") from error
+    return ZenohBus(session, calls_directly=True, puts_apart=puts_apart)
+
+
+def _open_apart(config: Callable[[], zenoh.Config]) -> "Future[zenoh.Session]":
+    """Open a session on a thread of its own; one that nobody wants any more is closed.
+
+    Opening blocks inside Zenoh, where no signal reaches Python.
+
+    Raises:
+        NotConnected: Zenoh cannot work in this process.
+    """
+    if is_forked():
+        raise NotConnected(FORKED)
+    _opened_in.add(os.getpid())
+    opening: Future[zenoh.Session] = Future()
+
+    def run() -> None:
+        try:
+            session = zenoh.open(config())
+        except BaseException as error:  # noqa: BLE001 - raised where it is waited for
+            if opening.set_running_or_notify_cancel():
+                opening.set_exception(error)
+            return
+        if opening.set_running_or_notify_cancel():
+            opening.set_result(session)
+        else:
+            session.close()
+
+    threading.Thread(target=run, daemon=True).start()
+    return opening
 
 
 _known_threads = _KnownThreads()
