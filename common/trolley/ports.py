@@ -83,6 +83,11 @@ def owner(port: int) -> str | None:
     return None
 
 
+def taken(port: int) -> str:
+    """Say who has a port that is taken."""
+    return f"port {port} is taken by {owner(port) or 'another program'}"
+
+
 def _open_files(process: Path) -> set[str]:
     """What the descriptors of a process stand for."""
     found: set[str] = set()

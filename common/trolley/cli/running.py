@@ -77,11 +77,10 @@ def check_port(port: int, option: str) -> None:
         ConfigError: Saying who has it and what to do.
     """
     if not ports.is_free(port):
-        who = ports.owner(port) or "another program"
-        if who.startswith(ports.ROS_ROUTER):
+        if (ports.owner(port) or "").startswith(ports.ROS_ROUTER):
             ours = "nodes of ROS 2 use Trolley's router as well (docs/ros2.md)"
             option = f"end it, since {ours}, or {option}"
-        raise ConfigError(f"port {port} is taken by {who}; {option}")
+        raise ConfigError(f"{ports.taken(port)}; {option}")
 
 
 @contextmanager

@@ -9,6 +9,7 @@ here.
 import asyncio
 import base64
 import contextlib
+import errno
 import hashlib
 import html
 import io
@@ -28,6 +29,7 @@ import aiohttp
 import viser
 from aiohttp import web
 
+from trolley import ports
 from trolley.config.viz import VizConfig
 from trolley_viz.graphics import camera
 from trolley_viz.graphics.icons import icon_svg
@@ -400,7 +402,10 @@ def _bind(host: str, port: int) -> socket.socket:
         listener.listen()
     except OSError as error:
         listener.close()
-        raise PortTaken(f"cannot listen on {host}, port {port}: {error.strerror}") from error
+        why = f"cannot listen on {host}, port {port}: {error.strerror}"
+        if error.errno == errno.EADDRINUSE:
+            why = f"{ports.taken(port)}; end it, or change `[viz] port`"
+        raise PortTaken(why) from error
     return listener
 
 

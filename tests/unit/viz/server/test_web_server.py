@@ -7,6 +7,7 @@ import gc
 import hashlib
 import http.client
 import json
+import os
 import re
 import secrets
 import socket
@@ -114,7 +115,8 @@ def test_pages_of_other_sites_are_refused(served: Served, origin: str, path: str
 def test_a_taken_port_is_refused_rather_than_left(served: Served) -> None:
     access = AccessControl(0, (), always_ask=False, tokens=served.tokens)
     lines = Lines(lambda call: None, lambda _: None, lambda *_: None, lambda _: None)
-    with pytest.raises(PortTaken, match=f"port {served.port}"):
+    taken = rf"port {served.port} is taken by .*\(pid {os.getpid()}\); end it"
+    with pytest.raises(PortTaken, match=taken):
         WebServer(VizConfig(port=served.port), access, lines, served.scene, photo_of)
 
 
