@@ -159,9 +159,11 @@ class Translator:
             for one in self._by_first.get(text[0], self._anywhere)
             if one.longest in text and text.startswith(one.begins)
         ]
-        yield from self._fitting(patterns, text, is_loose=False)
+        own = [one for one in patterns if one.own_characters >= MIN_OWN_CHARACTERS]
+        yield from self._fitting(own, text, is_loose=False)
         if not is_one:
             yield from self._sentence_by_sentence(text)
+        yield from self._fitting(patterns[len(own) :], text, is_loose=False)
         yield from self._fitting(patterns, text, is_loose=True)
 
     def _fitting(self, patterns: list[Pattern], text: str, *, is_loose: bool) -> Iterator[Found]:
