@@ -17,6 +17,22 @@ pytestmark = pytest.mark.browser
 CARD = "#over > .card:not([hidden])"
 SPOTS = [(0.2, 0.2), (0.8, 0.3), (0.5, 0.5), (0.8, 0.6), (0.45, 0.8)]
 """Shares of the map's width and height."""
+FREE = [(0.2, 0.2), (0.4, 0.25), (0.5, 0.5), (0.8, 0.3)]
+"""Those that no button covers on a phone that lies on its side."""
+TOUCH_AS_IT_CLOSES = """async ([x, y]) => {
+  const card = document.querySelector("#over > .of-spot");
+  const inside = document.getElementById("scene").contentWindow;
+  const drawn = () => new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+  card.hidden = true;
+  for (const name of ["pointerdown", "pointerup"]) {
+    const at = { clientX: x, clientY: y, bubbles: true };
+    inside.document.body.dispatchEvent(new inside.PointerEvent(name, at));
+  }
+  await drawn();
+  card.hidden = false;
+  await drawn();
+}"""
+"""What a page does that is told late of a card that its person has closed."""
 
 
 def sees(page: Page, x: float, y: float) -> bool:
@@ -39,19 +55,21 @@ def touch(page: Page, x: float, y: float) -> None:
     poll(page, is_open, "the card is open")
 
 
-@pytest.mark.parametrize(("width", "height"), [(1024, 768), (390, 844)])
+@pytest.mark.parametrize(
+    ("width", "height", "spots"), [(1024, 768, SPOTS), (390, 844, SPOTS), (844, 390, FREE)]
+)
 def test_a_card_leaves_the_touched_spot_in_sight(
-    shown: "Shown", browser: Browser, width: int, height: int
+    shown: "Shown", browser: Browser, width: int, height: int, spots: list[tuple[float, float]]
 ) -> None:
-    is_phone = width < 737
+    is_phone = min(width, height) < 737
     page = open_page(browser, width, height, has_touch=is_phone, is_mobile=is_phone)
     open_viewer(page, shown.url)
-    if is_phone:
+    if width < 737:
         page.locator("#handle").press("ArrowDown")
     page.wait_for_timeout(500)
     size = scene(page).evaluate("[innerWidth, innerHeight]")
     with undrawn(page):
-        for across, down in SPOTS:
+        for across, down in spots:
             x, y = across * size[0], down * size[1]
             touch(page, x, y)
             poll(page, lambda x=x, y=y: sees(page, x, y), f"{across}, {down} is seen")
@@ -60,9 +78,7 @@ def test_a_card_leaves_the_touched_spot_in_sight(
     page.context.close()
 
 
-def test_after_its_card_is_closed_a_spot_moves_the_picture_for_no_other(
-    shown: "Shown", browser: Browser
-) -> None:
+def test_a_spot_moves_the_picture_for_its_own_card_alone(shown: "Shown", browser: Browser) -> None:
     page = open_page(browser, 390, 844, has_touch=True, is_mobile=True)
     open_viewer(page, shown.url)
     page.locator("#handle").press("ArrowDown")
@@ -74,7 +90,24 @@ def test_after_its_card_is_closed_a_spot_moves_the_picture_for_no_other(
         expect(picture).not_to_have_attribute("style", re.compile(re.escape(f": {at_rest};")))
         page.keyboard.press("Escape")
         page.locator(CARD).wait_for(state="hidden")
-        page.locator("#over > .card").first.evaluate("card => { card.hidden = false }")
+        other = page.locator("#over > .card:not(.of-spot)")
+        other.evaluate("card => { card.hidden = false }")
         page.wait_for_timeout(1000)
         assert picture.evaluate("one => one.style.translate") == at_rest
+        other.evaluate("card => { card.hidden = true }")
+        page.evaluate(TOUCH_AS_IT_CLOSES, [175, 500])
+        assert picture.evaluate("one => one.style.translate") != at_rest
+    page.context.close()
+
+
+def test_a_card_stays_where_it_is_while_the_connection_is_lost(
+    shown: "Shown", browser: Browser
+) -> None:
+    page = open_page(browser, 390, 844, has_touch=True, is_mobile=True)
+    open_viewer(page, shown.url)
+    card = page.locator("#over > .of-spot")
+    card.evaluate("card => { card.hidden = false }")
+    before = card.bounding_box()
+    page.evaluate("document.body.dataset.line = 'lost'")
+    assert card.bounding_box() == before
     page.context.close()

@@ -555,9 +555,12 @@ class Controls:
         """Add a strip along the lower edge of the map, to be filled while it is entered."""
         return Container(self, self._look("strip", False))
 
-    def add_card(self) -> Card:
-        """Add a card over the map, to be filled while it is entered."""
-        return Card(self, self._look("card", False))
+    def add_card(self, *, of_spot: bool = False) -> Card:
+        """Add a card over the map, to be filled while it is entered.
+
+        `of_spot`: it is about what was touched there, and leaves that in sight.
+        """
+        return Card(self, self._look("card", False, of_spot=of_spot))
 
     def add_tabs(self) -> Tabs:
         """Add a row of tabs."""

@@ -38,10 +38,10 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         kind: what it is: `choice` is a row of buttons, `list` one to choose from, `tiles` holds
             large buttons in two columns, `actions` what ends an edit and why it cannot end yet;
-            over the map, `bar` holds small ones, `card` what there is to a thing that was touched,
-            and `strip` what goes along its lower edge. A `timeline` is a slider over times of a
-            day [s], beginning at midnight. A `hold` is not seen: as long as the page is in sight,
-            it says so every 0.2 s.
+            over the map, `bar` holds small ones, `card` what there is to one thing, and `strip`
+            what goes along its lower edge. A `timeline` is a slider over times of a day [s],
+            beginning at midnight. A `hold` is not seen: as long as the page is in sight, it says
+            so every 0.2 s.
         parent: the folder or tab that it is in, 0 for the page.
         order: among its brothers, lowest first.
         label: what stands on it or before it.
@@ -52,6 +52,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
         is_disabled: whether it can be seen but not used.
         can_move: whether a button can be dragged to another place among those that can.
         is_open: of a folder.
+        of_spot: of a `card`: whether it is about what was touched on the map.
         value: of what holds one; the open one of `tabs`.
         options: of a `choice` or `list`.
         off: the options of a `choice` that can be seen but not used.
@@ -76,6 +77,7 @@ class Look(Struct, frozen=True, kw_only=True, omit_defaults=True):
     is_disabled: bool = False
     can_move: bool = False
     is_open: bool = False
+    of_spot: bool = False
     value: Value = None
     options: tuple[str, ...] = ()
     off: tuple[str, ...] = ()

@@ -348,7 +348,11 @@ const MAKERS = {
     const speak = () => { close.ariaLabel = t("Close"); };
     element.setAttribute("aria-labelledby", title.id);
     close.addEventListener("click", () => controls.press(id));
-    return { element, box, speak, show: (look) => setText(title, look.label || "") };
+    const show = (look) => {
+      setText(title, look.label || "");
+      element.classList.toggle("of-spot", Boolean(look.of_spot));
+    };
+    return { element, box, speak, show };
   },
 
   strip() {

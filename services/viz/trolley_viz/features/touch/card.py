@@ -43,7 +43,7 @@ class TouchCard:
     def __init__(self, gui: Controls, touching: Touching, leads: Leads) -> None:
         self._touching, self._leads = touching, leads
         self._shown: Touched | None = None
-        self._card = gui.add_card()
+        self._card = gui.add_card(of_spot=True)
         self._card.on_close(self._touching.close)
         with self._card:
             self._about = gui.add_html("")
