@@ -15,8 +15,6 @@ from trolley.messages import (
     MappingStatus,
     PoseEstimate,
     Suspects,
-    Tour,
-    Tours,
     Zones,
 )
 from trolley.messages.request_params import JoinPart, Nothing, UndoMap, WhichGoal, Yield
@@ -24,11 +22,11 @@ from trolley.runtime.service import Service, answers, every
 from trolley.scanning import Reject, ScanInput
 from trolley_mapper import checkpoint as checkpoints
 from trolley_mapper.checkpoint import Checkpoint, Checkpointer
-from trolley_mapper.edit.map_transform import moved_tours
 from trolley_mapper.explore import sentences
 from trolley_mapper.inputs import RobotInputs
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.saved_places import SavedPlaces
+from trolley_mapper.saved_tours import SavedTours
 from trolley_mapper.slices import do_aside
 from trolley_mapper.wire import odom_transform, pose_message
 
@@ -63,6 +61,7 @@ class Mapping:
         self._is_reading = False
         """Whether it is not known yet if the run before left a map."""
         self._places: SavedPlaces | None = None
+        self._tours: SavedTours | None = None
         self._published_version = _NOTHING_PUBLISHED
         # Said as long as nothing is the matter.
         self._note = ""
@@ -183,6 +182,7 @@ class Mapping:
         self._published_version = _NOTHING_PUBLISHED
         self._checkpointer.restart()
         self._places = SavedPlaces(self._service, session)
+        self._tours = SavedTours(self._service)
         self.publish_zones(session)
         self._service.log.info("Mapping", map=session.name, extends=session.extends or "nothing")
         self.publish_status()
@@ -198,9 +198,10 @@ class Mapping:
     def end(self, note: str) -> MappingStatus:
         """Give the shared topics back and make no map any more."""
         self.give_topics_back()
-        if self._places is not None:
-            self._places.close()
-        self.session = self._places = None
+        for saved in (self._places, self._tours):
+            if saved is not None:
+                saved.close()
+        self.session = self._places = self._tours = None
         self.phase, self._note = "idle", note
         self.discard_checkpoint()
         return self.publish_status()
@@ -281,35 +282,21 @@ class Mapping:
             self._service.request(requests.GOAL_CANCEL, WhichGoal(), lambda _: None)
             session.turn(job)
             self._publish_map(session)
-        if name != session.name or job.new_T_old.yaw != 0.0:
-            old_T_new = job.new_T_old.inverse()
-            take_along = partial(self._take_tours_along, session.name, name, old_T_new)
-            self._service.get(topics.TOURS, then=take_along)
+        if (name != session.name or job.new_T_old.yaw != 0.0) and self._tours is not None:
+            self._tours.go_along(session.name, name, job.new_T_old.inverse())
         session.name = name
         if self._places is not None:
             self._places.go_along(name)
         self.publish_zones(session)
         self._note = f"The map {name} is saved; the localizer takes over. {doubt}".rstrip()
 
-    def _take_tours_along(
-        self, before: str, name: str, old_T_new: Pose2D, found: dict[tuple[str, ...], Tours]
-    ) -> None:
-        """Store tours with spots of their own on the map under the name that it was saved as."""
-        tours = found.get(())
-        known = () if tours is None else tours.tours
-        for tour in moved_tours(known, (before,), name, old_T_new):
-            self._service.request(requests.TOURS_PUT, tour, partial(self._tour_stored, tour))
-
-    def _tour_stored(self, tour: Tour, result: Tour | Refused) -> None:
-        if isinstance(result, Refused):
-            self._service.log.error("A tour stays behind", tour=tour.name, why=result.message)
-
     def finish_places(self, then: Callable[[str], object]) -> None:
-        """Call back once all places are stored, or with a sentence on why they are not."""
-        if self._places is not None:
-            self._places.finish(then)
-        else:
+        """Call back once all places and tours are stored, or with what was not, and why."""
+        places, tours = self._places, self._tours
+        if places is None or tours is None:
             then("")
+        else:
+            places.finish(lambda problem: tours.finish(lambda more: then(problem + more)))
 
     # Scans.
 
@@ -363,6 +350,8 @@ class Mapping:
                 self.save_checkpoint()
         if self._places is not None:
             self._places.store_moved()
+        if self._tours is not None:
+            self._tours.store()
         if self.phase != "idle":
             self.publish_status()
 

@@ -17,7 +17,7 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap, MapError
 from trolley.gridmap.wire import map_message
-from trolley.messages import PoseEstimate, SavedPose, Zone, Zones
+from trolley.messages import PoseEstimate, SavedPose, Stop, Tour, Zone, Zones
 from trolley.messages.request_params import Capture, MapNamed, Named, PauseMap, SaveMap
 from trolley.runtime.lockstep import _LockstepHost
 from trolley.runtime.service import Service, every
@@ -378,6 +378,29 @@ def test_places_that_could_not_go_along_to_a_saved_map_are_told_of(
     assert stage.status.state == "idle"
     why = "the tour service does not answer."
     assert stage.status.message.endswith(f"Places were not moved along with the map: {why}")
+
+
+@pytest.mark.parametrize("comes_back", [True, False])
+def test_a_tour_goes_along_to_a_saved_map_once_tour_is_there_or_is_told_of(
+    make_stage: MakeStage, comes_back: bool
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    tours = stage.bus.record(topics.TOURS)
+    stage.map(name="draft", seconds=2.0)
+    stops = [Stop(pose=Pose2D.identity())]
+    stage.ask(requests.TOURS_PUT, Tour(name="round", stops=stops, map="draft"))
+    stage.bus.kill("tour")
+    stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
+    stage.bus.run(3.0)
+    if comes_back:
+        stage.begin("tour")
+    stage.bus.run(30.0)
+    assert stage.status.state == "idle"
+    (tour,) = tours[-1].tours
+    assert tour.map == ("home" if comes_back else "draft")
+    why = "the tour service does not answer."
+    told = f"Tours were not moved along with the map: {why}"
+    assert stage.status.message.endswith("in use." if comes_back else told)
 
 
 def test_a_name_that_is_taken_is_refused(stage: Stage) -> None:

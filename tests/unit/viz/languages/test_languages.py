@@ -174,6 +174,8 @@ def test_every_sentence_of_the_wire_can_be_said(code: str) -> None:
         "Merged cellar (3.1 m of its walls match, 88%): home is stored as version 3.",
         "The map home is saved and in use. Places were not moved along with the map: the tour "
         "service does not answer.",
+        "The map home is saved and in use. Tours were not moved along with the map: the tour "
+        "service does not answer.",
         "Explored: 84 m², all that [mapper] explore_area_m2 allows. It is back where it began.",
         "Explored: 84 m², all that [mapper] explore_area_m2 allows, 2 places could not be reached.",
         "Explored: 84 m², 1 place could not be reached, 1 small corner left out.",

@@ -1,0 +1,75 @@
+"""Tours with spots of their own go along with a map that was saved."""
+
+from collections.abc import Callable
+from functools import partial
+
+from trolley import codes, requests, topics
+from trolley.codes import Refused
+from trolley.geometry import Pose2D
+from trolley.messages import Tour
+from trolley.runtime.service import Service
+from trolley_mapper.edit.map_transform import moved_tours
+
+MAX_TRIES = 10
+"""Number of times that tours are stored, a second apart, before they stay as they are."""
+
+
+class SavedTours:
+    """Stores the tours on a map as they lie on it once it was saved, again until all are.
+
+    Args:
+        service: that hears and asks.
+    """
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._left: list[Tour] = []
+        self._num_asked = self._num_tries = 0
+        self._problem = ""
+        self._then: Callable[[str], object] | None = None
+        self._watch = service.watch(topics.TOURS)
+
+    def close(self) -> None:
+        """Hear nothing any more."""
+        self._service.close_watch(self._watch)
+
+    def go_along(self, before: str, name: str, old_T_new: Pose2D) -> None:
+        """Store those on the map that was called `before` as they lie on it now."""
+        known = () if self._watch.latest is None else self._watch.latest.tours
+        self._left = moved_tours(known, (before,), name, old_T_new)
+        self.store()
+
+    def finish(self, then: Callable[[str], object]) -> None:
+        """Call back once all are stored, or with a sentence on why they are not."""
+        self._then, self._num_tries = then, 0
+        self.store()
+
+    def store(self) -> None:
+        """Store those that are left."""
+        if self._num_asked:
+            return
+        if not self._left:
+            self._call_back("")
+        elif self._num_tries >= MAX_TRIES:
+            self._call_back(f" Tours were not moved along with the map: {self._problem}")
+        else:
+            self._num_tries += 1
+            self._num_asked = len(self._left)
+            for tour in list(self._left):
+                self._service.request(requests.TOURS_PUT, tour, partial(self._stored, tour))
+
+    def _stored(self, tour: Tour, result: Tour | Refused) -> None:
+        self._num_asked -= 1
+        if isinstance(result, Refused):
+            self._service.log.limited("tours", "A tour was not moved along", why=result.message)
+            is_silent = result.code in (codes.NOT_READY, codes.TIMEOUT)
+            self._problem = "the tour service does not answer." if is_silent else result.message
+        else:
+            self._left.remove(tour)
+        if not self._left:
+            self._call_back("")
+
+    def _call_back(self, problem: str) -> None:
+        then, self._then = self._then, None
+        if then is not None:
+            then(problem)
