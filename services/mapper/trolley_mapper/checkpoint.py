@@ -24,7 +24,7 @@ PERIOD_NS = 30_000_000_000
 class Checkpoint(Struct, frozen=True, kw_only=True):
     """A map in the making as it is stored."""
 
-    schema: int = 4
+    schema: int = 5
     """Version of the file's format. Files of the first version have none."""
     name: MapName
     extends: str | None = None
@@ -40,6 +40,8 @@ class Checkpoint(Struct, frozen=True, kw_only=True):
     loops: int = 0
     is_paused: bool = False
     is_exploring: bool = False
+    home: Anchor | None = None
+    """Where the map was first explored from."""
     core: bytes
     """The map itself, see `slam.serialization`."""
 

@@ -17,7 +17,6 @@ from trolley_mapper.explore import sentences
 from trolley_mapper.explore.barriers import Barriers
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import Mapping
-from trolley_mapper.slam.estimate import Anchor
 
 if TYPE_CHECKING:  # with numba: a robot that has its map need not load it
     from trolley_mapper.explore.exploration_goal import Scene, Survey
@@ -68,8 +67,6 @@ class ExploreService:
         self._is_wanted = False
         self._speed_mps: float | None = None
         self._watches: RobotWatches | None = None
-        # Where this map was first explored from.
-        self._home: Anchor | None = None
         self._set_off_ns = 0
         self._is_surveying = False
         self._published = ("", "")
@@ -95,7 +92,6 @@ class ExploreService:
     def end(self) -> None:
         """Drive nowhere any more: the map is finished."""
         self.stop()
-        self._home = None
         if self._watches is not None:
             self._watches.close()
             self._watches = None
@@ -188,7 +184,7 @@ class ExploreService:
 
         limits = Limits(self._config.explore_radius_m, self._config.explore_area_m2)
         clearance = _clearance(robot, self._config.resolution_m)
-        self._home = self._home or session.core.anchor(pose)
+        session.home = session.home or session.core.anchor(pose)
         self._is_wanted = False
         session.barriers = Barriers(session.barriers.mirrors)  # who stood in a door may be gone
         self._mapping.publish_zones(session)
@@ -222,12 +218,12 @@ class ExploreService:
         """What the explorer needs to know of this moment; None while there is no map."""
         core: Mapper | None = session.core
         estimate, pose = session.estimate, self._mapping.pose_now()
-        if core is None or estimate is None or pose is None or self._home is None:
+        if core is None or estimate is None or pose is None or session.home is None:
             return None
         from trolley_mapper.explore.exploration_goal import Scene
 
         is_lost, is_unsure = estimate.state == "lost", estimate.state == "unsure"
-        home = core.moved(self._home)
+        home = core.moved(session.home)
         return Scene(core.grid(), pose, is_lost, is_unsure, session.zones_shown, home)
 
     @property

@@ -21,7 +21,7 @@ from trolley_mapper.anchored_zones import AnchoredZones
 from trolley_mapper.checkpoint import Checkpoint
 from trolley_mapper.edit.map_transform import moved_zones
 from trolley_mapper.explore.barriers import Barriers
-from trolley_mapper.slam.estimate import MapEstimate
+from trolley_mapper.slam.estimate import Anchor, MapEstimate
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
     from trolley_mapper.explore.explorer import Explorer
@@ -46,6 +46,8 @@ class MapSession:
         self.zones = AnchoredZones()
         self.core: Mapper | None = None
         self.explorer: Explorer | None = None
+        self.home: Anchor | None = None
+        """Where the map was first explored from."""
         self.barriers = Barriers()
         self.places = AnchoredPlaces()
         self.estimate: MapEstimate | None = None
@@ -74,7 +76,7 @@ class MapSession:
             checkpoint.zones, checkpoint.zone_ties, checkpoint.zones_deleted
         )
         session.places = AnchoredPlaces(checkpoint.anchors, checkpoint.saved_at)
-        session.barriers = Barriers(checkpoint.mirrors)
+        session.barriers, session.home = Barriers(checkpoint.mirrors), checkpoint.home
         session.seconds, session.loops = checkpoint.seconds, checkpoint.loops
         session.core = Mapper.from_bytes(config, checkpoint.core)
         if checkpoint.is_paused:
@@ -215,7 +217,7 @@ class MapSession:
         core = self.core
         grown = (0, 0) if core is None else (core.version, core.num_keyframes)
         zones = tuple((one.name, *one.points) for one in self.zones.all)
-        return (self, *grown, self.is_paused, self.is_exploring, zones)
+        return (self, *grown, self.is_paused, self.is_exploring, self.home, zones)
 
     def checkpoint(self) -> Callable[[], Checkpoint] | None:
         """Return what makes a checkpoint of the map as it is now; None while there is nothing.
@@ -240,6 +242,7 @@ class MapSession:
             loops=self.loops,
             is_paused=self.core.is_paused,
             is_exploring=self.is_exploring,
+            home=self.home,
             core=b"",
         )
         return lambda: structs.replace(checkpoint, core=pack(snapshot))

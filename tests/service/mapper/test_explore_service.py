@@ -139,6 +139,22 @@ def test_exploring_once_more_ends_where_it_first_began(stage: Stage) -> None:
     assert stage.world.pose.distance_to(START) < 0.25
 
 
+def test_a_mapper_that_comes_back_explores_until_it_is_where_exploring_first_began(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint, "PERIOD_NS", 2_000_000_000)
+    stage.explore()
+    assert stage.bus.run_until(lambda: stage.world.pose.distance_to(START) > 0.6, 60.0)
+    stage.bus.run(3.0)
+    assert stage.world.pose.distance_to(START) > 0.6
+    stage.bus.kill("mapper")
+    stage.bus.add(MapperService(stage.config))
+    stage.bus.run(2.0)
+    stage.bus.ask(requests.MAP_EXPLORE)
+    assert stage.bus.run_until(lambda: stage.status.exploring == "done", 150.0)
+    assert stage.world.pose.distance_to(START) < 0.25
+
+
 def test_it_stands_after_a_hand_on_the_robot_until_it_is_told(stage: Stage) -> None:
     stage.explore()
     stage.base.say("ok", "teleop")
