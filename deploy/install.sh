@@ -368,10 +368,11 @@ switch_and_check() {
     if is_booted; then journalctl --unit "$unit" --lines 20 --no-pager >&2 || true; fi
     warn "Going back to $old ..."
     systemd stop "trolley-$role.target"
+    # New code may have changed what is saved. That is put back first: until then a run that was cut
+    # short is seen by what is current.
+    trolley_of "$new" restore --state "$state" --state-only "$backup" > /dev/null
     use_release "$old"
     install_units
-    # New code may have changed what is saved.
-    trolley_of "$new" restore --state "$state" --state-only "$backup" > /dev/null
     systemd reset-failed 'trolley-*' || true
     bring_up
     rm "$opt/upgrading"

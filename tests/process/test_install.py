@@ -57,7 +57,7 @@ echo "${release##*/} $*" >> "$FAKE/trolley"
 case "$1" in
     init) echo "[robot] # $3" > "$4" ;;
     backup) [ -z "$FAKE_FULL" ] || exit 1; cp -r "$3" "$FAKE/saved"; echo saved > "$4" ;;
-    restore) rm -rf "$3"; cp -r "$FAKE/saved" "$3" ;;
+    restore) [ -z "$FAKE_SLOW" ] || exec sleep 600; rm -rf "$3"; cp -r "$FAKE/saved" "$3" ;;
     status) [ ! -e "$release/common/UNHAPPY" ] || { echo localizer is failed; exit 1; } ;;
 esac
 """
@@ -382,6 +382,26 @@ def test_an_upgrade_that_was_cut_short_is_finished_by_the_next_run(
     assert "cut short" in said
     assert (host.current != first) == is_good
     assert not (host.root / "opt/trolley/upgrading").exists()
+
+
+def test_a_power_cut_while_an_upgrade_is_taken_back_leaves_no_state_of_the_new_release(
+    host: Host,
+) -> None:
+    host.install("robot")
+    first, poses = host.current, host.root / "var/lib/trolley/poses.toml"
+    poses.write_text("kitchen")
+    host.change("BROKEN")
+    process = host.start("--upgrade", FAKE_SLOW="yes")
+    wait_until(lambda: "restore" in host.said("trolley"), "it goes back")
+    poses.write_text("as only the new release knows it")
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert "cut short" in host.install("--upgrade", code=1)
+    assert host.current == first
+    assert poses.read_text() == "kitchen"
+    (host.checkout / "common/BROKEN").unlink()
+    host.install("--upgrade")
+    assert poses.read_text() == "kitchen"
 
 
 def test_uninstalling_keeps_what_people_made_unless_told(host: Host) -> None:
