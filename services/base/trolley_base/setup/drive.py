@@ -487,6 +487,7 @@ class SetupDrive:
     def _follow(self, scan: LidarScan) -> None:
         twist = self._lidar.follow(scan, self.own)
         self._judge.refuse_too_fast(twist, self._clock.now_ns, self._pace.speed_mps)
+        self._judge.refuse_unseen()
         command = self.record.command
         if not command.is_zero:
             beams = Beams.of(scan)

@@ -39,11 +39,24 @@ class JudgeParams:
     """Wheels that count less of the first turn count nothing, if they count no way either [rad]."""
     trial_way_m: float = 0.02
     """Such a way [m]."""
+    unseen_m: float = 0.25
+    """Way that wheels may count while the lidar sees no motion [m]: it is late, and the robot
+    drives blindly."""
+    unseen_rad: float = 0.8
+    """The same of a turn [rad]."""
+    seen_m: float = 0.05
+    """Motion that the lidar sees [m] ..."""
+    seen_rad: float = 0.08
+    """... or that [rad]."""
     one_sided: float = 0.5
     """Share of a turn that shows as a way of the robot when one encoder does not count."""
 
 
 PARAMS = JudgeParams()
+UNSEEN = (
+    "the wheels turn, but the lidar sees no motion. The wheels slip or are not on the floor, or "
+    "the lidar shows one picture again and again."
+)
 
 
 class Judge:
@@ -69,6 +82,8 @@ class Judge:
         self._lidar, self._wheels = lidar, wheels
         self._mount, self._record = mount, record
         self._num_fast = self._num_plain = 0
+        self._last_seen: tuple[Pose2D, float, float] | None = None
+        """Where the lidar last saw motion, and what the wheels had counted by then."""
 
     @property
     def moved(self) -> Pose2D:
@@ -156,6 +171,20 @@ class Judge:
                 "so that the board drives its wheel harder and harder; or somebody carries it."
             )
 
+    def refuse_unseen(self) -> None:
+        """Refuse to go on while the wheels drive and the lidar sees one picture."""
+        pose, way, turn = self._lidar.pose, self._wheels.way, self._wheels.turn
+        if self._last_seen is not None:
+            there, way_then, turn_then = self._last_seen
+            moved = there.inverse() @ pose
+            if math.hypot(moved.x, moved.y) < PARAMS.seen_m and abs(moved.yaw) < PARAMS.seen_rad:
+                unseen = abs(way - way_then) / PARAMS.unseen_m
+                unseen += abs(turn - turn_then) / PARAMS.unseen_rad
+                if unseen > 1.0:
+                    raise SetupRefused(f"The robot does not drive as told: {UNSEEN}")
+                return
+        self._last_seen = pose, way, turn
+
     def why_not(self, now_ns: int) -> str:
         """Say what wheels and lidar saw of the last command, which was not obeyed."""
         if not self._record.stands:
@@ -172,10 +201,7 @@ class Judge:
                 "the wheels do not turn. Is the motors' power on, and is the stop button released?"
             )
         if not moves:
-            return (
-                "the wheels turn, but the lidar sees no motion. The wheels slip, or are not on the "
-                "floor."
-            )
+            return UNSEEN
         if not (turns or drives):
             return "it moves, but the wheels count nothing. Look at the encoders' cables."
         return (

@@ -281,7 +281,22 @@ def test_a_robot_that_gets_stuck_on_its_circle_says_so() -> None:
 
     drive = drive_with(odd, before=lift, driving_s=100.0)
     assert drive.problem is not None
-    assert "in a circle as told: the wheels turn, but the lidar sees no motion" in drive.problem
+    assert "the wheels turn, but the lidar sees no motion" in drive.problem
+
+
+def test_a_robot_whose_lidar_freezes_does_not_drive_on_blindly() -> None:
+    odd = odd_robot()
+    drive = SetupDrive(FOOTPRINT, 0.5 * ASSUMED_TRACK_M, [(-2.35, -2.05)], driving_s=0.0)
+    picture, frozen_at_m = None, 0.0
+    while not drive.has_ended:
+        motions, scans, imu = odd.read()
+        if picture is not None:
+            scans = [replace(scan, ranges=picture) for scan in scans]
+        elif "stroke 3" in drive.step_name and scans and odd.simulation.truth().twist.vx > 0.1:
+            picture, frozen_at_m = scans[-1].ranges, odd.way_m
+        odd.drive(drive.step(odd.now_ns, motions, scans, imu))
+    assert "the lidar sees no motion" in (drive.problem or "")
+    assert odd.way_m - frozen_at_m < 0.4
 
 
 @pytest.mark.slow
