@@ -27,6 +27,8 @@ class ZoneStore:
         """What the file holds, sorted by name."""
         self._wanted: list[Zone] = []
         """The same with the changes that are still being written."""
+        self._unsaved: list[tuple[Zone, Later[Zone] | None]] = []
+        """Changes that could not be written, but are in the write that follows."""
 
     def open(self, loaded: LoadedMap) -> None:
         """Change to the zones of another map: saved ones, else those that came with the map."""
@@ -103,22 +105,33 @@ class ZoneStore:
         self._wanted = zones
 
         def saved(error: OSError | None) -> None:
-            if error is None:
-                if self._maps.current is loaded:
-                    self.zones = zones
-                    loaded.localizer.set_mirrors(mirror_lines(zones))
-                    self.publish()
-                if reply is not None:
-                    reply.reply(zone)
-                return
-            if self._wanted is zones:
+            self._unsaved.append((zone, reply))
+            is_current = self._maps.current is loaded
+            if error is not None and is_current and self._wanted is not zones:
+                return  # the next write holds this change, too
+            unsaved, self._unsaved = self._unsaved, []
+            if is_current and error is None:
+                self.zones = zones
+                loaded.localizer.set_mirrors(mirror_lines(zones))
+                self.publish()
+            elif is_current:
                 self._wanted = self.zones
-            why = f"The zone could not be written to disk: {error.strerror}."
-            self._service.log.error("A zone was not saved", zone=zone.name, why=error.strerror)
-            if reply is not None:
-                reply.refuse(Refused(codes.NOT_SAVED, why))
+            for one, waits in unsaved:
+                self._tell(one, waits, error)
 
         self._service.save(state_file(loaded.name), ZoneFile(zones=zones), saved)
+
+    def _tell(self, zone: Zone, reply: Later[Zone] | None, error: OSError | None) -> None:
+        """Say what came of a change."""
+        if error is not None:
+            self._service.log.error("A zone was not saved", zone=zone.name, why=error.strerror)
+        if reply is None:
+            return
+        if error is None:
+            reply.reply(zone)
+        else:
+            why = f"The zone could not be written to disk: {error.strerror}."
+            reply.refuse(Refused(codes.NOT_SAVED, why))
 
     def _read(self, loaded: LoadedMap) -> list[Zone]:
         service = self._service

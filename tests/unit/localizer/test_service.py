@@ -411,6 +411,42 @@ def test_a_zone_that_is_still_being_written_does_not_hold(
     assert len(robot.bus.get(topics.ZONE.key("trolley", "*"))) == 1
 
 
+@pytest.mark.parametrize("is_full_again", [False, True])
+def test_a_zone_is_refused_only_if_it_is_not_saved_with_the_next_one(
+    make_robot: MakeRobot, monkeypatch: pytest.MonkeyPatch, is_full_again: bool
+) -> None:
+    robot = make_robot()
+    service = robot.bus.nodes["localizer"].service
+    jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
+    answers: list[Zone | Refused] = []
+    one, two = (Zone(name=name, kind="mirror", points=[(6.0, 1.0), (6.0, 2.0)]) for name in "ab")
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    def put(zone: Zone) -> None:
+        service.request(requests.ZONES_PUT, zone, answers.append)
+        robot.bus.run(0.1)
+
+    with monkeypatch.context() as held:
+        held.setattr(service, "work", lambda fn, then: jobs.append((fn, then)))
+        put(one)
+        with monkeypatch.context() as disk:
+            disk.setattr("trolley.runtime.state.write_atomically", fail)
+            failed = jobs[0][0]()
+            put(two)  # while the outcome of the first is on its way
+            second = jobs[1][0]() if is_full_again else None
+        jobs[0][1](failed)
+        jobs[1][1](second if is_full_again else jobs[1][0]())
+    robot.bus.run(0.1)
+    if is_full_again:
+        assert [one.code for one in answers if isinstance(one, Refused)] == ["not_saved"] * 2
+        assert robot.zones[-1].zones == []
+    else:
+        assert answers == [one, two]
+        assert robot.zones[-1].zones == [one, two]
+
+
 def test_a_refused_zone_changes_nothing_and_is_counted(make_robot: MakeRobot) -> None:
     robot = make_robot()
     body = json.dumps({"name": "other", "kind": "mirror", "points": [[6.0, 1.0], [6.0, 2.0]]})
