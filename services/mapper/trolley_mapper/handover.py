@@ -38,6 +38,7 @@ class Handover:
     Args:
         pose: where the robot is on it, map_T_base; None where that is not known.
         mirrors: where some are suspected on it.
+        waits_for_ever: whether a localizer that is not running is waited for until it is.
         done: called at the end, with what came of it in a sentence.
     """
 
@@ -47,14 +48,21 @@ class Handover:
         name: str,
         pose: Callable[[], Pose2D | None],
         mirrors: list[list[Point]],
+        waits_for_ever: bool,
         done: Callable[[str], None],
     ) -> None:
         self._service, self._name, self._pose, self._done = service, name, pose, done
+        self._waits_for_ever = waits_for_ever
         self._mirrors = mirrors
         self._is_asking = False
         self._num_unheard = 0
         self._gives_pose = True
         self._load_again_ns = 0
+
+    @property
+    def is_unheard(self) -> bool:
+        """Whether the localizer is not running."""
+        return self._num_unheard >= MAX_UNHEARD
 
     def ask(self) -> None:
         """Ask the localizer whether it may load the map; called once a second."""
@@ -99,7 +107,7 @@ class Handover:
 
     def _unheard(self) -> None:
         self._num_unheard += 1
-        if self._num_unheard >= MAX_UNHEARD:
+        if self.is_unheard and not self._waits_for_ever:
             self._done(f"The map {self._name} is saved; the localizer is not running.")
 
     def _taken_over(self) -> None:
@@ -168,6 +176,12 @@ class MapSaver:
             self._service.request(requests.LOCALIZER_YIELD, Yield(), lambda _: None)
         elif self._handover is not None:
             self._handover.ask()
+            session = self._mapping.session
+            if self._handover is not None and self._handover.is_unheard and session is not None:
+                self._mapping.announce(
+                    f"The map {session.name} is saved; its zones wait for the localizer, which is "
+                    "not running."
+                )
 
     def _written(
         self, session: MapSession, name: str, job: "FinishJob", problem: str | None
@@ -188,11 +202,12 @@ class MapSaver:
         if doubt:
             self._service.log.warning(doubt, map=name)
         self._mapping.saved(session, name, job, doubt)
-        if not _wishes(session):  # else only the working file has them until they are stored
+        has_wishes = bool(_wishes(session))
+        if not has_wishes:  # else only the working file has them until they are stored
             self._mapping.discard_checkpoint()
         handed_over = partial(self._handed_over, doubt)
         mirrors = [line.points for line in session.suspects]
-        self._handover = Handover(self._service, name, self._pose, mirrors, handed_over)
+        self._handover = Handover(self._service, name, self._pose, mirrors, has_wishes, handed_over)
         self._answer()
         self._handover.ask()
 

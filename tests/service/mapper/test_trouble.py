@@ -380,6 +380,25 @@ def test_places_that_could_not_go_along_to_a_saved_map_are_told_of(
     assert stage.status.message.endswith(f"Places were not moved along with the map: {why}")
 
 
+def test_zones_of_an_extended_map_wait_for_a_localizer_that_is_not_running(stage: Stage) -> None:
+    stage.map(seconds=3.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
+    stage.drive(2.0, 0.2)
+    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+    stage.ask(requests.ZONES_PUT, stairs)
+    stage.bus.kill("localizer")
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(20.0)
+    assert stage.status.message.endswith("its zones wait for the localizer, which is not running.")
+    zones = stage.bus.record(topics.ZONES)
+    stage.begin("localizer")
+    stage.bus.run(10.0)
+    assert (stage.status.state, stage.pose.state) == ("idle", "localized")
+    assert [zone.name for zone in zones[-1].zones] == ["stairs"]
+
+
 @pytest.mark.parametrize("comes_back", [True, False])
 def test_a_tour_goes_along_to_a_saved_map_once_tour_is_there_or_is_told_of(
     make_stage: MakeStage, comes_back: bool
