@@ -449,7 +449,7 @@ def test_ask_and_pub_speak_the_wire_from_the_shell(add_robot: Callable, endpoint
         assert robot.latest(topics.ROBOT) is not None  # so the router knows by now that it listens
         command = '{"twist": {"vx": 0.1, "vy": 0, "wz": 0}, "valid_for": 0.3}'
         code, said = run("topic", "pub", "cmd_vel/me", command, "-n", "2", "--hz", "20")
-        assert (code, said) == (0, "published 2 messages on cmd_vel/me\n")
+        assert (code, said) == (0, "sent 2 messages on cmd_vel/me\n")
         wait_until(lambda: len(heard) == 2, "both arrive")
         assert 0 < heard[0].stamp_ns < heard[1].stamp_ns
     code, said = run("topic", "pub", "base", '{"mode": "ok"}')

@@ -17,6 +17,7 @@ from trolley.cli.show import Progress, as_json, counted, describe, print_json, p
 from trolley.client import Robot
 from trolley.codes import BUSY, Refused
 from trolley.connection import Arrival
+from trolley.runtime.endpoints import is_far
 from trolley.suggestions import did_you_mean
 from trolley.topics import Kind, Topic
 from trolley.traffic import Traffic
@@ -238,12 +239,12 @@ def publish_topic(
             if left is None or sent < left:
                 time.sleep(max(0.0, began_s + sent / (hz or 1.0) - time.monotonic()))
     said = counted(sent, "message")
-    if not beside:
-        say(f"published {said} on {name}")
+    if not beside and not any(map(is_far, robot.connection.endpoints)):
+        say(f"sent {said} on {name}")
         return
     say(
         f"sent {said} on {name}. Nobody confirms what is published: a router with rights drops "
-        f"what only the robot's own hosts may say (`trolley topic echo {name}` shows what comes)."
+        f"what this computer may not say (`trolley topic echo {name}` shows what comes)."
     )
 
 
