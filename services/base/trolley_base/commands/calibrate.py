@@ -144,6 +144,11 @@ def square_command(
     The localizer measures where the robot really is; with --by-hand, you do. Ctrl-C stops the
     robot.
     """
+    if by_hand and yes:
+        raise click.UsageError(
+            "--by-hand waits before each square until the robot is back on its mark: leave out "
+            "--yes."
+        )
     with one_robot() as robot:
         in_force, path = _in_force(robot.name, result)
         refuse_unready(robot, needs_pose=not by_hand)
@@ -298,25 +303,26 @@ def _drive_by_hand(
             drive = CalibrationDrive(places, speed, uses_map=False)
             drive_course(robot, drive, f"Square {way}")
             steps, _moved = drive.between(0, len(drive.stops) - 1)
-            end, error_rad = _ask_end()
+            end, error_rad = ask_end(side)
             squares.append((direction, Leg(steps, end, BY_HAND_M, error_rad)))
     return [leg for _, leg in squares], squares
 
 
-def _ask_end() -> tuple[Pose2D, float]:
-    """Ask where the robot ended relative to its mark, and how certain its heading is."""
-    x = click.prompt(
-        "How far ahead of its mark is it, in metres (negative: behind)", type=FloatRange()
+def ask_end(side_m: float) -> tuple[Pose2D, float]:
+    """Ask where the robot ended relative to its mark, and how certain its heading is.
+
+    What cannot be is asked again, such as centimetres for metres: the drive is not to be lost.
+    """
+    metres, degrees = FloatRange(-3.0 * side_m, 3.0 * side_m), FloatRange(-180.0, 180.0)
+    x = click.prompt("How far ahead of its mark is it, in metres (negative: behind)", type=metres)
+    y = click.prompt("How far to the left of it, in metres (negative: right)", type=metres)
+    yaw: float | None = click.prompt(
+        "Turned to the left by how many degrees (Enter: not measured)",
+        default="",
+        value_proc=lambda text: degrees.convert(text, None, None) if text else None,
     )
-    y = click.prompt("How far to the left of it, in metres (negative: right)", type=FloatRange())
-    yaw = click.prompt(
-        "Turned to the left by how many degrees (Enter: not measured)", default="", type=str
-    )
-    try:
-        end = Pose2D.from_array((x, y, math.radians(float(yaw)) if yaw else 0.0))
-    except ValueError as error:
-        raise click.BadParameter(f"a number is needed: {error}") from error
-    return end, BY_HAND_RAD if yaw else math.inf
+    end = Pose2D(x, y, 0.0 if yaw is None else math.radians(yaw))
+    return end, math.inf if yaw is None else BY_HAND_RAD
 
 
 def _return(direction: Direction, leg: Leg, *, correction: Correction) -> Return:

@@ -40,7 +40,9 @@ def import_linorobot(
     if not findings.taken:
         raise click.BadParameter(
             f"{folder} holds no file of a linorobot that says anything: give the folder of the "
-            f"package, with launch, param and maps, such as ~/linorobot_ws/src/linorobot",
+            f"package, with launch, param and maps, such as ~/linorobot_ws/src/linorobot. Of a "
+            "linorobot2 (ROS 2), give `trolley import nav2` its "
+            "linorobot2_navigation/config/navigation.yaml",
             param_hint="FOLDER",
         )
     write_settings(findings, output, name, force=force, as_json=as_json)
