@@ -69,6 +69,7 @@ def export(recording: RecordingFile, folder: Path, namespace: str) -> Outcome:
         written={names.joined(namespace, name): number for name, number in run.written.items()},
         left=dict(sorted(run.left.items())),
         notes=[
+            *run.restarts,
             *(f"Left out: {number} {why}." for why, number in sorted(run.dropped.items())),
             *recording.damage.sentences(),
         ],
@@ -83,6 +84,7 @@ class _Export:
         self.written: Counter[str] = Counter()
         self.left: dict[str, str] = {}
         self.dropped: Counter[str] = Counter()
+        self.restarts: list[str] = []
         self._writer = writer
         self._namespace = namespace
         self._connections: dict[RosTopic, Any] = {}
@@ -149,9 +151,14 @@ class _Export:
         first_ns = entry.at_ns if self._span_ns is None else self._span_ns[0]
         self._span_ns = first_ns, entry.at_ns
 
-    def _clock(self, clock: Clock, _entry: Entry) -> None:
+    def _clock(self, clock: Clock, entry: Entry) -> None:
         if self._epoch not in (None, clock.epoch):  # base was restarted: odometry starts over
             self._tree.map_T_odom = None
+            last_ns = entry.at_ns if self._span_ns is None else self._span_ns[1]
+            self.restarts.append(
+                f"`base` was restarted after {self.seconds:.0f} s: `/odom` starts over there, and "
+                f"time leaps by {(entry.at_ns - last_ns) * 1e-9:.0f} s."
+            )
         self._epoch = clock.epoch
 
     def _scan(self, scan: Scan, entry: Entry) -> None:

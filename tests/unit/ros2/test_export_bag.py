@@ -268,7 +268,12 @@ def test_a_restart_of_base_ends_the_correction(tmp_path: Path) -> None:
             sample = Sample(f"trolley/kiwi/{name}", payload, codec.MIME["msgpack"])
             recorder.take(sample, at_ns, at_ns)
         writer.finish()
-    seen = read_by_foxglove(exported(path)[0])["/tf"]
+    folder, told = exported(path)
+    (note,) = told["notes"]
+    assert note.startswith(
+        "`base` was restarted after 0 s: `/odom` starts over there, and time lea"
+    )
+    seen = read_by_foxglove(folder)["/tf"]
     assert [len(message.transforms) for _, message in seen] == [2, 2, 2, 1, 1]
 
 
