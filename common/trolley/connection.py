@@ -244,7 +244,7 @@ class Connection:
         replies, timed_out = self._gather(
             f"{request.key(robot)}?format=msgpack",
             timeout_s,
-            codec.encode(params, "msgpack"),
+            codec.encode_parameters(params),
             codec.MIME["msgpack"],
         )
         if not replies:

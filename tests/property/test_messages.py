@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from support.cases import cases
 from support.strategies import instances_of, message_types
 
-from trolley.messages import Scan
+from trolley.messages import Scan, Stop, Tour
 from trolley.messages.arrays import ARRAY_FIELDS
+from trolley.requests import REQUESTS
 from trolley.runtime import codec
 
 TYPES = message_types()
@@ -33,6 +34,24 @@ def test_every_message_survives_both_encodings(kind: type[msgspec.Struct], data:
         back = codec.decode(kind, payload, codec.MIME[fmt])
         assert plain(back) == plain(message)
         assert codec.encode(back, fmt) == payload
+
+
+@pytest.mark.parametrize(
+    "kind", list(dict.fromkeys(one.params for one in REQUESTS)), ids=lambda kind: kind.__name__
+)
+@settings(max_examples=EXAMPLES)
+@given(data=st.data())
+def test_parameters_survive_and_are_left_out_where_that_says_the_same(
+    kind: type[msgspec.Struct], data: st.DataObject
+):
+    params = data.draw(instances_of(kind))
+    payload = codec.encode_parameters(params)
+    assert plain(codec.decode_strict(kind, payload, codec.MIME["msgpack"])) == plain(params)
+
+
+def test_a_tour_for_any_map_is_understood_by_a_robot_that_knows_of_no_maps():
+    tour = codec.encode_parameters(Tour(name="round", stops=[Stop(name="kitchen")]))
+    assert set(msgspec.msgpack.decode(tour)) == {"name", "stops"}
 
 
 @pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.__name__)

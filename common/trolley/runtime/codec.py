@@ -32,6 +32,20 @@ def encode(message: Any, fmt: Format) -> bytes:
     return _JSON_ENCODER.encode(message) if fmt == "json" else _MSGPACK_ENCODER.encode(message)
 
 
+def encode_parameters(params: msgspec.Struct) -> bytes:
+    """Encode the parameters of a request as msgpack, without those that are as if left out.
+
+    An older receiver refuses a field that it does not know, also where nothing is asked by it.
+    """
+    given: dict[str, Any] = {}
+    for field in msgspec.structs.fields(params):
+        value = getattr(params, field.name)
+        is_made = field.default_factory is not msgspec.NODEFAULT
+        if value != (field.default_factory() if is_made else field.default):
+            given[field.encode_name] = value
+    return _MSGPACK_ENCODER.encode(given)
+
+
 @functools.cache
 def _msgpack_decoder(kind: type[T]) -> msgspec.msgpack.Decoder[T]:
     """Return the decoder of a kind of message, of which there are as many as streams."""

@@ -240,7 +240,7 @@ class Service:
             f"{request.key(robot or self.robot)}?format=msgpack",
             timeout_s,
             finish,
-            codec.encode(params, "msgpack"),
+            codec.encode_parameters(params),
             codec.MIME["msgpack"],
         )
 
