@@ -189,6 +189,23 @@ def test_any_key_stops_and_the_next_call_goes_on_from_there(rig: Rig) -> None:
     assert rig.config.read_text() == rig.before
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_told_to_end_stops_the_robot_itself(
+    rig: Rig, number: signal.Signals
+) -> None:
+    """As when the terminal is closed; the board's watchdog may be seconds long."""
+    lift(rig)
+    with rig.setup("--short") as person:
+        try_wheels(person)
+        person.wait_for("may it drive?")
+        rig.robot.fault(f"{LINOROBOT}:ok")
+        person.type("y\n")
+        wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+        person.process.send_signal(number)
+        assert person.end() == 130, person.said
+    wait_until(rig.stands, "it stands")
+
+
 def test_ctrl_c_ends_each_step_and_loses_nothing(rig: Rig) -> None:
     def interrupt(person: Person) -> None:
         person.process.send_signal(signal.SIGINT)

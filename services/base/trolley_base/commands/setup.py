@@ -9,6 +9,7 @@ from trolley.cli.options import given, where_options
 from trolley.cli.printing import say
 from trolley.cli.robots import reports_errors
 from trolley.config import find_config
+from trolley.interrupts import Interrupts
 from trolley_base.commands.setup_dialogue import LONG_S, SHORT_S, SetupDialogue
 from trolley_base.commands.setup_page import run_on_page
 from trolley_base.commands.setup_terminal import Terminal
@@ -58,7 +59,8 @@ def setup_command(
             path, lambda desk: SetupDialogue(path, ports, desk, driving_s), again=again
         )
     try:
-        dialogue.run(again=again)
+        with Interrupts().handled():  # until the board's own watchdog, it would drive on
+            dialogue.run(again=again)
     except SetupRefused as refusal:
         say(str(refusal), err=True, fg="red")
         say(
