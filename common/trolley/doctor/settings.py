@@ -17,8 +17,8 @@ from trolley.files import BROKEN, NEWER, read_file, read_text
 from trolley.gridmap import GridMap
 from trolley.gridmap.io import MapError, load_map
 from trolley.messages import SavedPose, Zone
+from trolley.runtime.state import saved_for_others_only
 from trolley.state_file import Unreadable, parse
-from trolley.topics import names_robot
 
 FINE_M, COARSE_M = 0.02, 0.1
 """Cell edges that work well."""
@@ -27,8 +27,6 @@ LARGE_CELLS = 25_000_000
 LEAST_FLOOR_M2 = 1.0
 """A map with less free floor leaves a robot nowhere to go, however large its canvas is."""
 MOST_NAMED = 5
-SAVED_FILES = ("poses.toml", "tours.toml")
-"""What people save for a robot."""
 
 
 class PlaceFile(Struct, frozen=True, kw_only=True):
@@ -124,12 +122,8 @@ def check_name(name: str, state: Path) -> list[Finding]:
         name: of the robot of robot.toml.
         state: the host's state folder.
     """
-    try:
-        saved = {file.parent.name for file in state.glob("*/*.toml") if file.name in SAVED_FILES}
-    except OSError:
-        return []  # a check of its own says that it cannot be read
-    saved = sorted(filter(names_robot, saved))
-    if not saved or name in saved:
+    saved = saved_for_others_only(state, name)
+    if not saved:
         return []
     return [
         note(

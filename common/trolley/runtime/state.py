@@ -27,12 +27,15 @@ from trolley.state_file import (
     render,
     schema_of,
 )
+from trolley.topics import names_robot
 
 S = TypeVar("S", bound=msgspec.Struct)
 
 
 INSTALLED_STATE = Path("/var/lib/trolley")
 """What systemd gives the services of an installed robot."""
+SAVED_FILES = ("poses.toml", "tours.toml")
+"""What people save for a robot."""
 
 
 def state_root(config: Path | None = None) -> Path:
@@ -50,6 +53,20 @@ def state_root(config: Path | None = None) -> Path:
         return INSTALLED_STATE
     base = os.environ.get("XDG_STATE_HOME")
     return (Path(base) if base else Path.home() / ".local" / "state") / "trolley"
+
+
+def saved_for_others_only(root: Path, name: str) -> list[str]:
+    """Names of the robots that have places or tours on this host; none if this one has, too.
+
+    Args:
+        root: the host's state folder.
+        name: of this robot; perhaps it had another one before.
+    """
+    try:
+        saved = {file.parent.name for file in root.glob("*/*.toml") if file.name in SAVED_FILES}
+    except OSError:
+        return []  # whoever reads them says so
+    return [] if name in saved else sorted(filter(names_robot, saved))
 
 
 class StateFolder:

@@ -3,6 +3,7 @@
 from trolley.config import RobotConfig, TourConfig
 from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Service
+from trolley.runtime.state import saved_for_others_only
 from trolley_tour.charge_monitor import BatteryParams, ChargeMonitor
 from trolley_tour.drawings import Drawings
 from trolley_tour.offers import Offers
@@ -74,6 +75,12 @@ class TourService(Service):
         )
         self.places.start()
         self.tours.start()
+        if others := saved_for_others_only(self.state.path.parent, self.robot):
+            self.log.warning(
+                "Nobody has saved a place or tour for this robot, but for others here; if it was "
+                "renamed, docs/install.md says how to take them along",
+                others=", ".join(others),
+            )
         self._trips.start()
 
     def epoch_began(self) -> None:

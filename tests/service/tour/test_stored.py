@@ -215,6 +215,16 @@ def test_full_disk_refuses_and_keeps_what_was_saved(empty: "Home", monkeypatch):
     assert health[-1].state == "ok"
 
 
+def test_a_robot_that_was_renamed_is_told_where_its_places_are(
+    empty: "Home", caplog: pytest.LogCaptureFixture
+):
+    old = empty.lockstep.state / "kiwi"
+    old.mkdir()
+    (old / "poses.toml").touch()
+    empty.restart_tour()
+    assert "Nobody has saved a place or tour for this robot" in caplog.text
+
+
 def test_broken_file_is_kept_aside_and_reported(empty: "Home"):
     empty.lockstep.ask(requests.POSES_PUT, PLACE)
     folder = empty.lockstep.state / "trolley"
