@@ -149,6 +149,22 @@ def test_where_there_is_no_room_nothing_is_driven(standing_robot_file: Path) -> 
     assert "Something is in the way" in problem
 
 
+@pytest.mark.parametrize("command", ["square", "compare"])
+def test_scales_that_base_does_not_use_yet_are_not_corrected(
+    standing_robot_file: Path, tmp_path: Path, command: str
+) -> None:
+    """Written by a calibration, after which base was not restarted: they were corrected twice."""
+    written = tmp_path / "robot.toml"
+    text = standing_robot_file.read_text().replace(
+        "[base.odometry]", "[base.odometry]\nlinear_scale = 0.95"
+    )
+    written.write_text(text.replace('"wrong.toml"', f'"{standing_robot_file.parent}/wrong.toml"'))
+    with start(written, command, "--write") as process:
+        _, problem = process.communicate("n\n", timeout=PATIENCE_S)
+    assert process.returncode == 2
+    assert "restart base" in problem
+
+
 def test_nothing_is_driven_before_somebody_says_yes(standing_robot_file: Path) -> None:
     with start(standing_robot_file, "square", "--side", "0.8") as process:
         printed, _ = process.communicate("n\n", timeout=PATIENCE_S)

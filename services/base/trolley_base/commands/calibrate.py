@@ -20,7 +20,7 @@ from trolley.codes import Refused
 from trolley.config import ConfigError, find_config, load_config
 from trolley.geometry import Pose2D
 from trolley.messages import Proposal, Proposals
-from trolley.messages.request_params import WhichProposal
+from trolley.messages.request_params import WhichConfig, WhichProposal
 from trolley_base.calibration import (
     CalibrationDrive,
     Comparison,
@@ -87,7 +87,7 @@ def _result_options(command: F) -> F:
             nargs=3,
             type=FloatRange(0.5, 2.0),
             metavar="LINEAR ANGULAR RATIO",
-            help="The scales that the robot uses now, if its robot.toml is not on this machine.",
+            help="The scales that were in force [default: those that base uses].",
         ),
         click.option(
             "--track",
@@ -150,7 +150,7 @@ def square_command(
             "--yes."
         )
     with one_robot() as robot:
-        in_force, path = _in_force(robot.name, result)
+        in_force, path = _in_force(robot, result)
         refuse_unready(robot, needs_pose=not by_hand)
         measure = _drive_by_hand if by_hand else _drive_by_map
         legs, returns = measure(robot, side, runs, speed, yes)
@@ -183,7 +183,7 @@ def compare_command(seconds: float, as_json: bool, **result: Any) -> None:
     """
     comparison = Comparison()
     with one_robot() as robot:
-        in_force, path = _in_force(robot.name, result)
+        in_force, path = _in_force(robot, result)
         robot.pose()  # refuses where there is no localizer
         listen(robot, comparison, seconds)
     if not comparison.legs:
@@ -334,12 +334,14 @@ def _confirm(question: str, yes: bool) -> None:
         click.confirm(question, abort=True)
 
 
-def _in_force(name: str, result: dict[str, Any]) -> tuple[WheelScales, Path | None]:
+def _in_force(robot: Robot, result: dict[str, Any]) -> tuple[WheelScales, Path | None]:
     """Return the scales that the robot uses now, and the file to write.
 
     Raises:
-        ConfigError: the file cannot be used, belongs to another robot, or is none.
+        ConfigError: the file cannot be used, belongs to another robot, is none, or says something
+            else than base uses.
     """
+    name = robot.name
     wanted: str | None = result["write"]
     path = Path(wanted) if wanted else find_config(given("config"))
     config = None if path is None else load_config(path)
@@ -349,16 +351,25 @@ def _in_force(name: str, result: dict[str, Any]) -> tuple[WheelScales, Path | No
         if wanted is not None:
             raise ConfigError(f"{path} is the file of robot {config.robot.name}, not of {name}")
         config = None
-    if config is None and result["in_force"] is None:
-        say(f"No robot.toml of {name} here: assuming that all its scales are 1.", err=True)
     scales = WheelScales() if config is None else scales_of(config)
     track_m: float | None = scales.track_m or result["track"]
-    if result["in_force"] is not None:
-        linear, angular, ratio = result["in_force"]
-        if ratio != 1.0 and track_m is None:
-            raise ConfigError("--in-force with a ratio needs --track")
-        return WheelScales(linear, scales.sideways, angular, ratio, track_m), path
-    return replace(scales, track_m=track_m), path
+    linear, angular, ratio = used = result["in_force"] or _used_by(robot)
+    written = scales.linear, scales.angular, scales.wheel_ratio
+    if config is not None and result["in_force"] is None and written != used:
+        raise ConfigError(
+            f"{path} has other scales in [base.odometry] than base uses, which reads them when it "
+            "starts: restart base first, or what is right already would be corrected again"
+        )
+    if ratio != 1.0 and track_m is None:
+        raise ConfigError("a wheel ratio is in force: give --track")
+    return WheelScales(linear, scales.sideways, angular, ratio, track_m), path
+
+
+def _used_by(robot: Robot) -> tuple[float, float, float]:
+    """Return linear scale, angular scale and wheel ratio that base uses."""
+    heard = robot.ask(requests.CONFIG_GET, WhichConfig(section="base.odometry"))
+    values: dict[str, float] = {one.key: one.value for one in heard.settings}
+    return values["linear_scale"], values["angular_scale"], values["wheel_ratio"]
 
 
 def _propose(
