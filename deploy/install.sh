@@ -370,7 +370,8 @@ switch_and_check() {
     systemd stop "trolley-$role.target"
     # New code may have changed what is saved. That is put back first: until then a run that was cut
     # short is seen by what is current.
-    trolley_of "$new" restore --state "$state" --state-only "$backup" > /dev/null
+    trolley_of "$new" restore --state "$state" --state-only "$backup" > /dev/null ||
+        die "The state could not be put back from $backup. Make room if the disk is full, and run this again."
     use_release "$old"
     install_units
     systemd reset-failed 'trolley-*' || true

@@ -57,7 +57,7 @@ echo "${release##*/} $*" >> "$FAKE/trolley"
 case "$1" in
     init) echo "[robot] # $3" > "$4" ;;
     backup) [ -z "$FAKE_FULL" ] || exit 1; cp -r "$3" "$FAKE/saved"; echo saved > "$4" ;;
-    restore) [ -z "$FAKE_SLOW" ] || exec sleep 600; rm -rf "$3"; cp -r "$FAKE/saved" "$3" ;;
+    restore) [ -z "$FAKE_FULL_NOW" ] || exit 1; [ -z "$FAKE_SLOW" ] || exec sleep 600; rm -rf "$3"; cp -r "$FAKE/saved" "$3" ;;
     status) [ ! -e "$release/common/UNHAPPY" ] || { echo localizer is failed; exit 1; } ;;
 esac
 """
@@ -402,6 +402,15 @@ def test_a_power_cut_while_an_upgrade_is_taken_back_leaves_no_state_of_the_new_r
     (host.checkout / "common/BROKEN").unlink()
     host.install("--upgrade")
     assert poses.read_text() == "kitchen"
+
+
+def test_a_state_that_cannot_be_put_back_is_put_back_by_the_next_run(host: Host) -> None:
+    host.install("robot")
+    first = host.current
+    host.change("BROKEN")
+    assert "could not be put back" in host.install("--upgrade", code=1, FAKE_FULL_NOW="yes")
+    assert "is running again" in host.install("--upgrade", code=1)
+    assert host.current == first
 
 
 def test_uninstalling_keeps_what_people_made_unless_told(host: Host) -> None:
