@@ -57,7 +57,10 @@ echo "${release##*/} $*" >> "$FAKE/trolley"
 case "$1" in
     init) echo "[robot] # $3" > "$4" ;;
     backup) [ -z "$FAKE_FULL" ] || exit 1; cp -r "$3" "$FAKE/saved"; echo saved > "$4" ;;
-    restore) [ -z "$FAKE_FULL_NOW" ] || exit 1; [ -z "$FAKE_SLOW" ] || exec sleep 600; rm -rf "$3"; cp -r "$FAKE/saved" "$3" ;;
+    restore)
+        [ -z "$FAKE_FULL_NOW" ] || exit 1
+        [ -z "$FAKE_SLOW" ] || exec sleep 600
+        rm -rf "$3"; cp -r "$FAKE/saved" "$3" ;;
     status) [ ! -e "$release/common/UNHAPPY" ] || { echo localizer is failed; exit 1; } ;;
 esac
 """
