@@ -98,7 +98,7 @@ def test_a_failed_stop_leads_to_its_moment(page: Page, shown: "Shown", pictures:
     button(page, "Past trips").click()
     page.locator("summary", has_text="2 of 3 stops").first.click()
     button(page, "Show the moment").first.click()
-    expect(page.locator("#sentence")).to_contain_text("stop 2 skipped")
+    expect(page.locator("#sentence")).to_contain_text("outside the map; skipped.")
     poll(page, lambda: num_pink(page, FAR) > NUM_SEEN, "the ghost stands where it failed")
     assert truth(shown).distance_to(Pose2D(*FAR, 0.0)) > 2.0
     page.screenshot(path=pictures / "past-moment.png")

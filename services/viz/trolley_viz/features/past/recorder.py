@@ -38,6 +38,7 @@ from trolley_viz.robots.placement import poses_between, seen_from
 from trolley_viz.robots.silence import SILENT_NS, SilentServices
 from trolley_viz.robots.situation import RobotState, situation
 from trolley_viz.robots.streams import Streams
+from trolley_viz.words.plain_words import said
 from trolley_viz.words.sentences import STALE_S, result_line
 
 KEPT_NS = 600_000_000_000
@@ -287,8 +288,7 @@ class Recorder:
         for result in _results_after(status.results, self._last_result):
             self._last_result = result
             if has_failed(result):
-                words = result_line(result)
-                text = f"{words.headline}: {words.detail}" if words.detail else words.headline
+                text = said(result.message) or result_line(result).headline
                 for record in self._records():
                     record.fail(Failure(now_ns, result.stop, result.started_at, text))
 
