@@ -23,7 +23,7 @@ from trolley_mapper.explore.traversable_area import lay_out_area
 from trolley_mapper.kernels.frontiers import FREE as FREE_KIND
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED, spread_into
 
-CLEARANCE = Clearance(passing_m=0.17, standing_m=0.30)
+CLEARANCE = Clearance(passing_m=0.17, standing_m=0.30, squeezing_m=0.12)
 """Of a robot of 0.30 x 0.24 m."""
 LIMITS = Limits(radius_m=30.0, area_m2=500.0)
 BEAMS, REACH_M = 360, 8.0

@@ -279,7 +279,7 @@ class ExploreService:
 
 
 def _survey(scene: "Scene", explorer: "Explorer") -> "Survey":
-    """Survey the map; touches nothing of the explorer but what never changes."""
+    """Survey the map; only reads of the explorer how far it goes, and how much room it asks for."""
     from trolley_mapper.explore.exploration_goal import survey
 
     return survey(scene, explorer.clearance, explorer.limits)
@@ -290,8 +290,9 @@ def _clearance(robot: Robot, resolution_m: float) -> "Clearance":
     from trolley_mapper.explore.frontiers import Clearance
 
     outline = np.array(robot.footprint, np.float64)
-    half_cell_m = PASSING_CELLS * resolution_m
+    half_cell_m, inscribed_m = PASSING_CELLS * resolution_m, inscribed_radius(outline)
     return Clearance(
-        passing_m=inscribed_radius(outline) + PASSING_M + half_cell_m,
+        passing_m=inscribed_m + PASSING_M + half_cell_m,
         standing_m=circumscribed_radius(outline) + STANDING_M + half_cell_m,
+        squeezing_m=inscribed_m,
     )

@@ -32,15 +32,15 @@ START = Pose2D(1.0, 1.0, 0.0)
 pytestmark = pytest.mark.drives
 
 
-def two_rooms(open_at: float | None = 1.5) -> GridMap:
-    """Two rooms of 3 x 3 m side by side with a door at y [m] of 0.8 m, if there is one."""
+def two_rooms(open_at: float | None = 1.5, width_m: float = 0.8) -> GridMap:
+    """Two rooms of 3 x 3 m side by side with a door from y [m] on, if there is one."""
     cells = np.full((80, 140), UNKNOWN, np.int8)
     cells[8:72, 8:132] = OCCUPIED
     cells[10:70, 10:69] = FREE
     cells[10:70, 71:130] = FREE
     if open_at is not None:
         row = round(open_at / EDGE) + 10
-        cells[row : row + 16, 69:71] = FREE
+        cells[row : row + round(width_m / EDGE), 69:71] = FREE
     return GridMap("rooms", EDGE, Pose2D(-0.5, -0.5, 0.0), cells)
 
 
@@ -63,8 +63,22 @@ def test_both_rooms_are_found_and_the_robot_comes_back() -> None:
     assert explorer.message == "Explored: 18 m². It is back where it began."
 
 
+@pytest.mark.parametrize(
+    ("open_at", "width_m"),
+    [
+        pytest.param(1.5, 0.3, id="6 cm wider than the robot"),
+        pytest.param(0.0, 0.3, id="the same in a corner"),
+    ],
+)
+def test_a_room_behind_a_narrow_door_is_found(open_at: float, width_m: float) -> None:
+    robot = PerfectRobot(two_rooms(open_at, width_m), START)
+    explorer = explored(robot)
+    assert explorer.message == "Explored: 18 m². It is back where it began."
+    assert robot.pose.distance_to(START) < 0.2
+
+
 @pytest.mark.parametrize(("size_m", "seed"), [(6.0, 1), (8.0, 2)])
-def test_houses_are_found_without_a_goal_that_is_too_near_to_anything(
+def test_houses_are_found_with_hardly_a_goal_that_is_near_to_anything(
     size_m: float, seed: int
 ) -> None:
     house = draw_house(size_m, seed)
@@ -73,9 +87,10 @@ def test_houses_are_found_without_a_goal_that_is_too_near_to_anything(
     assert explored(robot).state == "done"
     assert robot.share_found() > 0.99
     solid = house.cell_to_world(np.argwhere(house.cells != FREE))
-    for goal in robot.goals[:-1]:
-        assert goal.pose is not None
-        assert np.hypot(*(solid - goal.pose.as_array()[:2]).T).min() >= CLEARANCE.standing_m - EDGE
+    places = [goal.pose.as_array()[:2] for goal in robot.goals[:-1] if goal.pose is not None]
+    room_m = np.array([np.hypot(*(solid - place).T).min() for place in places])
+    assert room_m.min() >= CLEARANCE.squeezing_m
+    assert np.count_nonzero(room_m < CLEARANCE.standing_m - EDGE) <= 1
 
 
 def test_a_lidar_that_looks_ahead_only_is_turned_to_what_is_unknown() -> None:
@@ -386,7 +401,7 @@ def test_what_the_robot_cannot_get_past_is_a_wall_from_the_second_stand_on() -> 
     robot, explorer = BehindGlass(two_rooms(), START), make_explorer()
     robot.explore(explorer, limit_s=300.0)
     assert explorer.state == "done"
-    assert len(explorer.barriers) == 1
+    assert len(explorer.barriers) <= 2
     assert robot.pose.distance_to(START) < 0.2
     assert "places could not be reached" in explorer.message
 
@@ -413,8 +428,8 @@ def test_a_corridor_longer_than_the_lidar_sees_is_explored_to_its_end() -> None:
 @pytest.mark.parametrize(
     ("clearance", "width_m"),
     [
-        pytest.param(Clearance(0.245, 0.445), 0.8, id="0.5 x 0.4 m"),
-        pytest.param(Clearance(0.125, 0.571), 1.1, id="0.5 x 0.3 m about its rear axle"),
+        pytest.param(Clearance(0.245, 0.445, 0.2), 0.8, id="0.5 x 0.4 m"),
+        pytest.param(Clearance(0.125, 0.571, 0.1), 1.1, id="0.5 x 0.3 m about its rear axle"),
     ],
 )
 def test_a_corridor_with_less_room_than_goals_have_elsewhere_is_explored(
@@ -449,13 +464,13 @@ def test_frontiers_that_move_about_while_the_robot_hardly_does_are_no_sign_of_a_
 ) -> None:
     """From a doorway floor is seen bit by bit: the frontiers in it move, and none adds much."""
     explorer, grid = make_explorer(), two_rooms()
-    for number in range(3):
+    for number in range(5):
         here = Pose2D(1.0 + number * step_m, 1.0, 0.0)
         scene = Scene(grid, here, False, False, (), START)
         area = lay_out_area(grid, (), here, CLEARANCE.passing_m, (START, LIMITS.radius_m))
-        frontier = Frontier(3.0, 1.0 + 0.7 * number, Pose2D(2.5, 1.0, 0.0), 1.5, 4.0)
+        frontier = Frontier(3.0, 1.0 + 0.7 * (number % 2), Pose2D(2.5, 1.0, 0.0), 1.5, 4.0)
         report = FrontierReport([frontier], [], 14.0, can_move=True)
-        explorer.step(scene, Survey(area, report), 2.0 * number)
+        explorer.step(scene, Survey(area, report, explorer.clearance), 2.0 * number)
     last = [one for one in explorer.take_actions() if isinstance(one, Send)][-1].goal
     assert explorer.state == ("exploring" if is_driven_to else "homing")
     assert (last.pose == START) is not is_driven_to

@@ -91,11 +91,21 @@ def test_an_unknown_room_is_seen_through_its_door() -> None:
     kinds = np.full((100, 100), BLOCKED, np.uint8)
     kinds[20:80, 5:45] = FREE
     kinds[20:80, 46:90] = UNKNOWN
-    area, _, _ = unseen_from(kinds, 30.0, 50.0, 60.0, 90)
+    area, _, _ = unseen_from(kinds, 30.0, 50.0, 60.0, 90, False)
     assert area == 0.0  # behind the wall
     kinds[45:56, 45] = FREE
-    area, along_x, along_y = unseen_from(kinds, 40.0, 50.5, 40.0, 360)
+    area, along_x, along_y = unseen_from(kinds, 40.0, 50.5, 40.0, 360, False)
     # The wedge through a door of 11 cells, 6 cells away, 40 cells deep.
     wedge = math.atan2(5.5, 5.5)
     assert area == pytest.approx(wedge * (40.0**2 - 6.0**2), rel=0.1)
     assert abs(math.atan2(along_y, along_x)) < 0.02
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+def test_what_lies_off_the_grid_is_unknown_where_it_counts(beyond: bool) -> None:
+    kinds = np.full((20, 20), FREE, np.uint8)
+    kinds[:, 18:] = UNKNOWN
+    area, along_x, _ = unseen_from(kinds, 10.0, 10.0, 30.0, 360, beyond)
+    outside = math.pi * 30.0**2 - 20.0 * 20.0
+    assert area == pytest.approx(outside + 40.0 if beyond else 40.0, rel=0.1)
+    assert along_x > 0.0

@@ -50,13 +50,15 @@ class Survey:
 
     area: TraversableArea
     report: FrontierReport
+    clearance: Clearance
+    """With which it was looked for."""
 
 
 def survey(scene: Scene, clearance: Clearance, limits: Limits) -> Survey:
     """Find all frontiers, which takes some hundredths of a second."""
     within = scene.home, limits.radius_m
     area = lay_out_area(scene.grid, scene.zones, scene.pose, clearance.passing_m, within)
-    return Survey(area, find_frontiers(area, scene.pose, clearance))
+    return Survey(area, find_frontiers(area, scene.pose, clearance), clearance)
 
 
 @dataclass(frozen=True, slots=True)

@@ -168,6 +168,8 @@ class Explorer:
         self.reason = ""
         self.message = sentences.BEGINS
         self.clearance, self.limits = clearance, limits
+        """How much room is asked for now: less, once nothing else is left; and how far it goes."""
+        self._roomy = clearance
         self._run, self._sees_all_round = run, sees_all_round
         self._visited = VisitedFrontiers()
         self._barriers = Barriers() if barriers is None else barriers
@@ -227,6 +229,7 @@ class Explorer:
         self._progress.num_failed_in_row = 0
         self._goal = None
         self._surveyed_s = None
+        self.clearance = self._roomy
         self._set("exploring", "", sentences.BEGINS)
 
     def pause(self, reason: str, message: str) -> None:
@@ -305,6 +308,7 @@ class Explorer:
         if goal.frontier is None:
             self._finish(sentences.AT_HOME)
         else:
+            self.clearance = self._roomy  # there may be a whole room
             self._visited.find_or_add(goal.frontier.x, goal.frontier.y).arrivals += 1
 
     def _fail(self, code: str, why: str, now_s: float) -> None:
@@ -312,7 +316,8 @@ class Explorer:
         goal, self._goal = self._goal, None
         if goal is None:
             return
-        self._progress.num_failed_in_row += 1
+        # Where it squeezes, what is too narrow is the places' fault.
+        self._progress.num_failed_in_row += not self.clearance.is_squeezed
         if goal.frontier is not None:
             self._visited.find_or_add(goal.frontier.x, goal.frontier.y).failures += 1
             if self._progress.num_failed_in_row >= PARAMS.max_failed:
@@ -415,10 +420,15 @@ class Explorer:
             self._go_home(survey.area, scene, now_s)
             return
         self._note_growth()
-        best = self._best(report)
-        if not report.can_move or (best is None and self._progress.num_sent == 0):
-            if self._lasts("shut in", now_s) <= PARAMS.start_s:
-                return  # the map has only begun
+        best = self._best(survey)
+        is_shut_in = not report.can_move or (best is None and self._progress.num_sent == 0)
+        if is_shut_in and self._lasts("shut in", now_s) <= PARAMS.start_s:
+            return  # the map has only begun
+        # Not where mirrors are: behind them there is always more to see.
+        if best is None and not survey.clearance.is_squeezed and not self.barriers:
+            self.clearance, self._surveyed_s = self._roomy.squeezed, None
+            return
+        if is_shut_in:
             # One that came there gets out again: the planner backs up, and home is known.
             is_at_start = self._progress.num_sent == 0
             if is_at_start and (not report.can_move or self.area_m2 < PARAMS.min_area_m2):
@@ -449,21 +459,22 @@ class Explorer:
                 places.find_or_add(x, y)
         return len(places)
 
-    def _best(self, report: FrontierReport) -> Frontier | None:
+    def _best(self, survey: Survey) -> Frontier | None:
         """Return the place that is worth most; those that failed come last, and only once.
 
-        Barren regions and small corners far away are left out.
+        Barren regions and small corners far away are left out, behind a squeeze all small ones.
         """
+        report, is_squeezed = survey.report, survey.clearance.is_squeezed
         fresh: list[Frontier] = []
         again: list[Frontier] = []
         for one in (goal for each in report.frontiers for goal in (each, *each.others)):
-            if self._visited.is_barren(one.x, one.y) or not one.is_worth_the_way:
+            is_worth = one.is_worth_squeezing if is_squeezed else one.is_worth_the_way
+            if self._visited.is_barren(one.x, one.y, is_squeezed=is_squeezed) or not is_worth:
                 continue
             entry = self._visited.find(one.x, one.y)
-            if entry is None or (not entry.is_given_up and entry.failures == 0):
-                fresh.append(one)
-            elif not entry.is_given_up:
-                again.append(one)
+            if entry is not None and entry.is_given_up(is_squeezed=is_squeezed):
+                continue
+            (fresh if entry is None or entry.failures == 0 else again).append(one)
         return max(fresh or again, key=lambda one: one.worth, default=None)
 
     def _reconsider(
@@ -474,7 +485,7 @@ class Explorer:
         if frontier is None:
             return
         left = [one for one in report.frontiers if _apart(one, frontier) <= SAME_M]
-        best = self._best(report)
+        best = self._best(survey)
         if not left:
             self._progress.num_failed_in_row = 0
             self._goal = None  # the next goal replaces this one

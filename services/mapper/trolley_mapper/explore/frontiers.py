@@ -56,15 +56,32 @@ class Clearance:
     Attributes:
         passing_m: from whatever it drives past [m].
         standing_m: from whatever is round its goals, where a frontier has such a place near it [m].
+        squeezing_m: the least with which it may pass at all [m].
     """
 
     passing_m: float
     standing_m: float
+    squeezing_m: float
+
+    @property
+    def squeezed(self) -> "Clearance":
+        """The same where the robot squeezes through, as into a door hardly wider than it is."""
+        return replace(self, passing_m=self.squeezing_m)
+
+    @property
+    def is_squeezed(self) -> bool:
+        """Whether there is none tighter."""
+        return self.passing_m <= self.squeezing_m
 
     @property
     def width_m(self) -> float:
         """The narrowest that matters: what is unknown there cannot be driven into."""
         return 2.0 * self.passing_m
+
+    @property
+    def worth_m2(self) -> float:
+        """Floor that a goal must show [m^2]: more where the robot squeezes."""
+        return PARAMS.small_m2 if self.is_squeezed else self.width_m**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +111,14 @@ class Frontier:
         return math.sqrt(self.gain_m2) / (self.distance_m + 1.0)
 
     @property
+    def is_worth_squeezing(self) -> bool:
+        """Whether it is more than a small corner, and worth the way."""
+        return self.gain_m2 >= max(PARAMS.small_m2, PARAMS.min_gain_m * self.distance_m)
+
+    @property
     def is_worth_the_way(self) -> bool:
         """Whether it is more than a small corner far away."""
-        is_small = self.gain_m2 < PARAMS.small_m2
-        return not is_small or self.gain_m2 >= PARAMS.min_gain_m * self.distance_m
+        return self.gain_m2 >= min(PARAMS.small_m2, PARAMS.min_gain_m * self.distance_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,17 +149,21 @@ def find_frontiers(area: TraversableArea, here: Pose2D, clearance: Clearance) ->
     free = (area.kinds == FREE).astype(np.uint8)
     frontiers: list[Frontier] = []
     left = _frontier_cells(area, free, clearance.width_m)
+    poor: list[tuple[NDArray[np.intp], Frontier]] = []
     for least_m in np.linspace(clearance.standing_m, clearance.passing_m, PARAMS.num_clearances):
         standing = np.flatnonzero(is_reached & (room_m >= least_m)).astype(np.int32)
         spread_into(near, goal, free, standing, _steps(area, PARAMS.max_distance_m))
-        pieces, left = left, []
+        pieces, left, poor = [*left, *(cells for cells, _ in poor)], [], []
         for cells in pieces:
             if (goal.ravel()[cells] == NONE).all():
                 left.append(cells)
                 continue
-            found = _best_goal(area, cells, near, goal, cost)
-            if found.gain_m2 >= clearance.width_m**2:
+            found = _best_goal(area, cells, near, goal, cost, beyond=clearance.is_squeezed)
+            if found.gain_m2 >= clearance.worth_m2:
                 frontiers.append(found)
+            elif clearance.is_squeezed:
+                poor.append((cells, found))  # more may be seen from nearer, as from within a door
+    frontiers += [found for _, found in poor if found.gain_m2 >= clearance.width_m**2]
     wide = [cells for cells in left if len(cells) * area.resolution >= 2.0 * clearance.width_m]
     places = [area.place(int(cells[len(cells) // 2])) for cells in wide]
     unreachable = [(place.x, place.y) for place in places]
@@ -236,8 +261,10 @@ def _best_goal(
     near: NDArray[np.int32],
     goal: NDArray[np.int32],
     cost: NDArray[np.int32],
+    *,
+    beyond: bool,
 ) -> Frontier:
-    """Return a frontier with the best of a few goals spread along it."""
+    """Return a frontier with the best of a few goals spread along it; see `unseen_from`."""
     reached = cells[goal.ravel()[cells] >= 0]
     tried = reached[
         np.unique(np.linspace(0, len(reached) - 1, PARAMS.num_goals).round().astype(int))
@@ -247,16 +274,18 @@ def _best_goal(
     for cell in np.concatenate([closest, tried]):
         place = int(goal.ravel()[cell])
         if place not in found:
-            found[place] = _frontier(area, int(cell), place, int(cost.ravel()[place]))
+            found[place] = _frontier(
+                area, int(cell), place, int(cost.ravel()[place]), beyond=beyond
+            )
     best, *others = sorted(found.values(), key=lambda one: -one.worth)
     return replace(best, others=tuple(others))
 
 
-def _frontier(area: TraversableArea, cell: int, place: int, cost: int) -> Frontier:
+def _frontier(area: TraversableArea, cell: int, place: int, cost: int, *, beyond: bool) -> Frontier:
     """Return a frontier with one goal; both are numbers of cells."""
     row, col = divmod(place, area.kinds.shape[1])
     gain, along_x, along_y = unseen_from(
-        area.kinds, col + 0.5, row + 0.5, PARAMS.view_m / area.resolution, PARAMS.num_rays
+        area.kinds, col + 0.5, row + 0.5, PARAMS.view_m / area.resolution, PARAMS.num_rays, beyond
     )
     at = area.place(cell)
     distance_m = cost * area.resolution / STRAIGHT

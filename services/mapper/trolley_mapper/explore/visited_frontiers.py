@@ -27,10 +27,9 @@ class Visits:
     arrivals: int = 0
     failures: int = 0
 
-    @property
-    def is_given_up(self) -> bool:
-        """Whether it is not tried any more."""
-        return self.arrivals >= MAX_ARRIVALS or self.failures >= MAX_FAILURES
+    def is_given_up(self, *, is_squeezed: bool) -> bool:
+        """Say whether it is not tried any more; once more where the robot squeezes into it."""
+        return self.arrivals >= MAX_ARRIVALS + is_squeezed or self.failures >= MAX_FAILURES
 
 
 class VisitedFrontiers:
@@ -60,10 +59,13 @@ class VisitedFrontiers:
         """Note that a goal at a place in the map [m] added no floor."""
         self._barren.append(Visits(x, y))
 
-    def is_barren(self, x: float, y: float) -> bool:
-        """Say whether the region round a place in the map [m] is not worth another goal."""
+    def is_barren(self, x: float, y: float, *, is_squeezed: bool) -> bool:
+        """Say whether the region round a place in the map [m] is not worth another goal.
+
+        From before a narrow door little is seen: where the robot squeezes it is worth one more.
+        """
         near = sum(_distance(one, x, y) <= REGION_M for one in self._barren)
-        return near >= MAX_BARREN
+        return near >= MAX_BARREN + is_squeezed
 
     @property
     def num_failed(self) -> int:

@@ -16,6 +16,6 @@ def warm_up() -> None:
     cells[:2] = cells[-2:] = OCCUPIED
     cells[:, _CELLS // 2 :] = UNKNOWN
     grid = GridMap("room", 0.05, Pose2D.identity(), cells)
-    here, clearance = Pose2D(1.0, 2.0, 0.0), Clearance(0.2, 0.3)
+    here, clearance = Pose2D(1.0, 2.0, 0.0), Clearance(0.2, 0.3, 0.15)
     found = survey(Scene(grid, here, False, False, (), here), clearance, Limits(30.0, 500.0))
     path_length_to(found.area, here, here, clearance)

@@ -140,11 +140,11 @@ def _unlink(
 
 @kernel
 def unseen_from(
-    kinds: NDArray[np.uint8], x: float, y: float, reach: float, rays: int
+    kinds: NDArray[np.uint8], x: float, y: float, reach: float, rays: int, beyond: bool
 ) -> tuple[float, float, float]:
     """Return how much unknown floor a place would show if nothing stood in it, and where.
 
-    Rays end at the first blocked cell and at the edge of the grid.
+    Rays end at the first blocked cell, and at the edge of the grid unless they count beyond it.
 
     Args:
         kinds: (rows, cols).
@@ -152,6 +152,7 @@ def unseen_from(
         y: of the place, along the rows [cells].
         reach: length of the rays [cells].
         rays: number of them, all round.
+        beyond: whether what lies off the grid counts as unknown, too.
 
     Returns:
         The area [cells], and the sum of its parts' directions along x and y, weighed by area.
@@ -169,9 +170,10 @@ def unseen_from(
         seen, r = 0.0, step
         while r <= reach:
             col, row = math.floor(x + r * dx), math.floor(y + r * dy)
-            if not (0 <= row < rows and 0 <= col < cols) or kinds[row, col] == BLOCKED:
+            is_on_grid = 0 <= row < rows and 0 <= col < cols
+            if kinds[row, col] == BLOCKED if is_on_grid else not beyond:
                 break
-            if kinds[row, col] == UNKNOWN:
+            if not is_on_grid or kinds[row, col] == UNKNOWN:
                 seen += r * step * wedge
             r += step
         area += seen
