@@ -153,6 +153,8 @@ class MapSaver:
         job = core.finishing()
         folder, state = self._service.maps.path, self._service.state.path
         write = partial(_write, job, folder, state, name, zones)
+        if _wishes(session):  # until the localizer has them, only the working file does
+            self._mapping.save_checkpoint()
         self._mapping.begin_saving()
         self._is_writing = True
         reply: Later[MappingStatus] = self._service.later()

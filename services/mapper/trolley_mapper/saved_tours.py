@@ -6,7 +6,7 @@ from functools import partial
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import Tour
+from trolley.messages import Tour, Tours
 from trolley.runtime.service import Service
 from trolley_mapper.edit.map_transform import moved_tours
 
@@ -17,17 +17,20 @@ MAX_TRIES = 10
 class SavedTours:
     """Stores the tours on a map as they lie on it once it was saved, again until all are.
 
+    Those that somebody deletes or changes meanwhile are left alone.
+
     Args:
         service: that hears and asks.
     """
 
     def __init__(self, service: Service) -> None:
         self._service = service
-        self._left: list[Tour] = []
+        self._left: list[tuple[Tour, Tour]] = []
+        """As they were, and as they lie now."""
         self._num_asked = self._num_tries = 0
         self._problem = ""
         self._then: Callable[[str], object] | None = None
-        self._watch = service.watch(topics.TOURS)
+        self._watch = service.watch(topics.TOURS, then=self._drop_changed)
 
     def close(self) -> None:
         """Hear nothing any more."""
@@ -36,7 +39,11 @@ class SavedTours:
     def go_along(self, before: str, name: str, old_T_new: Pose2D) -> None:
         """Store those on the map that was called `before` as they lie on it now."""
         known = () if self._watch.latest is None else self._watch.latest.tours
-        self._left = moved_tours(known, (before,), name, old_T_new)
+        self._left = [
+            (tour, moved)
+            for tour in known
+            for moved in moved_tours((tour,), (before,), name, old_T_new)
+        ]
         self.store()
 
     def finish(self, then: Callable[[str], object]) -> None:
@@ -55,8 +62,11 @@ class SavedTours:
         else:
             self._num_tries += 1
             self._num_asked = len(self._left)
-            for tour in list(self._left):
+            for _, tour in list(self._left):
                 self._service.request(requests.TOURS_PUT, tour, partial(self._stored, tour))
+
+    def _drop_changed(self, now: Tours) -> None:
+        self._left = [(before, moved) for before, moved in self._left if before in now.tours]
 
     def _stored(self, tour: Tour, result: Tour | Refused) -> None:
         self._num_asked -= 1
@@ -65,7 +75,7 @@ class SavedTours:
             is_silent = result.code in (codes.NOT_READY, codes.TIMEOUT)
             self._problem = "the tour service does not answer." if is_silent else result.message
         else:
-            self._left.remove(tour)
+            self._left = [(before, moved) for before, moved in self._left if moved is not tour]
         if not self._left:
             self._call_back("")
 

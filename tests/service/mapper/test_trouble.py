@@ -155,6 +155,26 @@ def test_zones_of_an_extended_map_outlive_a_mapper_that_is_killed_as_it_hands_ov
     assert [zone.name for zone in zones[-1].zones] == ["stairs"]
 
 
+def test_zones_that_wait_for_the_localizer_outlive_a_mapper_however_late_they_were_drawn(
+    stage: Stage,
+) -> None:
+    zones = stage.bus.record(topics.ZONES)
+    extend_home(stage)
+    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+    stage.ask(requests.ZONES_PUT, stairs)
+    stage.bus.kill("localizer")
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    stage.bus.nodes.pop("mapper").close()
+    stage.begin("localizer")
+    stage.begin("mapper")
+    stage.bus.run(2.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    assert stage.status.state == "idle"
+    assert [zone.name for zone in zones[-1].zones] == ["stairs"]
+
+
 def test_zones_of_an_extended_map_do_not_wait_for_its_places(
     make_stage: MakeStage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -420,6 +440,30 @@ def test_a_tour_goes_along_to_a_saved_map_once_tour_is_there_or_is_told_of(
     why = "the tour service does not answer."
     told = f"Tours were not moved along with the map: {why}"
     assert stage.status.message.endswith("in use." if comes_back else told)
+
+
+def test_a_tour_that_is_deleted_or_changed_as_its_map_is_handed_over_does_not_come_back(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    tours = stage.bus.record(topics.TOURS)
+    stage.map(name="draft", seconds=2.0)
+    names, stops = ("one", "two", "three"), [Stop(pose=Pose2D.identity())]
+    for name in names:
+        stage.ask(requests.TOURS_PUT, Tour(name=name, stops=stops, map="draft"))
+    stage.bus.kill("tour")
+    stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
+    stage.bus.run(3.0)
+    stage.begin("tour")
+    changed = Tour(name="two", stops=[Stop(pose=Pose2D(5.0, 5.0, 0.0))], map="home")
+    stage.ask(requests.TOURS_PUT, changed)
+    stage.ask(requests.TOURS_DELETE, Named(name="three"))
+    stage.bus.run(5.0)
+    assert stage.status.state == "idle"
+    found = {tour.name: tour for tour in tours[-1].tours}
+    assert set(found) == {"one", "two"}
+    assert found["one"].map == "home"
+    assert found["two"].stops == changed.stops
 
 
 def test_a_name_that_is_taken_is_refused(stage: Stage) -> None:
