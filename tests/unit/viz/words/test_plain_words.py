@@ -16,7 +16,7 @@ from trolley_viz.words.sentences import base_line, refusal, result_line
 
 SERVICES = Path(__file__).parents[4] / "services"
 TALKERS = ("base", "localizer", "mapper", "planner", "tour")
-ASIDE = ("commands", "detection", "emulators", "importers")
+ASIDE = ("calibration", "commands", "detection", "emulators", "importers")
 """What speaks in a terminal only."""
 
 
