@@ -161,7 +161,9 @@ class Translator:
         ]
         own = [one for one in patterns if one.own_characters >= MIN_OWN_CHARACTERS]
         yield from self._fitting(own, text, is_loose=False)
-        if not is_one:
+        if is_one:  # else what fits almost anything would take all of it
+            patterns = own
+        else:
             yield from self._sentence_by_sentence(text)
         yield from self._fitting(patterns[len(own) :], text, is_loose=False)
         yield from self._fitting(patterns, text, is_loose=True)
@@ -199,7 +201,7 @@ class Translator:
     def _first_of(self, rest: list[str], most: int) -> Found:
         """Take from the sentences that are left those that are known together, else the first."""
         for count in range(most, 0, -1):
-            one = self._part(" ".join(rest[:count]), is_one=True)
+            one = self._part(" ".join(rest[:count]), is_one=count > 1)
             if one.is_whole or count == 1:
                 del rest[:count]
                 return one

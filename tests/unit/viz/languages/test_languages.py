@@ -327,6 +327,15 @@ def test_languages_are_known_by_their_tags(tag: str, code: str) -> None:
             "Explored: 84 m², 2 places could not be reached. It is back where it began.",
             "Erkundet: 84 m², 2 Stellen nicht erreicht. Er ist zurück, wo er begann.",
         ),
+        (
+            "The map home is saved and in use. The zone stairs was not kept: No map is loaded yet. "
+            "Places were not moved along with the map: the tour service does not answer. Tours "
+            "were not moved along with the map: the tour service does not answer.",
+            "Die Karte „home“ ist gespeichert und in Gebrauch. Die Zone „stairs“ ging verloren: "
+            "Noch ist keine Karte geladen. Orte sind nicht mit der Karte mitgegangen: der "
+            "Tourdienst antwortet nicht. Touren sind nicht mit der Karte mitgegangen: der "
+            "Tourdienst antwortet nicht.",
+        ),
         ("There is no saved pose 'hall'.", "Es gibt keinen Ort 'hall'."),  # release 0.2.0
         ("Remove 08:30 Mon–Wed, Fri", "08:30 Mo–Mi, Fr entfernen"),
         ("The robot cannot drive: zorp.", "Der Roboter kann nicht fahren: zorp."),
