@@ -138,6 +138,7 @@ class MapSaver:
         self._pending: _PendingReply | None = None
         self._is_writing = False
         self._handover: Handover | None = None
+        self._doubt = ""
 
     @answers(requests.MAP_SAVE)
     def save(self, params: SaveMap) -> Later[MappingStatus]:
@@ -200,18 +201,19 @@ class MapSaver:
             return
         turned_deg = round(math.degrees(job.new_T_old.yaw), 2)
         self._service.log.info("Map saved", map=name, turned_deg=turned_deg)
-        doubt = sentences.doubtful(job.doubtful)
+        self._doubt = doubt = sentences.doubtful(job.doubtful)
         if doubt:
             self._service.log.warning(doubt, map=name)
         self._mapping.saved(session, name, job, doubt)
-        has_wishes = bool(_wishes(session))
-        if not has_wishes:  # else only the working file has them until they are stored
+        if not _wishes(session):  # else only the working file has them until they are stored
             self._mapping.discard_checkpoint()
-        handed_over = partial(self._handed_over, doubt)
-        mirrors = [line.points for line in session.suspects]
-        self._handover = Handover(self._service, name, self._pose, mirrors, has_wishes, handed_over)
+        self._handover = self._new_handover(session, self._pose)
         self._answer()
         self._handover.ask()
+
+    def _new_handover(self, session: MapSession, pose: Callable[[], Pose2D | None]) -> Handover:
+        has_wishes, mirrors = bool(_wishes(session)), [line.points for line in session.suspects]
+        return Handover(self._service, session.name, pose, mirrors, has_wishes, self._handed_over)
 
     def _pose(self) -> Pose2D | None:
         """Return map_T_base; None while that is a guess: the localizer searches the map then."""
@@ -219,12 +221,12 @@ class MapSaver:
         estimate = None if session is None else session.estimate
         return None if estimate is None or estimate.state == "lost" else self._mapping.pose_now()
 
-    def _handed_over(self, doubt: str, note: str) -> None:
+    def _handed_over(self, note: str) -> None:
         self._handover = None
         self._mapping.give_topics_back()
         session = self._mapping.session
         wishes = [] if session is None else _wishes(session)
-        self._hand_zones_over(wishes, f"{note} {doubt}".rstrip())
+        self._hand_zones_over(wishes, f"{note} {self._doubt}".rstrip())
 
     def _hand_zones_over(self, wishes: list[_Wish], note: str) -> None:
         """Let the localizer store what an extended map's zones became, then finish the places."""
@@ -235,6 +237,11 @@ class MapSaver:
         self._service.request(request, params, partial(self._zone_stored, params.name, rest, note))
 
     def _zone_stored(self, name: str, rest: list[_Wish], note: str, result: Zone | Refused) -> None:
+        session = self._mapping.session
+        is_silent = isinstance(result, Refused) and result.code in (codes.NOT_READY, codes.TIMEOUT)
+        if is_silent and session is not None:  # it has died: the next one takes over from the start
+            self._handover = self._new_handover(session, lambda: None)  # nothing is heard any more
+            return
         if isinstance(result, Refused) and result.code != codes.UNKNOWN_NAME:
             self._service.log.error("A zone was not kept", zone=name, why=result.message)
             note += f" The zone {name} was not kept: {result.message}"

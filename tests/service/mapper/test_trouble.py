@@ -25,6 +25,7 @@ from trolley.scan_matching.sweep import read_sweep
 from trolley.scanning import ScanInput
 from trolley_mapper import checkpoint, mapping
 from trolley_mapper.edit.map_versions import MapVersions
+from trolley_mapper.handover import Handover
 from trolley_mapper.service import MapperService
 from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.keyframe import Keyframe
@@ -416,6 +417,29 @@ def test_zones_of_an_extended_map_wait_for_a_localizer_that_is_not_running(stage
     stage.begin("localizer")
     stage.bus.run(10.0)
     assert (stage.status.state, stage.pose.state) == ("idle", "localized")
+    assert [zone.name for zone in zones[-1].zones] == ["stairs"]
+
+
+def test_zones_wait_for_a_localizer_that_dies_as_it_takes_the_map_over(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    zones = stage.bus.record(topics.ZONES)
+    extend_home(stage)
+    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+    stage.ask(requests.ZONES_PUT, stairs)
+    taken_over = Handover._taken_over
+
+    def die(handover: Handover) -> None:
+        stage.bus.kill("localizer")
+        monkeypatch.undo()
+        taken_over(handover)
+
+    monkeypatch.setattr(Handover, "_taken_over", die)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(15.0)
+    stage.begin("localizer")
+    stage.bus.run(10.0)
+    assert stage.status.state == "idle"
     assert [zone.name for zone in zones[-1].zones] == ["stairs"]
 
 
