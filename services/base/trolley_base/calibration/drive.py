@@ -189,10 +189,13 @@ class CalibrationDrive:
         assert begin.map_T_base is not None  # set by the rest
         counted = self.log.pose_at(begin.stamp_ns).inverse() @ self.log.pose_at(stamp_ns)
         seen = begin.map_T_base.inverse() @ pose
-        if (
-            min(math.hypot(counted.x, counted.y), 2.0 * math.hypot(seen.x, seen.y))
-            < PARAMS.compare_m
-        ):
+        counted_m, seen_m = math.hypot(counted.x, counted.y), math.hypot(seen.x, seen.y)
+        if counted_m > 2.0 * PARAMS.compare_m > 4.0 * seen_m:
+            self.give_up(
+                "the wheels turn, but the lidar sees no motion: something holds the robot, or lifts "
+                "its wheels"
+            )
+        if min(counted_m, 2.0 * seen_m) < PARAMS.compare_m:
             return
         aside = wrap_angle(math.atan2(seen.y, seen.x) - math.atan2(counted.y, counted.x))
         if abs(aside) > PARAMS.aside_rad:
