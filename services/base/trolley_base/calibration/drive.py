@@ -192,8 +192,8 @@ class CalibrationDrive:
         counted_m, seen_m = math.hypot(counted.x, counted.y), math.hypot(seen.x, seen.y)
         if counted_m > 2.0 * PARAMS.compare_m > 4.0 * seen_m:
             self.give_up(
-                "the wheels turn, but the lidar sees no motion: something holds the robot, or lifts "
-                "its wheels"
+                "the wheels turn, but the lidar sees no motion: something holds the robot, or "
+                "lifts its wheels"
             )
         if min(counted_m, 2.0 * seen_m) < PARAMS.compare_m:
             return
