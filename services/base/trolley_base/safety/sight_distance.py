@@ -118,7 +118,8 @@ class SightDistance:
             self._scale_before(times[is_held], twist),
         )
         if not by_hand:
-            soft = ~is_ahead & (was_echo[met] | (twist.speed > 0.0))
+            # While a ramp ends in turning in place, a little speed is left that fades.
+            soft = ~is_ahead & (was_echo[met] | (twist.speed > PARAMS.soft))
             scale = min(scale, self._soft_scale(near[soft], velocities[soft]))
         if scale == 1.0:
             return CLEAR

@@ -108,8 +108,8 @@ def test_a_side_comes_softly_to_what_was_never_seen_while_a_program_drives_on() 
     assert look.where == "beside the robot"
     may_creep = unseen._replace(may_creep=np.array([True]))
     assert SIGHT.look(backing, may_creep, by_hand=False) == CLEAR
-    in_place = Twist2D(0.0, 0.0, -0.23)
-    for twist, by_hand in ((backing, True), (in_place, False)):
+    in_place, all_but = Twist2D(0.0, 0.0, -0.23), Twist2D(0.001, 0.0, -0.23)
+    for twist, by_hand in ((backing, True), (in_place, False), (all_but, False)):
         assert SIGHT.look(twist, unseen, by_hand=by_hand).scale > 2.0 * look.scale
 
 
