@@ -21,8 +21,8 @@ class SightParams:
     """Where the robot itself stood counts as free for this long: a robot that waited at a place
     may leave as it came [s]."""
     creep_mps: float = 0.1
-    """Speed at a creep, or that of a turn with the same energy: what is met at it is pushed, and can
-    be stepped away from. The corners of a box move at 0.17 m/s in such a turn [m/s]."""
+    """Speed at a creep, or that of a turn with the same energy: what is met at it is pushed, and
+    can be stepped away from. The corners of a box move at 0.17 m/s in such a turn [m/s]."""
 
 
 SIGHT = SightParams()
