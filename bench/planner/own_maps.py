@@ -19,11 +19,11 @@ from bench.harness.figures import table
 from bench.planner.crossing import take_stop_field_away
 from bench.planner.home import STATIC, scene_of
 from bench.planner.situations import Scene
-from bench.planner.visit import ENDED, LIDARS, LIMIT_S, config_of, world_of
+from bench.planner.visit import LIDARS, config_of, drive_to, world_of
 
-from trolley import codes, requests, topics
+from trolley import requests, topics
 from trolley.config import load_config
-from trolley.messages.request_params import MapNamed, SaveMap, SendGoal
+from trolley.messages.request_params import MapNamed, SaveMap
 from trolley.runtime.lockstep import Lockstep
 from trolley_base.service import BaseService
 from trolley_localizer.service import LocalizerService
@@ -68,7 +68,6 @@ def live_in(scene: Scene, seed: int, lidar: str, *, has_stop_field: bool) -> Out
         explored_s, says = lockstep.now_s - SETTLE_S, mapping[-1].message
         lockstep.run(SETTLE_S)
         lockstep.ask(requests.MAP_SAVE, SaveMap())
-        lockstep.run_until(lambda: poses[-1].pose is not None, SAVED_S)
         lockstep.run(SAVED_S)
         if not has_stop_field:
             take_stop_field_away(base, config)
@@ -78,15 +77,8 @@ def live_in(scene: Scene, seed: int, lidar: str, *, has_stop_field: bool) -> Out
         map_T_true = pose @ truths[-1].pose.inverse()
         began_s, ending = lockstep.now_s, "arrived"
         for goal in scene.goals:
-            asked = SendGoal(pose=map_T_true @ goal, xy_tolerance=scene.xy, yaw_tolerance=scene.yaw)
-            try:
-                lockstep.ask(requests.GOAL_SEND, asked)
-            except codes.Refused as refused:
-                ending = f"refused: {refused.code}"
-                break
-            has_ended = lockstep.run_until(lambda: goals[-1].state in ENDED, LIMIT_S)
-            if goals[-1].state != "arrived":
-                ending = (goals[-1].reason or goals[-1].state) if has_ended else "timeout"
+            ending = drive_to(map_T_true @ goal, scene, lockstep, goals)
+            if ending != "arrived":
                 break
         contacts = sum(one.is_collision for one in world_of(base).contacts)
         return Outcome(explored_s, says, ending, lockstep.now_s - began_s, contacts)

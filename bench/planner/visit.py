@@ -211,7 +211,7 @@ def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
             )  # fmt: skip
         for goal in scene.goals:
             began_s, before = lockstep.now_s, len(truths)
-            visit.ending = _drive_to(goal, scene, lockstep, said, people, informant)
+            visit.ending = drive_to(goal, scene, lockstep, said, people, informant)
             visit.seconds += lockstep.now_s - began_s
             visit.recoveries += said[-1].recoveries if said else 0
             visit.trace += [(one.stamp_ns * 1e-9, one.pose) for one in truths[before:]]
@@ -226,15 +226,24 @@ def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
     return visit
 
 
-def _drive_to(
+def drive_to(
     goal: Pose2D,
     scene: Scene,
     lockstep: Lockstep,
     said: list[GoalStatus],
-    people: PeopleJudge | None,
-    informant: Informant | None,
+    people: PeopleJudge | None = None,
+    informant: Informant | None = None,
 ) -> str:
-    """Drive to a goal; return `arrived`, or why not."""
+    """Drive to a goal; return `arrived`, or why not.
+
+    Args:
+        goal: in the frame of the scene; with another map, in that map.
+        scene: whose goal it is.
+        lockstep: that the robot runs in.
+        said: what the planner says of its goals.
+        people: who walk meanwhile, and are judged.
+        informant: who tells the planner of them.
+    """
     there = goal if scene.frame == "map" else scene.start.inverse() @ goal
     asked = SendGoal(pose=there, xy_tolerance=scene.xy, yaw_tolerance=scene.yaw)
     try:

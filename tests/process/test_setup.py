@@ -137,6 +137,15 @@ def try_wheels(person: Person) -> None:
     person.wait_for("count as they should")
 
 
+def try_wheels_and_turn(rig: Rig, person: Person) -> None:
+    """Try the wheels of a robot that is lifted, set it down, and let it drive until it turns."""
+    try_wheels(person)
+    person.wait_for("may it drive?")
+    rig.robot.fault(f"{LINOROBOT}:ok")
+    person.type("y\n")
+    wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+
+
 def test_a_robot_sets_itself_up_and_takes_it_back(rig: Rig) -> None:
     lift(rig)
     rig.robot.fault(f"{LINOROBOT}:gyro")  # upside down
@@ -168,11 +177,7 @@ def test_a_robot_sets_itself_up_and_takes_it_back(rig: Rig) -> None:
 def test_any_key_stops_and_the_next_call_goes_on_from_there(rig: Rig) -> None:
     lift(rig)
     with rig.setup("--short") as person:
-        try_wheels(person)
-        person.wait_for("may it drive?")
-        rig.robot.fault(f"{LINOROBOT}:ok")
-        person.type("y\n")
-        wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+        try_wheels_and_turn(rig, person)
         person.type(" ")
         assert person.end() == 130
     assert "Stopped." in person.said
@@ -196,11 +201,7 @@ def test_a_command_that_is_told_to_end_stops_the_robot_itself(
     """As when the terminal is closed; the board's watchdog may be seconds long."""
     lift(rig)
     with rig.setup("--short") as person:
-        try_wheels(person)
-        person.wait_for("may it drive?")
-        rig.robot.fault(f"{LINOROBOT}:ok")
-        person.type("y\n")
-        wait_until(lambda: abs(rig.robot.truth().twist.wz) > 0.1, "it turns")
+        try_wheels_and_turn(rig, person)
         person.process.send_signal(number)
         assert person.end() == 130, person.said
     wait_until(rig.stands, "it stands")

@@ -15,6 +15,12 @@ MAX_REFUSED = 10
 """Number of times in a row that none was stored after which those left stay as they are."""
 
 
+def why_not_stored(refused: Refused) -> str:
+    """Say why the tour service has not stored something."""
+    is_silent = refused.code in (codes.NOT_READY, codes.TIMEOUT)
+    return "the tour service does not answer." if is_silent else refused.message
+
+
 class SavedPlaces:
     """Keeps the stored places of one map where the map has them.
 
@@ -75,8 +81,7 @@ class SavedPlaces:
         if isinstance(result, Refused):
             self._service.count("poses/not_put_right")
             self._service.log.limited("places", "A place was not put right", why=result.message)
-            is_silent = result.code in (codes.NOT_READY, codes.TIMEOUT)
-            self._problem = "the tour service does not answer." if is_silent else result.message
+            self._problem = why_not_stored(result)
         else:
             self._num_stored += 1
             self._session.places.stored(place)

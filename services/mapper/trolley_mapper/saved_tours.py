@@ -3,12 +3,13 @@
 from collections.abc import Callable
 from functools import partial
 
-from trolley import codes, requests, topics
+from trolley import requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import Tour, Tours
 from trolley.runtime.service import Service
 from trolley_mapper.edit.map_transform import moved_tours
+from trolley_mapper.saved_places import why_not_stored
 
 MAX_TRIES = 10
 """Number of times that tours are stored, a second apart, before they stay as they are."""
@@ -72,8 +73,7 @@ class SavedTours:
         self._num_asked -= 1
         if isinstance(result, Refused):
             self._service.log.limited("tours", "A tour was not moved along", why=result.message)
-            is_silent = result.code in (codes.NOT_READY, codes.TIMEOUT)
-            self._problem = "the tour service does not answer." if is_silent else result.message
+            self._problem = why_not_stored(result)
         else:
             self._left = [(before, moved) for before, moved in self._left if moved is not tour]
         if not self._left:

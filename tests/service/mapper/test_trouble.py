@@ -134,24 +134,34 @@ def extend_home(stage: Stage) -> None:
     stage.drive(2.0, 0.1)
 
 
+def draw_stairs(stage: Stage) -> None:
+    """Put a no-go area."""
+    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+    stage.ask(requests.ZONES_PUT, stairs)
+
+
+def save_after_a_restart(stage: Stage) -> None:
+    """Begin localizer and mapper again, and save the map that was in the making."""
+    stage.begin("localizer")
+    stage.begin("mapper")
+    stage.bus.run(2.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+
+
 @pytest.mark.usefixtures("often")
 def test_zones_of_an_extended_map_outlive_a_mapper_that_is_killed_as_it_hands_over(
     stage: Stage,
 ) -> None:
     zones = stage.bus.record(topics.ZONES)
     extend_home(stage)
-    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
-    stage.ask(requests.ZONES_PUT, stairs)
+    draw_stairs(stage)
     stage.bus.run(KEPT_S)
     stage.bus.kill("localizer")
     stage.ask(requests.MAP_SAVE, SaveMap())
     stage.bus.run(2.0)
     stage.bus.kill("mapper")
-    stage.begin("localizer")
-    stage.begin("mapper")
-    stage.bus.run(2.0)
-    stage.ask(requests.MAP_SAVE, SaveMap())
-    stage.bus.run(2.0)
+    save_after_a_restart(stage)
     assert stage.status.state == "idle"
     assert [zone.name for zone in zones[-1].zones] == ["stairs"]
 
@@ -161,17 +171,12 @@ def test_zones_that_wait_for_the_localizer_outlive_a_mapper_however_late_they_we
 ) -> None:
     zones = stage.bus.record(topics.ZONES)
     extend_home(stage)
-    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
-    stage.ask(requests.ZONES_PUT, stairs)
+    draw_stairs(stage)
     stage.bus.kill("localizer")
     stage.ask(requests.MAP_SAVE, SaveMap())
     stage.bus.run(2.0)
     stage.bus.nodes.pop("mapper").close()
-    stage.begin("localizer")
-    stage.begin("mapper")
-    stage.bus.run(2.0)
-    stage.ask(requests.MAP_SAVE, SaveMap())
-    stage.bus.run(2.0)
+    save_after_a_restart(stage)
     assert stage.status.state == "idle"
     assert [zone.name for zone in zones[-1].zones] == ["stairs"]
 
@@ -183,8 +188,7 @@ def test_zones_of_an_extended_map_do_not_wait_for_its_places(
     zones = stage.bus.record(topics.ZONES)
     extend_home(stage)
     stage.ask(requests.POSES_PUT, SavedPose(name="sofa", map="home", pose=Pose2D.identity()))
-    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
-    stage.ask(requests.ZONES_PUT, stairs)
+    draw_stairs(stage)
     monkeypatch.setattr(Mapper, "moved", lambda *_: Pose2D(0.5, 0.0, 0.0))  # as by a loop
     stage.bus.kill("tour")
     stage.ask(requests.MAP_SAVE, SaveMap())
@@ -407,8 +411,7 @@ def test_zones_of_an_extended_map_wait_for_a_localizer_that_is_not_running(stage
     stage.bus.run(2.0)
     stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
     stage.drive(2.0, 0.2)
-    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
-    stage.ask(requests.ZONES_PUT, stairs)
+    draw_stairs(stage)
     stage.bus.kill("localizer")
     stage.ask(requests.MAP_SAVE, SaveMap())
     stage.bus.run(20.0)
@@ -425,8 +428,7 @@ def test_zones_wait_for_a_localizer_that_dies_as_it_takes_the_map_over(
 ) -> None:
     zones = stage.bus.record(topics.ZONES)
     extend_home(stage)
-    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
-    stage.ask(requests.ZONES_PUT, stairs)
+    draw_stairs(stage)
     taken_over = Handover._taken_over
 
     def die(handover: Handover) -> None:
