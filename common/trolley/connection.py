@@ -218,11 +218,12 @@ class Connection:
     @property
     def bus(self) -> ZenohBus:
         """The open bus."""
-        if self._bus is None:
+        bus = self._bus  # read once: another thread may close it meanwhile
+        if bus is None:
             raise RobotUnreachable(CLOSED)
         if is_forked():
             raise RobotUnreachable(FORKED)
-        return self._bus
+        return bus
 
     @contextmanager
     def using(self) -> Generator[ZenohBus]:

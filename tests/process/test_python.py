@@ -354,6 +354,24 @@ def test_what_goes_on_while_the_robot_is_closed_says_so(
         assert closed.is_set()
 
 
+def test_a_robot_closed_within_its_look_at_the_connection_says_so(
+    add_robot: Callable, endpoint: str
+) -> None:
+    """AttributeError came: 'NoneType' object has no attribute 'delete'."""
+    add_robot("one")
+    robot = Robot(connect=endpoint)
+
+    def closed_meanwhile() -> bool:
+        patch.undo()
+        robot.close()
+        return False
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(connection, "is_forked", closed_meanwhile)
+        with pytest.raises(RobotUnreachable):
+            robot.delete_marker()
+
+
 def test_asyncio_has_all_that_threads_have() -> None:
     for_threads = {"apart", "close", "connection", "names", "on", "over", "subscribe"}
     public = {name for name in dir(Robot) if not name.startswith("_")}
