@@ -168,14 +168,20 @@ def join_part(where: tuple[str, ...], deg: bool, as_json: bool) -> None:
 @json_option
 @reports_errors
 def cancel_map(yes: bool, as_json: bool) -> None:
-    """Discard the map; the robot goes back to the previous map."""
+    """Discard the map; the robot goes back to the previous map.
+
+    Of a map that is saved, but whose zones wait for a localizer that is not running, discard what
+    was changed in these zones.
+    """
     with one_robot() as robot:
         if not yes:
             now = robot.latest(topics.MAPPING)
             if now is not None and now.state == "idle":
                 raise Refused(codes.NOT_MAPPING)  # and not asked: a map may be begun meanwhile
-            name = "that is being made" if now is None else now.name
-            click.confirm(f"Discard the map {name}?", abort=True, err=True)
+            what = f"the map {'that is being made' if now is None else now.name}"
+            if now is not None and now.state == "saving":
+                what = "the zones that are not saved yet"
+            click.confirm(f"Discard {what}?", abort=True, err=True)
         status = robot.ask(requests.MAP_CANCEL)
     _show(status, as_json=as_json, text=status.message)
 

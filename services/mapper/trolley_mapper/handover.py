@@ -12,7 +12,7 @@ from trolley.codes import Refused
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D
 from trolley.messages import MapInfo, MappingStatus, PoseEstimate, Zone
-from trolley.messages.request_params import LoadMap, Named, SaveMap, Yield
+from trolley.messages.request_params import LoadMap, Named, Nothing, SaveMap, Yield
 from trolley.messages.types import Point
 from trolley.runtime.service import Later, Service, answers, every
 from trolley_mapper.edit.map_transform import moved_zones
@@ -54,7 +54,7 @@ class Handover:
         self._service, self._name, self._pose, self._done = service, name, pose, done
         self._waits_for_ever = waits_for_ever
         self._mirrors = mirrors
-        self._is_asking = False
+        self._is_asking = self._is_given_up = False
         self._num_unheard = 0
         self._gives_pose = True
         self._load_again_ns = 0
@@ -63,6 +63,10 @@ class Handover:
     def is_unheard(self) -> bool:
         """Whether the localizer is not running."""
         return self._num_unheard >= MAX_UNHEARD
+
+    def give_up(self) -> None:
+        """Hand nothing over any more, whatever is answered yet."""
+        self._is_given_up = True
 
     def ask(self) -> None:
         """Ask the localizer whether it may load the map; called once a second."""
@@ -73,6 +77,8 @@ class Handover:
 
     def _yielded(self, result: PoseEstimate | Refused) -> None:
         self._is_asking = False
+        if self._is_given_up:
+            return
         if isinstance(result, Refused):
             if result.code == codes.NOT_CURRENT:
                 self._taken_over()
@@ -90,6 +96,8 @@ class Handover:
 
     def _loaded(self, result: MapInfo | Refused) -> None:
         self._is_asking = False
+        if self._is_given_up:
+            return
         if isinstance(result, MapInfo):
             self._taken_over()
         elif result.code in (codes.OUTSIDE_MAP, codes.IN_OBSTACLE):
@@ -127,7 +135,7 @@ class _PendingReply:
 
 
 class MapSaver:
-    """Answers `map/save`: writes the map, and lets the localizer take over on it.
+    """Answers `map/save` and `map/cancel`: writes the map, and lets the localizer take over on it.
 
     Args:
         mapping: which has the map.
@@ -166,6 +174,20 @@ class MapSaver:
         self._mapping.publish_status()
         return reply
 
+    @answers(requests.MAP_CANCEL)
+    def cancel(self, _: Nothing) -> MappingStatus:
+        """Discard the map or, once it is saved, changes to its zones that no localizer takes."""
+        session, handover = self._mapping.session, self._handover
+        if session is None or handover is None or not handover.is_unheard:
+            return self._mapping.cancel()
+        names = ", ".join(params.name for _, params in _wishes(session))
+        note = f"The map {session.name} is saved; changes to these zones were discarded: {names}."
+        self._service.log.warning(note)
+        handover.give_up()
+        self._mapping.announce(note)
+        self._finish(note, [])
+        return self._mapping.status()
+
     @every(0.1, clock="local", when=lambda handover: handover._pending is not None)  # noqa: SLF001
     def _answer_in_time(self) -> None:
         """Answer who has waited long enough for a save."""
@@ -183,7 +205,7 @@ class MapSaver:
             if self._handover is not None and self._handover.is_unheard and session is not None:
                 self._mapping.announce(
                     f"The map {session.name} is saved; its zones wait for the localizer, which is "
-                    "not running."
+                    "not running. Start it, or discard these zones (`trolley map cancel`)."
                 )
 
     def _written(
@@ -222,10 +244,13 @@ class MapSaver:
         return None if estimate is None or estimate.state == "lost" else self._mapping.pose_now()
 
     def _handed_over(self, note: str) -> None:
+        session = self._mapping.session
+        self._finish(note, [] if session is None else _wishes(session))
+
+    def _finish(self, note: str, wishes: list[_Wish]) -> None:
+        """Give the shared topics back, then store what is left of the map."""
         self._handover = None
         self._mapping.give_topics_back()
-        session = self._mapping.session
-        wishes = [] if session is None else _wishes(session)
         self._hand_zones_over(wishes, f"{note} {self._doubt}".rstrip())
 
     def _hand_zones_over(self, wishes: list[_Wish], note: str) -> None:

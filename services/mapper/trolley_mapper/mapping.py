@@ -112,6 +112,8 @@ class Mapping:
         Raises:
             Refused: `mapping` or `not_ready`.
         """
+        if self.phase == "saving":
+            raise Refused(codes.MAPPING, self._note)
         if self.session is not None:
             raise Refused(
                 codes.MAPPING,
@@ -129,7 +131,7 @@ class Mapping:
         if self.session is None:
             raise Refused(codes.NOT_MAPPING)
         if self.phase == "saving":
-            raise Refused(codes.NOT_READY, "The map is being saved.")
+            raise Refused(codes.NOT_READY, self._note)
         return self.session
 
     # Beginning and end.
@@ -248,8 +250,7 @@ class Mapping:
         what = "1 scan that hung loose has" if num == 1 else f"{num} scans that hung loose have"
         return self.announce(f"{what} been removed.")
 
-    @answers(requests.MAP_CANCEL)
-    def cancel(self, _: Nothing) -> MappingStatus:
+    def cancel(self) -> MappingStatus:
         """Discard the map; the localizer goes back to the previous one."""
         session = self.check_may_change()
         self._service.log.info("The map was canceled", map=session.name)
@@ -260,7 +261,7 @@ class Mapping:
 
     def begin_saving(self) -> None:
         """Let the map rest while it is written and handed over."""
-        self.phase = "saving"
+        self.phase, self._note = "saving", "The map is being saved."
 
     def saving_failed(self, problem: str) -> MappingStatus:
         """Continue after the map could not be written."""

@@ -415,12 +415,38 @@ def test_zones_of_an_extended_map_wait_for_a_localizer_that_is_not_running(stage
     stage.bus.kill("localizer")
     stage.ask(requests.MAP_SAVE, SaveMap())
     stage.bus.run(20.0)
-    assert stage.status.message.endswith("its zones wait for the localizer, which is not running.")
+    assert "its zones wait for the localizer, which is not running." in stage.status.message
     zones = stage.bus.record(topics.ZONES)
     stage.begin("localizer")
     stage.bus.run(10.0)
     assert (stage.status.state, stage.pose.state) == ("idle", "localized")
     assert [zone.name for zone in zones[-1].zones] == ["stairs"]
+
+
+@pytest.mark.parametrize("is_tour_there", [True, False])
+def test_zones_that_wait_for_a_localizer_can_be_given_up(
+    make_stage: MakeStage, is_tour_there: bool
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    extend_home(stage)
+    stage.ask(requests.POSES_PUT, SavedPose(name="sofa", map="home", pose=Pose2D.identity()))
+    draw_stairs(stage)
+    stage.bus.kill("localizer")
+    if not is_tour_there:
+        stage.bus.kill("tour")
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    assert stage.refusal(requests.MAP_CANCEL).code == codes.NOT_READY  # one may be starting
+    stage.bus.run(20.0)
+    assert "discard" in stage.refusal(requests.MAP_NEW, MapNamed(name="other")).message
+    stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(30.0)
+    assert stage.status.state == "idle"
+    given_up = "The map home is saved; changes to these zones were discarded: stairs."
+    assert stage.status.message.startswith(given_up)
+    assert not (stage.bus.state / "trolley" / checkpoint.FILE).exists()
+    stage.map("other", seconds=2.0)
+    assert (stage.status.state, stage.status.name) == ("mapping", "other")
 
 
 def test_zones_wait_for_a_localizer_that_dies_as_it_takes_the_map_over(

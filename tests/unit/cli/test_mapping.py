@@ -30,6 +30,13 @@ def test_a_map_that_is_being_made_is_named_before_it_is_discarded(
     assert "was discarded" not in cancel(monkeypatch, MAKING, "n\n")
 
 
+def test_what_a_saved_map_still_waits_with_is_said_before_it_is_discarded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    saving = replace(MAKING, state="saving")
+    assert "Discard the zones that are not saved yet?" in cancel(monkeypatch, saving, "n\n")
+
+
 def test_nobody_is_asked_about_a_map_that_is_not_being_made(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -135,6 +135,14 @@ def test_a_map_is_begun_paused_and_given_up_at_the_second_press(stage: "Stage") 
     assert page.is_shown("New map")
 
 
+def test_zones_that_wait_to_be_saved_can_be_discarded(stage: "Stage") -> None:
+    stage.browse()
+    page = page_of(stage).within("Make a map")
+    stage.runtime.add(Mapper()).say("saving", "flat")
+    stage.runtime.run(0.5)
+    assert page.labels == ["Discard"]
+
+
 def test_what_hangs_loose_is_joined_by_pointing_or_removed(stage: "Stage") -> None:
     stage.browse()
     page = page_of(stage).within("Make a map")

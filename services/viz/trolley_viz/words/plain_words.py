@@ -30,6 +30,7 @@ _WORDS = {
     "make one (`trolley map new NAME`), or set [map] file": "make one in the “Map” tab",
     " (`--as NAME`)": "",
     " (`trolley map load NAME`)": "",
+    " (`trolley map cancel`)": "",
     codes.SENTENCES[codes.NOT_READY]: NOT_READY,
     codes.SENTENCES[codes.INTERNAL]: "Something went wrong in the robot's software; its log has "
     "the details.",
