@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.scanning import ScanInput
+from trolley.slices import is_left
 from trolley_mapper.slam.estimate import MapEstimate, State
 from trolley_mapper.slam.mapper import Mapper
-from trolley_mapper.slices import is_left
 
 JOB_EVERY_NS = 100_000_000
 """A lidar scans ten times a second, and with each scan a job may be done."""

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM, GridMap, distance_transform
+from trolley.slices import whole
 from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
-from trolley_mapper.slices import whole
 from trolley_mapper.warmup import warm_up
 
 PLAN = Plan((1, 1), block_m=(14.0, 10.0), people=4)

@@ -62,8 +62,9 @@ PoseProblem = Literal["outside_map", "in_obstacle"]
 class Localizer:
     """Follows the robot on one map, notices when it is lost, and finds it again.
 
-    A search of the whole map takes long, so it is handed out: after each call ask `take_job`, run
-    the job anywhere (it touches nothing of the localizer), and give it back to `finish`.
+    A search of the whole map takes long, so it is handed out: after each call ask `take_job`, do
+    the job's slices anywhere (they touch nothing of the localizer), and give it back to `finish`.
+    Between slices a job that `wants` denies may be left.
     """
 
     def __init__(
@@ -150,7 +151,7 @@ class Localizer:
             and following.monitor.support >= self._config.good_support
             and following.proof is None
             and not following.rivals.exist
-            and not (schedule.is_wanted or schedule.is_running)
+            and not (schedule.is_wanted or schedule.running)
         )
 
     def _led_by_scans(self, step: Pose2D, beams: BeamSet) -> LedPose | None:
@@ -342,7 +343,7 @@ class Localizer:
         self._rest.end()
         self._estimator.forget_motion()
         self._reporter.restart_odometry()
-        if self._schedule.is_running:
+        if self._schedule.running is not None:
             self._schedule.discard(is_wanted=True)
 
     # Searches of the whole map.
@@ -350,24 +351,29 @@ class Localizer:
     def take_job(self) -> SearchJob | None:
         """Return a search to run now, or None. Give it back to `finish` when it is done."""
         schedule, last = self._schedule, self._last
-        if not schedule.is_wanted or schedule.is_running or last is None or last.beams.is_blind:
+        is_free = schedule.is_wanted and schedule.running is None
+        if not is_free or last is None or last.beams.is_blind:
             return None
-        schedule.begin(last.scan)
         followed = None
         if isinstance(self._state, Following):
             followed = self._estimator.pose.copy()
         elif self._reach is not None:
             followed = self._reach.pose.copy()
         odom_T_base = last.scan.odom_T_base
-        return SearchJob(self._search_map, self._matcher, last.beams, odom_T_base, followed)
+        job = SearchJob(self._search_map, self._matcher, last.beams, odom_T_base, followed)
+        schedule.begin(job, last.scan)
+        return job
+
+    def wants(self, job: SearchJob) -> bool:
+        """Say whether a search is still of use."""
+        return self._schedule.running is job
 
     def finish(self, job: SearchJob) -> None:
-        """Take the outcome of a search into account."""
-        self._schedule.is_running = False
-        self._rest.end()
-        if self._last is None or self._schedule.is_void:
-            self._schedule.discard(is_wanted=True)
+        """Take the outcome of a search into account, if it is still of use."""
+        if self._last is None or not self.wants(job):
             return
+        self._schedule.running = None
+        self._rest.end()
         step = job.odom_T_base.inverse() @ self._last.scan.odom_T_base
         places = [Place(self._carried(place.pose, step), place.support) for place in job.places]
         if self._reach is not None:

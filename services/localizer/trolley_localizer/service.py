@@ -14,6 +14,7 @@ from trolley.messages.request_params import Nothing, SetPose
 from trolley.runtime.live_config import LiveConfig
 from trolley.runtime.service import Service, Watch, answers, on
 from trolley.scanning import MAX_WAIT_S, Reject, ScanAssembler, ScanInput
+from trolley.slices import do_aside
 from trolley_localizer.change_proposals import ChangeProposals
 from trolley_localizer.core import Localizer
 from trolley_localizer.map_server import LoadedMap, MapServer, refuse_pose
@@ -119,10 +120,16 @@ class LocalizerService(Service):
         self._search_if_wanted(loaded.localizer)
 
     def _search_if_wanted(self, localizer: Localizer) -> None:
-        """Run the search that the localizer asks for, aside."""
+        """Run the search that the localizer asks for, aside, as long as it is wanted."""
         job = localizer.take_job()
-        if job is not None:
-            self.work(job.run, localizer.finish)
+        if job is None:
+            return
+
+        def is_wanted() -> bool:
+            loaded = self._maps.current
+            return loaded is not None and loaded.localizer is localizer and localizer.wants(job)
+
+        do_aside(self.work, job.slices(), partial(localizer.finish, job), is_wanted)
 
     # Poses.
 

@@ -8,9 +8,9 @@ from trolley.gridmap import GridMap
 from trolley.messages import Transform
 from trolley.recording.drive import Drive
 from trolley.scanning import Reject, assemble
+from trolley.slices import whole
 from trolley_mapper.slam import sentences
 from trolley_mapper.slam.mapper import Mapper
-from trolley_mapper.slices import whole
 
 JOB_EVERY_NS = 100_000_000
 """Robot time in which the service does a job beside the scans [ns]."""

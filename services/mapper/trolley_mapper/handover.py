@@ -15,13 +15,13 @@ from trolley.messages import MapInfo, MappingStatus, PoseEstimate, Zone
 from trolley.messages.request_params import LoadMap, Named, Nothing, SaveMap, Yield
 from trolley.messages.types import Point
 from trolley.runtime.service import Later, Service, answers, every
+from trolley.slices import do_aside
 from trolley_mapper.edit.map_transform import moved_zones
 from trolley_mapper.edit.map_versions import write_map
 from trolley_mapper.map_names import check_name_is_free, configured_name
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import ANSWER_NS, Mapping
 from trolley_mapper.slam import sentences
-from trolley_mapper.slices import do_aside
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them
     from trolley_mapper.slam.finishing import FinishJob

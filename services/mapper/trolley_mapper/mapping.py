@@ -20,6 +20,7 @@ from trolley.messages import (
 from trolley.messages.request_params import JoinPart, Nothing, UndoMap, WhichGoal, Yield
 from trolley.runtime.service import Service, answers, every
 from trolley.scanning import Reject, ScanInput
+from trolley.slices import do_aside
 from trolley_mapper import checkpoint as checkpoints
 from trolley_mapper.checkpoint import Checkpoint, Checkpointer
 from trolley_mapper.explore import sentences
@@ -27,7 +28,6 @@ from trolley_mapper.inputs import RobotInputs
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.saved_places import SavedPlaces
 from trolley_mapper.saved_tours import SavedTours
-from trolley_mapper.slices import do_aside
 from trolley_mapper.wire import odom_transform, pose_message
 
 if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not load them

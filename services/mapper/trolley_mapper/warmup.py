@@ -10,9 +10,9 @@ from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.scanning import ScanInput
+from trolley.slices import whole
 from trolley_mapper.explore import warmup
 from trolley_mapper.slam.mapper import Mapper
-from trolley_mapper.slices import whole
 
 _BEAMS = 120
 _FAR = Pose2D(30.0, 0.0, 0.0)

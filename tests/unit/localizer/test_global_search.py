@@ -9,6 +9,7 @@ import pytest
 from trolley.config.localizer import LocalizerConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED, UNKNOWN, GridMap
+from trolley.slices import whole
 from trolley_localizer.matching import global_search
 from trolley_localizer.matching.global_search import build_pyramid, find_places
 from trolley_localizer.matching.likelihood_field import build_field, make_lines
@@ -29,7 +30,7 @@ def test_the_place_is_the_first_of_those_found(
     matcher = MapMatcher(field, make_lines(field, []), CONFIG)
     pose = at(flat, x, y, yaw)
     beams = read_beams(make_scan(flat, pose, Pose2D.identity()), 0.05, 60.0)
-    places = find_places(field, build_pyramid(field), beams, matcher)
+    places = whole(find_places(field, build_pyramid(field), beams, matcher))
     found = field.to_map(places[0].pose)
     assert found.distance_to(pose) < 0.06
     assert abs((found.inverse() @ pose).yaw) < math.radians(1.0)
@@ -50,7 +51,7 @@ def test_a_robot_where_furniture_stood_on_the_map_is_found(flat: GridMap, beside
     field = build_field(replace(flat, cells=cells), CONFIG)
     matcher = MapMatcher(field, make_lines(field, []), CONFIG)
     beams = read_beams(make_scan(flat, pose, Pose2D.identity()), 0.05, 60.0)
-    places = find_places(field, build_pyramid(field), beams, matcher)
+    places = whole(find_places(field, build_pyramid(field), beams, matcher))
     found = [field.to_map(place.pose) for place in places]
     assert min(one.distance_to(pose) for one in found) < 0.06
     assert beside > 0 or found[0].distance_to(pose) < 0.06
@@ -62,7 +63,7 @@ def test_maps_that_say_nothing_give_no_place_and_no_error(shape: tuple[int, int]
     field = build_field(blank, CONFIG)
     matcher = MapMatcher(field, make_lines(field, []), CONFIG)
     beams = read_beams(make_scan(blank, Pose2D(0.02, 0.02, 0.0), Pose2D.identity()), 0.05, 60.0)
-    assert find_places(field, build_pyramid(field), beams, matcher) == []
+    assert whole(find_places(field, build_pyramid(field), beams, matcher)) == []
 
 
 @pytest.mark.parametrize(("shape", "resolution"), [((1000, 1000), 10.0), ((1, 2_000_000), 0.05)])
@@ -84,9 +85,9 @@ def test_with_larger_blocks_the_best_place_is_the_same(
     matcher = MapMatcher(field, make_lines(field, []), CONFIG)
     scan = make_scan(flat, at(flat, 5.5, 3.0, 0.4), Pose2D.identity())
     beams = read_beams(scan, 0.05, 60.0)
-    usual = find_places(field, build_pyramid(field), beams, matcher)
+    usual = whole(find_places(field, build_pyramid(field), beams, matcher))
     monkeypatch.setattr(global_search, "PARAMS", replace(global_search.PARAMS, most_top_blocks=1))
     pyramid = build_pyramid(field)
     assert (pyramid.rows[-1], pyramid.cols[-1]) == (1, 1)
-    found = find_places(field, pyramid, beams, matcher)
+    found = whole(find_places(field, pyramid, beams, matcher))
     np.testing.assert_allclose(found[0].pose, usual[0].pose, atol=0.1)

@@ -29,7 +29,7 @@ def drive(schedule: SearchSchedule, scan: ScanInput, metres: float) -> list[floa
         schedule.since_s += 0.1
         schedule.predict(STEP_M)
         if schedule.is_due(here, AGAIN_S):
-            schedule.begin(here)
+            schedule.begin(object(), here)
             searched_m.append((k + 1) * STEP_M)
     return searched_m
 
@@ -54,7 +54,7 @@ def test_a_new_reason_lets_it_search_as_often_as_at_first(scan: ScanInput) -> No
 
 def test_what_shows_the_same_is_searched_again_only_after_long(scan: ScanInput) -> None:
     schedule = SearchSchedule()
-    schedule.begin(scan)
+    schedule.begin(object(), scan)
     schedule.since_s = AGAIN_S + 0.1
     assert not schedule.is_due(scan, AGAIN_S)
     nearer = replace(scan, ranges=0.5 * scan.ranges)

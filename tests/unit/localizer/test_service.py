@@ -32,6 +32,7 @@ from trolley.messages import (
 )
 from trolley.messages.request_params import LoadMap, Named, SetPose
 from trolley.runtime.lockstep import Lockstep
+from trolley_localizer.core import Localizer
 from trolley_localizer.service import LocalizerService
 
 from .conftest import BASE_T_LASER, at, make_scan
@@ -489,6 +490,34 @@ def test_maps_are_listed_and_changed_with_the_pose_kept(
     robot.bus.close()
     robot.begin()
     assert robot.maps[-1].name == "newer"
+
+
+@pytest.mark.parametrize("by", ["map", "pose"])
+def test_a_search_that_nobody_needs_any_more_is_given_up(
+    make_robot: MakeRobot, flat: GridMap, monkeypatch: pytest.MonkeyPatch, by: str
+) -> None:
+    robot = make_robot()
+    folder = robot.folder / "state" / "maps"
+    folder.mkdir(parents=True, exist_ok=True)
+    save_map(GridMap("newer", flat.resolution, flat.origin, flat.cells), folder / "newer.yaml")
+    jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
+    finished: list[object] = []
+    monkeypatch.setattr(
+        LocalizerService, "work", lambda _, fn, then=lambda _: None: jobs.append((fn, then))
+    )
+    monkeypatch.setattr(Localizer, "finish", lambda _, job: finished.append(job))
+    robot.drive(0.2)
+    assert len(jobs) == 1
+    if by == "map":
+        with suppress(Refused):  # it is read behind the search, and not answered in time
+            robot.bus.ask(requests.MAP_LOAD, LoadMap(name="newer"))
+    else:
+        robot.bus.ask(requests.POSE_SET, SetPose(pose=robot.pose))
+    while jobs:
+        fn, then = jobs.pop(0)
+        then(fn())
+    assert finished == []
+    assert robot.maps[-1].name == ("newer" if by == "map" else "flat")
 
 
 @pytest.mark.parametrize("is_slow", [False, True], ids=["read at once", "read later"])

@@ -10,9 +10,9 @@ from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.gridmap import FREE, OCCUPIED, GridMap, cast_rays
 from trolley.scanning import ScanInput
+from trolley.slices import whole
 from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
-from trolley_mapper.slices import whole
 
 BEAMS = 180
 RANGE_MAX = 8.0

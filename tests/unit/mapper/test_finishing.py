@@ -10,9 +10,9 @@ from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
 from trolley.map_editing import angle_to_straighten
+from trolley.slices import whole
 from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.slam.tidying import tidied
-from trolley_mapper.slices import whole
 
 from .conftest import START, Drive
 

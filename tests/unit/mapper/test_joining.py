@@ -5,12 +5,12 @@ import pytest
 from support.posts import keyframe_among
 
 from trolley.config.mapper import MapperConfig
+from trolley.slices import whole
 from trolley_mapper.slam.joining import JoinJob, Joint, Place
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import Closure
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between
-from trolley_mapper.slices import whole
 
 ROOM_M = 16.0
 IN_A_ROOM = np.random.default_rng(0).uniform((0.0, -4.0), (ROOM_M, 4.0), (300, 2))

@@ -13,11 +13,11 @@ from trolley.scan_matching.information import without_noise
 from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.surfels import EXPLAINED
 from trolley.scan_matching.sweep import Sweep
+from trolley.slices import is_left, whole
 from trolley_mapper.kernels import correlate
 from trolley_mapper.kernels.trace import Cells, trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.local_map import LocalMap
-from trolley_mapper.slices import is_left, whole
 
 
 def room(count: int = 240) -> Cloud:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from trolley.geometry import Pose2D
+from trolley.slices import whole
 from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
@@ -18,7 +19,6 @@ from trolley_mapper.slam.pose_graph import (
     squared_errors,
 )
 from trolley_mapper.slam.serialization import State, pack, unpack
-from trolley_mapper.slices import whole
 
 
 def keyframe(number: int) -> Keyframe:

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from trolley.config.mapper import MapperConfig
+from trolley.slices import whole
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import PARAMS, Closure, LoopJob, relax, total_error
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid
 from trolley_mapper.slam.pose_graph import LOOP, ODOMETRY, Edge, between
 from trolley_mapper.slam.scan_matcher import MatchQuality
-from trolley_mapper.slices import whole
 
 OUT = 20
 """Keyframes a metre apart along a corridor; as many on the way back."""

@@ -14,6 +14,7 @@ from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley.scan_matching.sweep import read_sweep
+from trolley.slices import whole
 from trolley_mapper.slam import sentences
 from trolley_mapper.slam.finishing import FinishJob
 from trolley_mapper.slam.keyframe import Keyframe
@@ -21,7 +22,6 @@ from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.map_check import compare_passes, contradictions, explained_shares
 from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between, compose
-from trolley_mapper.slices import whole
 
 from .conftest import Drive
 

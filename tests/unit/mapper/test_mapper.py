@@ -10,11 +10,11 @@ from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap, distance_transform
 from trolley.scanning import Reject
+from trolley.slices import is_left, whole
 from trolley_mapper.slam.estimate import MapEstimate
 from trolley_mapper.slam.mapper import Mapper
 from trolley_mapper.slam.sentences import CUT, SLIPS
 from trolley_mapper.slam.serialization import pack
-from trolley_mapper.slices import is_left, whole
 
 from .conftest import START, Drive
 

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trolley.geometry import Pose2D
+from trolley.slices import whole
 from trolley_mapper.slam.pose_graph import (
     LOOP,
     ODOMETRY,
@@ -21,7 +22,6 @@ from trolley_mapper.slam.pose_graph import (
     optimise,
     squared_errors,
 )
-from trolley_mapper.slices import whole
 
 numbers = st.floats(-5.0, 5.0)
 poses = st.builds(lambda x, y, a: np.array([x, y, a]), numbers, numbers, st.floats(-3.1, 3.1))

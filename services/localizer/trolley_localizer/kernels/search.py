@@ -225,7 +225,7 @@ def descend(
     beams: tuple[NDArray[np.int32], NDArray[np.int32]],
     apart: NDArray[np.int64],
     limits: NDArray[np.float64],
-) -> None:
+) -> int:
     """Search one block down to single poses, depth first, best child first.
 
     Args:
@@ -235,10 +235,14 @@ def descend(
         leaf_level: blocks of this level count as one pose.
         beams: (turns, beams) rows and columns, see `turn_points`.
         apart: see `keep_best`.
-        limits: (3,) best score so far, overwritten; how far below it a pose may lie; and the
-            lowest score worth keeping.
+        limits: (4,) best score so far, overwritten; how far below it a pose may lie; the lowest
+            score worth keeping; and the number of bounds after which `search_blocks` pauses.
+
+    Returns:
+        The number of bounds that were computed.
     """
     turn = node[3]
+    num_bounds = 0
     stack = np.empty((4 * 24, 3), np.int64)
     bounds = np.empty(4 * 24, np.float64)
     stack[0, 0], stack[0, 1], stack[0, 2] = node[0], node[1], node[2]
@@ -265,6 +269,7 @@ def descend(
                 if pyramid.free[pyramid.offset[below] + y * pyramid.cols[below] + x] == 0:
                     continue
                 bound = bound_block(pyramid, below, y, x, beams[0][turn], beams[1][turn])
+                num_bounds += 1
                 if bound < max(limits[0] - limits[1], limits[2]):
                     continue
                 at = size
@@ -275,6 +280,7 @@ def descend(
                 bounds[at] = bound
                 stack[at, 0], stack[at, 1], stack[at, 2] = below, y, x
                 size += 1
+    return num_bounds
 
 
 @kernel
@@ -287,28 +293,35 @@ def search_blocks(
     beams: tuple[NDArray[np.int32], NDArray[np.int32]],
     apart: NDArray[np.int64],
     limits: NDArray[np.float64],
-) -> None:
+) -> int:
     """Descend into the top blocks, most promising first, until none can hold a good pose.
 
     Args:
         found: in place.
         pyramid: of the map.
-        order: (n,) flat indices into `bounds`, best first.
+        order: (n,) flat indices into `bounds`, best first, of those that are left.
         bounds: (turns, rows, cols) of the top level.
         levels: (2,) top and leaf level.
         beams: see `descend`.
         apart: see `keep_best`.
         limits: see `descend`.
+
+    Returns:
+        How many of `order` are done: all of them, or as many as were reached before a pause.
     """
+    num_bounds = 0
     _, rows, cols = bounds.shape
     flat = bounds.ravel()
     node = np.empty(4, np.int64)
     for k in range(order.size):
         i = order[k]
         if flat[i] < max(limits[0] - limits[1], limits[2]):
-            return
+            return order.size
+        if num_bounds >= limits[3]:
+            return k
         node[0] = levels[0]
         node[1] = (i // cols) % rows
         node[2] = i % cols
         node[3] = i // (rows * cols)
-        descend(found, pyramid, node, levels[1], beams, apart, limits)
+        num_bounds += descend(found, pyramid, node, levels[1], beams, apart, limits)
+    return order.size

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, distance_transform
 from trolley.scanning import Points
+from trolley.slices import Slices, whole
 from trolley_localizer.kernels import search as kernels
 from trolley_localizer.matching.likelihood_field import LikelihoodField, floor_of
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher, MatchScore
@@ -56,6 +57,10 @@ class SearchParams:
     map in cells of 5 cm has 33,000."""
     leaf_block_m: float = 0.1
     """Edge of the smallest blocks of cells of branch and bound [m]."""
+    slice_turns: int = 4
+    """Number of headings for which the largest blocks are bounded in one slice."""
+    slice_bounds: float = 50_000
+    """Number of bounds after which a slice of branch and bound ends, some 10 ms."""
     edge_m: float = 0.1
     """Distance by which the robot may stand on what the map has as a wall [m]."""
     beside_floor_m: float = 1.0
@@ -128,7 +133,7 @@ class SearchMap:
         self._pyramid: kernels.Pyramid | None = None
 
     def pyramid(self) -> kernels.Pyramid:
-        """Return the pyramid. Only one job runs at a time, so nobody else computes it now."""
+        """Return the pyramid. Jobs have one thread, so nobody else computes it now."""
         if self._pyramid is None:
             self._pyramid = build_pyramid(self.field)
         return self._pyramid
@@ -158,14 +163,19 @@ class SearchJob:
         """What the scan says about `followed`."""
 
     def run(self) -> "SearchJob":
-        """Search, fill `places` and `support`, and return the job."""
-        field = self._map.field
-        self.places = find_places(field, self._map.pyramid(), self._beams, self._matcher)
+        """Do all slices at once, and return the job."""
+        whole(self.slices())
+        return self
+
+    def slices(self) -> Slices[None]:
+        """Search, and fill `places` and `support`."""
+        field, pyramid = self._map.field, self._map.pyramid()
+        yield
+        self.places = yield from find_places(field, pyramid, self._beams, self._matcher)
         if self.followed is not None:
             near = places_around(self.followed, field, self._beams, self._matcher)
             self.places = _distinct([*self.places, *near], field.resolution)
             self.support = self._matcher.score(self.followed, self._beams)
-        return self
 
 
 def is_near(one: NDArray[np.float64], other: NDArray[np.float64], resolution: float) -> bool:
@@ -182,11 +192,11 @@ def find_places(
     pyramid: kernels.Pyramid,
     beams: BeamSet,
     matcher: MapMatcher,
-) -> list[Place]:
+) -> Slices[list[Place]]:
     """Return the places that explain a scan best, best first, each aligned with the map."""
     points = beams.spread(PARAMS.num_beams)
     turns = num_turns(points, field.resolution)
-    found = _search(field, pyramid, points, turns)
+    found = yield from _search(field, pyramid, points, turns)
     places: list[Place] = []
     for k in np.argsort(-found.score, kind="stable"):
         if found.score[k] < 0.0:
@@ -197,6 +207,7 @@ def find_places(
     places.sort(key=lambda place: -place.support.value)
     if places and places[0].support.value < PARAMS.clear:
         for place in places[: PARAMS.num_unclear]:
+            yield
             places += places_around(place.pose, field, beams, matcher)
     return _distinct(places, field.resolution)
 
@@ -246,7 +257,7 @@ def _settled(
 
 def _search(
     field: LikelihoodField, pyramid: kernels.Pyramid, points: Points, turns: int
-) -> kernels.Found:
+) -> Slices[kernels.Found]:
     """Run branch and bound; empty slots have a negative score."""
     beam_rows = np.empty((turns, points.x.size), np.int32)
     beam_cols = np.empty((turns, points.x.size), np.int32)
@@ -254,7 +265,10 @@ def _search(
     top = pyramid.rows.size - 1
     leaf = min(top, max(0, math.floor(math.log2(PARAMS.leaf_block_m / field.resolution) + 1e-6)))
     bounds = np.empty((turns, int(pyramid.rows[top]), int(pyramid.cols[top])), np.float32)
-    kernels.bound_top(bounds, pyramid, top, beam_rows, beam_cols)
+    for first in range(0, turns, PARAMS.slice_turns):
+        some = slice(first, first + PARAMS.slice_turns)
+        kernels.bound_top(bounds[some], pyramid, top, beam_rows[some], beam_cols[some])
+        yield
     order = np.argsort(-bounds.ravel(), kind="stable").astype(np.int64)
     found = kernels.Found(
         score=np.full(PARAMS.max_places, -1.0, np.float32),
@@ -270,10 +284,13 @@ def _search(
         ],
         np.int64,
     )
-    limits = np.array([0.0, 255.0 * PARAMS.score_margin, 255.0 * PARAMS.min_score])
-    kernels.search_blocks(
-        found, pyramid, order, bounds, np.array([top, leaf]), (beam_rows, beam_cols), apart, limits
-    )
+    margin, lowest = 255.0 * PARAMS.score_margin, 255.0 * PARAMS.min_score
+    limits = np.array([0.0, margin, lowest, PARAMS.slice_bounds])
+    levels, beams = np.array([top, leaf]), (beam_rows, beam_cols)
+    while order.size:
+        yield
+        done = kernels.search_blocks(found, pyramid, order, bounds, levels, beams, apart, limits)
+        order = order[done:]
     return found
 
 

@@ -32,9 +32,8 @@ class SearchSchedule:
     """
 
     is_wanted: bool = True
-    is_running: bool = False
-    is_void: bool = False
-    """Whether the running search began before the robot was carried off or put elsewhere."""
+    running: object | None = None
+    """The search that runs, unless the robot was carried off or put elsewhere since it began."""
     since_s: float = math.inf
     """Robot time since the last search began [s]."""
     unproven_m: float = 0.0
@@ -52,15 +51,15 @@ class SearchSchedule:
         self._since_m += driven_m
         self._in_vain_m += driven_m
 
-    def begin(self, scan: ScanInput) -> None:
-        """Note that a search begins."""
-        self.is_wanted, self.is_running = False, True
+    def begin(self, search: object, scan: ScanInput) -> None:
+        """Note that a search of a scan begins."""
+        self.is_wanted, self.running = False, search
         self.since_s = self._since_m = 0.0
         self._searched = scan
 
     def discard(self, *, is_wanted: bool) -> None:
-        """Ignore the search that runs, and say whether another one is wanted."""
-        self.is_wanted, self.is_void = is_wanted, self.is_running
+        """Give up the search that runs, for another one; or say whether one is wanted."""
+        self.is_wanted, self.running = is_wanted or self.running is not None, None
 
     def restart(self) -> None:
         """Note that searching has brought something, or that there is a new reason for it."""

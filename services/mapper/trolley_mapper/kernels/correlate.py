@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trolley.jit import kernel
 from trolley.scan_matching.layout import Cloud, Surfels
-from trolley_mapper.slices import Slices
+from trolley.slices import Slices
 
 LAYERS = 4
 """Surfaces are drawn in layers by the side that they are seen from: the back of a wall must not be

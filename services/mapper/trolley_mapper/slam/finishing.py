@@ -10,12 +10,12 @@ from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import OCCUPIED_FROM, GridMap
 from trolley.map_editing import angle_of_walls
+from trolley.slices import Slices, whole
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.map_check import contradictions
 from trolley_mapper.slam.occupancy_grid import NO_MIRRORS, LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import compose
 from trolley_mapper.slam.tidying import tidied
-from trolley_mapper.slices import Slices, whole
 
 MIN_TURN_RAD = math.radians(0.05)
 """Turn below which a map is straight: half a cell over 25 m [rad]."""

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from trolley.config.mapper import MapperConfig
+from trolley.slices import Slices
 from trolley_mapper.slam import sentences
 from trolley_mapper.slam.agreement import count_explained
 from trolley_mapper.slam.joining import PARAMS as JOINS
@@ -19,7 +20,6 @@ from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.loop_closure import Closure, relax
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import ODOMETRY, Edge, between, compose
-from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)

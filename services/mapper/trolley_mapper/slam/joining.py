@@ -18,6 +18,7 @@ from trolley.config.mapper import MapperConfig
 from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
 from trolley.scan_matching.sweep import Sweep
+from trolley.slices import Slices
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.loop_closure import PARAMS as LOOPS
@@ -32,7 +33,6 @@ from trolley_mapper.slam.loop_closure import (
 )
 from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import LOOP, Edge, between, compose, turned
-from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)

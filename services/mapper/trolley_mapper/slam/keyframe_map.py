@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from trolley.config.mapper import MapperConfig
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
+from trolley.slices import whole
 from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.estimate import Anchor
 from trolley_mapper.slam.keyframe import Keyframe
@@ -18,7 +19,6 @@ from trolley_mapper.slam.occupancy_grid import LogOddsGrid, draw_map
 from trolley_mapper.slam.pose_graph import Edge
 from trolley_mapper.slam.prior_map import prior_keyframe
 from trolley_mapper.slam.serialization import State
-from trolley_mapper.slices import whole
 
 
 @dataclass(frozen=True, slots=True)

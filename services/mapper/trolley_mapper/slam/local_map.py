@@ -13,11 +13,11 @@ from trolley.scan_matching.align import accumulate, align
 from trolley.scan_matching.information import gain_of, without_noise
 from trolley.scan_matching.layout import AlignmentParams, Cloud, Surfels
 from trolley.scan_matching.sweep import Sweep
+from trolley.slices import Slices
 from trolley_mapper.kernels import correlate
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.pose_graph import between
-from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)

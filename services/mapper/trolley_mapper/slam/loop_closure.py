@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from trolley.config.mapper import MapperConfig
 from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.sweep import Sweep
+from trolley.slices import Slices
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
 from trolley_mapper.slam.local_map import LocalMap
@@ -26,7 +27,6 @@ from trolley_mapper.slam.pose_graph import (
     to_frame,
 )
 from trolley_mapper.slam.scan_matcher import MatchQuality, judge
-from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.slices import Slices
 from trolley_mapper.slam.agreement import count_explained
 from trolley_mapper.slam.keyframe_store import KeyframeStore
-from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from trolley.gridmap import GridMap
 from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.sweep import FRONT_END, Sweep, read_sweep
 from trolley.scanning import Motion, Reject, ScanInput, motion_since, problem_of
+from trolley.slices import whole
 from trolley_mapper.slam import sentences
 from trolley_mapper.slam.back_end import BackEnd, MapJob
 from trolley_mapper.slam.edges import Travel, odometry_edge, scan_match_edges
@@ -40,7 +41,6 @@ from trolley_mapper.slam.pose_graph import Edge, between, compose, to_frame
 from trolley_mapper.slam.scan_matcher import MatchQuality, ScanMatch, ScanMatcher
 from trolley_mapper.slam.serialization import State, unpack
 from trolley_mapper.slam.tracking_state import TrackingState
-from trolley_mapper.slices import whole
 
 
 @dataclass(frozen=True, slots=True)

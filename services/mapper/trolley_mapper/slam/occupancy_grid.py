@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, segments_meet
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap
+from trolley.slices import Slices
 from trolley_mapper.kernels.trace import Cells, trace_keyframe
 from trolley_mapper.slam.keyframe import Keyframe
 from trolley_mapper.slam.keyframe_store import KeyframeStore
-from trolley_mapper.slices import Slices
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import wrap_angles
-from trolley_mapper.slices import Slices
+from trolley.slices import Slices
 
 # SciPy ships no types.
 _sparse: Any = importlib.import_module("scipy.sparse")

@@ -16,11 +16,11 @@ from trolley.scan_matching.layout import Cloud
 from trolley.scan_matching.surfels import EXPLAINED, UNKNOWN
 from trolley.scan_matching.sweep import Sweep, read_sweep
 from trolley.scanning import ScanInput
+from trolley.slices import whole
 from trolley_mapper.slam.local_map import LocalMap
 from trolley_mapper.slam.motion_model import motion_covariance
 from trolley_mapper.slam.pose_graph import between, compose, inverse, turned
 from trolley_mapper.slam.slip_detector import SlipDetector
-from trolley_mapper.slices import whole
 
 
 @dataclass(frozen=True, slots=True)

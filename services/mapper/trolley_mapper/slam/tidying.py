@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap, distance_transform
+from trolley.slices import Slices
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED, spread_into
-from trolley_mapper.slices import Slices
 
 # SciPy ships no types.
 _images: Any = importlib.import_module("scipy.ndimage")
