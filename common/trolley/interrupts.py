@@ -1,18 +1,24 @@
 """What asks a program with children to end: Ctrl-C, SIGTERM, a terminal that is closed."""
 
 import signal
+import sys
+import time
 from collections.abc import Generator
 from contextlib import contextmanager
+from typing import NoReturn
 
 
 class Interrupts:
-    """Turns the first of the signals into a KeyboardInterrupt; a context manager's value.
+    """Turns the signals into a KeyboardInterrupt; a context manager's value.
 
     Nothing disturbs the tidying up after that, and nothing strikes while `held`: what is being
-    started is then known to whoever ends it.
+    started is then known to whoever ends it. Python drops an exception that comes while it runs a
+    finalizer or the callback of a weak reference: `wait` ends all the same, and so does anything
+    else with the next signal.
     """
 
     ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    POLL_S = 0.2
 
     def __init__(self) -> None:
         self.number: int | None = None
@@ -42,9 +48,15 @@ class Interrupts:
         if self.number is not None and not came_before and self._depth == 0:
             raise KeyboardInterrupt
 
+    def wait(self) -> NoReturn:
+        """Wait for one of them."""
+        while self.number is None:
+            time.sleep(self.POLL_S)  # not `signal.pause`: it sleeps on when one came just before it
+        raise KeyboardInterrupt
+
     def _interrupt(self, number: int, _frame: object) -> None:
-        if self.number is not None:
-            return
-        self.number = number
-        if self._depth == 0:
+        if self.number is None:
+            self.number = number
+        is_tidying_up = isinstance(sys.exc_info()[1], KeyboardInterrupt)
+        if self._depth == 0 and not is_tidying_up:
             raise KeyboardInterrupt

@@ -44,7 +44,6 @@ from trolley.cli.running import (
     installed_services,
     say_ended,
     supervised,
-    wait_for_interrupt,
 )
 from trolley.client import Robot
 from trolley.config import ConfigError, load_config
@@ -245,7 +244,7 @@ def _run(
             at = "" if choices.port == ports.ROUTER_PORT else f" --connect {choices.endpoint}"
             say(f"Start the tour in the viewer, or: trolley tour start {TOUR_NAME}{at}")
         say("Ctrl-C ends the demo.")
-        wait_for_interrupt()
+        interrupts.wait()
 
 
 def _wait_for_what_it_needs(choices: Choices, config: Path, robot: Robot, others: set[str]) -> None:

@@ -8,7 +8,6 @@ from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import NoReturn
 
 import click
 
@@ -149,12 +148,6 @@ def announce_viewer(config: RobotConfig) -> None:
         say(f"Foxglove: ws://{config.viz.foxglove_host}:{config.viz.foxglove_port}")
 
 
-def wait_for_interrupt() -> NoReturn:
-    """Wait for Ctrl-C and its like, which come as KeyboardInterrupt."""
-    while True:
-        time.sleep(0.2)  # not `signal.pause`: it sleeps on when the signal came just before it
-
-
 def _broker_option(
     _context: click.Context, _parameter: click.Parameter, broker: str | None
 ) -> str | None:
@@ -231,7 +224,7 @@ def up_command(
         with interrupts.handled(), supervised(interrupts, modules, environment, carried):
             if VIEWER in modules:
                 announce_viewer(config)
-            wait_for_interrupt()
+            interrupts.wait()
     except KeyboardInterrupt:
         say_ended(interrupts, "All services have stopped.")
 

@@ -98,7 +98,8 @@ class Watchdog:
         self._socket = socket.socket(socket.AF_UNIX, kind)
         self._socket.bind(f"\0{self._address}")
         self._heard_s: float | None = None
-        self._is_ready = False
+        self.is_ready = False
+        """Whether the child has said that it does its work, as far as `is_silent` has heard."""
 
     @property
     def environment(self) -> Mapping[str, str]:
@@ -112,7 +113,7 @@ class Watchdog:
     def begin(self) -> None:
         """Forget the child before."""
         self._hear()
-        self._heard_s, self._is_ready = None, False
+        self._heard_s, self.is_ready = None, False
 
     def is_silent(self, now_s: float) -> bool:
         """Whether the child has spoken once, and then not for too long (local monotonic time)."""
@@ -120,7 +121,7 @@ class Watchdog:
             self._heard_s = now_s
         if self._heard_s is None:
             return False
-        return now_s - self._heard_s > (self._watchdog_s if self._is_ready else START_S)
+        return now_s - self._heard_s > (self._watchdog_s if self.is_ready else START_S)
 
     def pardon(self, now_s: float) -> None:
         """Count from now on: the watcher itself was away, and the child may have been, too."""
@@ -139,4 +140,4 @@ class Watchdog:
             except BlockingIOError:
                 return heard
             heard = True
-            self._is_ready = self._is_ready or b"READY=1" in words.split(b"\n")
+            self.is_ready = self.is_ready or b"READY=1" in words.split(b"\n")

@@ -24,6 +24,11 @@ SETTLED_AFTER_S = 20.0
 GRACE_S = 10.0
 """A child may take so long to end: `SAVING_S` and some."""
 POLL_PERIOD_S = 0.1
+QUEUE_PERIOD_S = 0.01
+"""The same while a child waits for others to be ready."""
+TURN_S = 5.0
+"""A child that is not ready after so long, as one that never says so, no longer keeps the next one
+waiting."""
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Matrices are small here: numpy's further threads would only take the cores from the others."""
 AWAY_S = 2.0
@@ -65,6 +70,11 @@ class Child:
         """Whether it is to be started now."""
         waits = self._process is None and not self._given_up and not self.is_held
         return waits and time.monotonic() >= self._due_s
+
+    def is_starting(self, now_s: float) -> bool:
+        """Whether it has been started, and needs a core of its own to become ready."""
+        is_late = now_s - self._started_s > TURN_S
+        return self._process is not None and not is_late and not self.watchdog.is_ready
 
     def start(self, environment: Mapping[str, str]) -> None:
         """Start it.
@@ -156,6 +166,7 @@ class Supervisor:
         that, as in the background of a script."""
         own = {PARENT_VARIABLE: str(os.getpid())}
         self._environment = {**ONE_THREAD, **os.environ, **environment, **own}
+        self._most_starting = len(os.sched_getaffinity(0))
         self._report = report
         self._stop = threading.Event()
         self._main_thread = threading.main_thread().ident or 0
@@ -189,20 +200,26 @@ class Supervisor:
         while not self._stop.is_set():
             now_s = time.monotonic()
             was_away, turned_s = now_s - turned_s > AWAY_S, now_s
+            has_queue = False
             for child in self.children.values():
                 code = child.collect()
                 if code is not None:
                     self._note_end(child, code)
                 if child.is_due:
-                    self._start(child)
+                    has_queue = self._num_starting(now_s) >= self._most_starting
+                    if not has_queue:
+                        self._start(child)
                 elif was_away:
                     child.watchdog.pardon(now_s)
                 elif child.watchdog.is_silent(now_s) and child.pid is not None:
                     self._report(f"{child.name} hangs; killing it")
                     child.signal(signal.SIGKILL)
                     child.watchdog.begin()
-            self._stop.wait(POLL_PERIOD_S)
+            self._stop.wait(QUEUE_PERIOD_S if has_queue else POLL_PERIOD_S)
         self._end_all()
+
+    def _num_starting(self, now_s: float) -> int:
+        return sum(child.is_starting(now_s) for child in self.children.values())
 
     def _start(self, child: Child) -> None:
         try:

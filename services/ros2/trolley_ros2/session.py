@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from trolley.cli.running import wait_for_interrupt
 from trolley.config import ConfigError, Ros2Config
 from trolley.connection import RobotUnreachable, Target
 from trolley.interrupts import Interrupts
@@ -26,7 +25,7 @@ def bridge(robot: str, target: Target, settings: Ros2Config) -> None:
     endpoints = _endpoints_of_nodes(target, settings)
     namespace = settings.namespace or namespace_of(robot)
     set_up_logging()
-    with Interrupts().handled():
+    with Interrupts().handled() as interrupts:
         try:
             with open_foreign_bus(endpoints, CONNECT_S) as ros:
                 service = Ros2Service(ros, settings, namespace)
@@ -40,7 +39,7 @@ def bridge(robot: str, target: Target, settings: Ros2Config) -> None:
                         role=settings.role,
                         router=", ".join(endpoints),
                     )
-                    wait_for_interrupt()
+                    interrupts.wait()
         except KeyboardInterrupt:
             return
         except NotConnected as error:

@@ -230,12 +230,37 @@ def test_a_frozen_child_is_killed_but_a_silent_program_is_left_alone(module: Cal
         assert two.restarts == 0
 
 
+def test_as_many_children_start_at_a_time_as_there_are_cores(
+    module: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All at once, the first scan waited for what nobody needs yet."""
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
+    module("obedient", OBEDIENT)
+    environment = module("frozen", FROZEN)
+    both = {"one": "frozen", "two": "obedient"}
+    with Supervisor(both, environment, lambda _: None) as supervisor:
+        one, two = supervisor.children.values()
+        wait_until(lambda: two.pid, "the second is started")
+        assert one.watchdog.is_ready
+
+
+def test_a_child_that_never_says_it_is_ready_does_not_keep_others_waiting(
+    module: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
+    monkeypatch.setattr("trolley.runtime.supervisor.TURN_S", 0.1)
+    environment = module("obedient", OBEDIENT)
+    both = {"one": "obedient", "two": "obedient"}
+    with Supervisor(both, environment, lambda _: None) as supervisor:
+        wait_until(lambda: supervisor.children["two"].pid, "the second is started")
+
+
 def test_a_child_does_not_wait_for_a_watchdog_that_is_frozen_itself(module: Callable) -> None:
     watchdog = Watchdog(0.9)
     environment = {**os.environ, **module("frozen", FROZEN), **watchdog.environment}
     child = subprocess.Popen([sys.executable, "-m", "frozen"], env=environment)
     try:
-        wait_until(lambda: not watchdog.is_silent(0.0) and watchdog._is_ready, "it is ready")
+        wait_until(lambda: not watchdog.is_silent(0.0) and watchdog.is_ready, "it is ready")
         os.kill(child.pid, signal.SIGSTOP)
         time.sleep(0.1)
         watchdog.is_silent(0.0)
