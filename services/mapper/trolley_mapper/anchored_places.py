@@ -62,6 +62,16 @@ class AnchoredPlaces:
                 self.anchors[name] = core.anchor(place.pose)
         self.saved_at = {name: place.saved_at for name, place in self._stored.items()}
 
+    def recall(self, poses: Iterable[SavedPose], map_name: str) -> None:
+        """Learn what is stored only after the map was saved: of what a run before tied to it."""
+        self._stored = {
+            one.name: one
+            for one in poses
+            if one.map == map_name
+            and one.name in self.anchors
+            and one.saved_at == self.saved_at.get(one.name, one.saved_at)
+        }
+
     def drop_changed(self, poses: Iterable[SavedPose]) -> None:
         """Leave alone those that somebody has deleted or changed since the map was saved."""
         before = self._stored

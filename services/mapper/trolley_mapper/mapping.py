@@ -184,7 +184,8 @@ class Mapping:
         self._published_version = _NOTHING_PUBLISHED
         self._checkpointer.restart()
         self._places = SavedPlaces(self._service, session)
-        self._tours = SavedTours(self._service)
+        is_new = session.core is None and session.extends is None
+        self._tours = SavedTours(self._service, may_be_unheard=not is_new)
         self.publish_zones(session)
         self._service.log.info("Mapping", map=session.name, extends=session.extends or "nothing")
         self.publish_status()

@@ -14,11 +14,13 @@ MAX_ASKED = 100
 MAX_REFUSED = 10
 """Number of times in a row that none was stored after which those left stay as they are."""
 
+TOUR_IS_SILENT = "the tour service does not answer."
+
 
 def why_not_stored(refused: Refused) -> str:
     """Say why the tour service has not stored something."""
     is_silent = refused.code in (codes.NOT_READY, codes.TIMEOUT)
-    return "the tour service does not answer." if is_silent else refused.message
+    return TOUR_IS_SILENT if is_silent else refused.message
 
 
 class SavedPlaces:
@@ -31,9 +33,11 @@ class SavedPlaces:
 
     def __init__(self, service: Service, session: MapSession) -> None:
         self._service, self._session = service, session
+        self._map = session.name
+        self._is_heard = False
         self._saved_as: str | None = None
         self._num_asked = self._num_stored = self._num_refused = 0
-        self._problem = ""
+        self._problem = TOUR_IS_SILENT
         self._then: Callable[[str], object] | None = None
         self._watch = service.watch(topics.POSES, then=self.update)
 
@@ -49,10 +53,14 @@ class SavedPlaces:
     def update(self, poses: SavedPoses) -> None:
         """Tie the stored places to the map, until it is saved."""
         session = self._session
-        if self._saved_as is not None:
+        if self._saved_as is None:
+            if session.core is not None:
+                session.places.update(poses.poses, session.name, session.core)
+        elif self._is_heard:
             session.places.drop_changed(poses.poses)
-        elif session.core is not None:
-            session.places.update(poses.poses, session.name, session.core)
+        else:
+            session.places.recall(poses.poses, self._map)
+        self._is_heard = True
 
     def go_along(self, map_name: str) -> None:
         """Store them as they lie on the map that was saved, under its name."""
@@ -73,7 +81,9 @@ class SavedPlaces:
         self._num_asked, self._num_stored = len(places), 0
         for place in places:
             self._service.request(requests.POSES_PUT, place, partial(self._stored, place))
-        if not places:
+        if not places and not self._is_heard and self._session.places.anchors:
+            self._not_stored()
+        elif not places:
             self._call_back("")
 
     def _stored(self, place: SavedPose, result: SavedPose | Refused) -> None:
@@ -91,7 +101,10 @@ class SavedPlaces:
             self._num_refused = 0
             self.store_moved()
             return
-        # The next second tries again.
+        self._not_stored()
+
+    def _not_stored(self) -> None:
+        """Let the next second try again, unless that was tried often enough."""
         self._num_refused += 1
         if self._num_refused >= MAX_REFUSED:
             self._call_back(f" Places were not moved along with the map: {self._problem}")

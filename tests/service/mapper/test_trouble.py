@@ -494,6 +494,32 @@ def test_a_tour_goes_along_to_a_saved_map_once_tour_is_there_or_is_told_of(
     assert stage.status.message.endswith("in use." if comes_back else told)
 
 
+@pytest.mark.parametrize("comes_back", [True, False])
+def test_what_lies_on_a_map_is_not_left_behind_where_tour_was_not_heard_since_the_mapper_began(
+    make_stage: MakeStage, comes_back: bool
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    poses, tours = stage.bus.record(topics.POSES), stage.bus.record(topics.TOURS)
+    with_places(stage, 1)
+    stops = [Stop(pose=Pose2D.identity())]
+    stage.ask(requests.TOURS_PUT, Tour(name="round", stops=stops, map="draft"))
+    stage.bus.kill("tour")
+    stage.bus.nodes.pop("mapper").close()
+    stage.begin("mapper")
+    stage.bus.run(2.0)
+    stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
+    stage.bus.run(3.0)
+    if comes_back:
+        stage.begin("tour")
+    stage.bus.run(30.0)
+    assert stage.status.state == "idle"
+    found = poses[-1].poses[0].map, tours[-1].tours[0].map
+    assert found == (("home", "home") if comes_back else ("draft", "draft"))
+    for what in ("Places", "Tours"):
+        told = f"{what} were not moved along with the map: the tour service does not answer."
+        assert (told in stage.status.message) is not comes_back
+
+
 def test_a_tour_that_is_deleted_or_changed_as_its_map_is_handed_over_does_not_come_back(
     make_stage: MakeStage,
 ) -> None:
@@ -636,7 +662,7 @@ def unfinished_map(world: Flatland, off_m: float) -> bytes:
 def test_a_map_that_contradicts_itself_is_saved_and_said_to_be_doubtful(
     make_stage: MakeStage, off_m: float, is_doubted: bool
 ) -> None:
-    stage = make_stage("localizer")
+    stage = make_stage("localizer", "tour")
     folder = stage.bus.state / "trolley"
     folder.mkdir(parents=True, exist_ok=True)
     (folder / checkpoint.FILE).write_bytes(unfinished_map(stage.world, off_m))
