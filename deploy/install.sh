@@ -350,8 +350,8 @@ upgrade() {
 }
 
 switch_and_check() {
-    local old new backup worst unit
-    read -r old new backup worst < "$opt/upgrading"
+    local old new backup worst tried unit
+    read -r old new backup worst tried < "$opt/upgrading"
     use_release "$new"
     install_units
     bring_up
@@ -371,7 +371,7 @@ switch_and_check() {
     # New code may have changed what is saved. That is put back first: until then a run that was cut
     # short is seen by what is current.
     trolley_of "$new" restore --state "$state" --state-only "$backup" > /dev/null ||
-        die "The state could not be put back from $backup. Make room if the disk is full, and run this again."
+        give_up_putting_back "$old" "$new" "$backup" "$worst" "$tried"
     use_release "$old"
     install_units
     systemd reset-failed 'trolley-*' || true
@@ -379,6 +379,21 @@ switch_and_check() {
     rm "$opt/upgrading"
     wait_until_up 1 || die "$old does not come up either: $missing"
     die "Trolley $old is running again, with the state from before. Nothing is lost."
+}
+
+# Lets the next run put the state back, and the one after that do something else.
+give_up_putting_back() {
+    local old=$1 new=$2 backup=$3 worst=$4 tried=$5
+    if [[ -z $tried ]]; then
+        write "$opt/upgrading" "$old $new $backup $worst tried"
+        die "The state could not be put back from $backup. Make room if the disk is full, and run this again."
+    fi
+    rm "$opt/upgrading"
+    die "The state could not be put back from $backup again, so it is not tried any more: Trolley $new
+stays, stopped, with the state as it is now. Upgrade to a release that comes up, or go back to $old,
+which may leave out what only $new can read:
+  sudo $opt/releases/$old/deploy/install.sh --upgrade
+To put the state back yourself, before that: sudo trolley restore --state-only $backup"
 }
 
 # An upgrade was cut short, by a power cut perhaps.

@@ -416,6 +416,27 @@ def test_a_state_that_cannot_be_put_back_is_put_back_by_the_next_run(host: Host)
     assert host.current == first
 
 
+@pytest.mark.parametrize("goes_back", [True, False])
+def test_a_state_that_can_never_be_put_back_is_left_alone_and_the_user_goes_on(
+    host: Host, goes_back: bool
+) -> None:
+    host.install("robot")
+    first = host.current
+    host.change("BROKEN")
+    for said in ("run this again", "it is not tried any more"):
+        told = host.install("--upgrade", code=1, FAKE_FULL_NOW="yes")
+        assert said in told
+    if goes_back:
+        before = host.root / f"opt/trolley/releases/{first}"
+        assert f"sudo {before}/deploy/install.sh --upgrade" in told
+        host.checkout = before
+    else:
+        (host.checkout / "common/BROKEN").rename(host.checkout / "common/MENDED")
+    host.install("--upgrade")
+    assert (host.current == first) is goes_back
+    assert (host.fake / "active").exists()
+
+
 def test_uninstalling_keeps_what_people_made_unless_told(host: Host) -> None:
     host.install("robot")
     (host.root / "var/lib/trolley/poses.toml").write_text("kitchen")
