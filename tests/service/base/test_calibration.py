@@ -16,6 +16,7 @@ from trolley import codes, requests, topics
 from trolley.config import RobotConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import BaseState, Odometry, PoseEstimate, VelocityCommand
+from trolley.messages.mapping import PoseState
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, every, on
 from trolley_base.calibration import (
@@ -248,6 +249,11 @@ def test_motors_that_do_not_turn_slowly_hold_nothing_up(tmp_path: Path) -> None:
 def test_a_robot_that_does_not_go_where_its_wheels_take_it_is_stopped(
     share_seen: float, why: str
 ) -> None:
+    assert why in went_aside(share_seen)
+
+
+def went_aside(share_seen: float, state: PoseState = "localized") -> str:
+    """Why a drive is given up on which the localizer sees the robot go to the left, if at all."""
     drive = CalibrationDrive(squares_both_ways(SIDE_M, 1).places, 0.2)
     counted, now_ns, twist = 0.0, 0, Twist2D.zero()
     while not drive.has_ended and counted < SIDE_M:
@@ -256,11 +262,18 @@ def test_a_robot_that_does_not_go_where_its_wheels_take_it_is_stopped(
             Odometry(stamp_ns=now_ns, pose=Pose2D(counted, 0.0, 0.0), twist=twist)
         )
         seen = Pose2D(0.0, share_seen * counted, 0.0)
-        drive.update_pose(replace(make_estimate(now_ns), pose=seen))
+        is_seen = not drive.stops or counted < 0.1
+        said = replace(make_estimate(now_ns), pose=seen, state="localized" if is_seen else state)
+        drive.update_pose(said)
         twist = drive.step(now_ns)
     assert twist.is_zero
     assert counted < 0.6
-    assert why in (drive.problem or "")
+    return drive.problem or ""
+
+
+@pytest.mark.parametrize("share_seen", [1.0, 0.0])
+def test_a_pose_that_is_unsure_blames_neither_lidar_nor_wheels(share_seen: float) -> None:
+    assert "is not sure where it is" in went_aside(share_seen, "unsure")
 
 
 class Driving:

@@ -134,7 +134,10 @@ class CalibrationDrive:
             self._estimates.append((estimate.stamp_ns, estimate.pose))
         self._world_T_odom = estimate.pose @ self.log.pose_at(estimate.stamp_ns).inverse()
         if self._is_driving:
-            self._compare_directions(estimate.stamp_ns, estimate.pose)
+            problem = self._compare_directions(estimate.stamp_ns, estimate.pose)
+            if problem is not None and estimate.state != "localized":
+                problem = "the robot is not sure where it is: its pose does not fit its wheels"
+            self.problem = self.problem or problem
 
     def give_up(self, problem: str) -> None:
         """End it, with the reason."""
@@ -183,28 +186,29 @@ class CalibrationDrive:
             return steps, None
         return steps, before.map_T_base.inverse() @ after.map_T_base
 
-    def _compare_directions(self, stamp_ns: int, pose: Pose2D) -> None:
-        """Give up where the robot does not go where its wheels take it: it would go on for long."""
+    def _compare_directions(self, stamp_ns: int, pose: Pose2D) -> str | None:
+        """Say why the robot does not go where its wheels take it: it would go on for long."""
         begin = self.stops[-1]
         assert begin.map_T_base is not None  # set by the rest
         counted = self.log.pose_at(begin.stamp_ns).inverse() @ self.log.pose_at(stamp_ns)
         seen = begin.map_T_base.inverse() @ pose
         counted_m, seen_m = math.hypot(counted.x, counted.y), math.hypot(seen.x, seen.y)
         if counted_m > 2.0 * PARAMS.compare_m > 4.0 * seen_m:
-            self.give_up(
+            return (
                 "the wheels turn, but the lidar sees no motion: something holds the robot, or "
                 "lifts its wheels"
             )
         if min(counted_m, 2.0 * seen_m) < PARAMS.compare_m:
-            return
+            return None
         aside = wrap_angle(math.atan2(seen.y, seen.x) - math.atan2(counted.y, counted.x))
-        if abs(aside) > PARAMS.aside_rad:
-            side = "left" if aside > 0.0 else "right"
-            self.give_up(
-                f"the lidar sees the robot drive {math.degrees(abs(aside)):.0f}° to the {side} of "
-                "where its wheels take it. The lidar's yaw in robot.toml is wrong, or how the "
-                "motors are connected; `trolley setup` tells which"
-            )
+        if abs(aside) <= PARAMS.aside_rad:
+            return None
+        side = "left" if aside > 0.0 else "right"
+        return (
+            f"the lidar sees the robot drive {math.degrees(abs(aside)):.0f}° to the {side} of "
+            "where its wheels take it. The lidar's yaw in robot.toml is wrong, or how the "
+            "motors are connected; `trolley setup` tells which"
+        )
 
     def _steer(self, now_ns: int, odometry: Odometry) -> Twist2D | None:
         place = self._places[len(self.stops) - 1]
