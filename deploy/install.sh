@@ -122,7 +122,7 @@ check_space() {
 
 list_files() {
     (cd "$checkout" && find common services deploy docs worlds requirements.lock README.md CHANGELOG.md \
-        LICENSE -type f -not -path '*/__pycache__/*' -not -path '*.egg-info/*' -print0 | sort -z)
+        LICENSE -not -type d -not -path '*/__pycache__/*' -not -path '*.egg-info/*' -print0 | sort -z)
 }
 
 name_release() {

@@ -203,6 +203,21 @@ def test_a_robot_is_installed_and_the_second_run_changes_nothing(host: Host) -> 
     assert (host.said("built"), host.said("trolley")) == (built, asked)
 
 
+def test_what_is_installed_can_be_built(host: Host) -> None:
+    """Packages' README.md and LICENSE are links, and were left out: nothing could be installed."""
+    ignored = shutil.ignore_patterns("__pycache__")
+    for name in ("common", "services"):
+        shutil.rmtree(host.checkout / name)
+        shutil.copytree(ROOT / name, host.checkout / name, symlinks=True, ignore=ignored)
+    host.install("robot")
+    release = host.root / "opt/trolley/current"
+    packages = [release / "common", *(release / "services").iterdir()]
+    assert len(packages) > 5
+    for package in packages:
+        build = f"import hatchling.build; hatchling.build.build_editable({str(host.fake)!r})"
+        subprocess.run([sys.executable, "-c", build], cwd=package, check=True)
+
+
 @pytest.mark.parametrize("role", ["pc", "router"])
 def test_other_hosts_enable_only_their_own(host: Host, role: str) -> None:
     host.install(role)

@@ -46,7 +46,7 @@ def debian(tmp_path: Path) -> Iterator[Path]:
     ).stdout
     for name in filter(None, listed.decode().split("\0")):
         (root / "src" / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / name, root / "src" / name)
+        shutil.copy(ROOT / name, root / "src" / name, follow_symlinks=False)
     for folder in ("proc", "dev"):
         subprocess.run(["mount", "--bind", f"/{folder}", str(root / folder)], check=True)
     yield root
