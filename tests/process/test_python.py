@@ -541,6 +541,35 @@ Robot("one", connect="tcp/127.0.0.1:1", connect_timeout=1000.0)
     assert said.endswith("KeyboardInterrupt\n")
 
 
+@pytest.mark.parametrize(
+    "interrupt",
+    [
+        pytest.param("os.kill(os.getpid(), signal.SIGINT)", id="at once"),
+        pytest.param("signal.raise_signal(signal.SIGINT)", id="as the search ends"),
+    ],
+)
+def test_python_does_not_end_just_as_the_search_for_a_router_does(interrupt: str) -> None:
+    """A thread that comes back from Zenoh while Python ends aborts it."""
+    program = f"""
+import os, signal, time
+import zenoh
+from trolley import Robot
+
+def give_up(_):
+    {interrupt}
+    time.sleep(0.4)
+    print("it gave up", flush=True)
+    raise zenoh.ZError("no router")
+
+zenoh.open = give_up
+Robot("one", connect="tcp/127.0.0.1:1", connect_timeout=0.5)
+"""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert done.stderr.endswith("KeyboardInterrupt\n")
+    assert done.stdout == "it gave up\n"
+
+
 def test_a_session_may_be_closed_where_it_calls_back(
     endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

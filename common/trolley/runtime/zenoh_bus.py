@@ -5,6 +5,7 @@ Callbacks only store, and a session is always closed: else it hangs at exit.
 
 # Zenoh's stubs leave most of its results without a type.
 
+import atexit
 import ctypes
 import os
 import threading
@@ -48,6 +49,9 @@ ANSWERS_S = 5.0
 
 NOBODY = "trolley/@nobody"
 """A key that nobody uses: the router's own answer to it is enough."""
+
+ENDING_S = 1.0
+"""Python ends in less [s]. A thread that comes back from Zenoh meanwhile would abort it."""
 
 CALLBACK_S = 5.0
 """How long a callback may go on after the session has ended."""
@@ -553,7 +557,7 @@ def open_bus(
     """
     zenoh.init_log_from_env_or("off")
     timeout_ms = -1 if timeout_s is None else int(timeout_s * 1000)
-    opening = _open_apart(lambda: client_config(endpoints, timeout_ms, keys))
+    opening = _open_apart(lambda: client_config(endpoints, timeout_ms, keys), timeout_s)
     try:
         session = opening.result()
     except zenoh.ZError as error:
@@ -569,7 +573,7 @@ def open_bus(
             f"`trolley router`, or name another with --connect"
         ) from error
     except BaseException:  # Ctrl-C
-        if not opening.cancel():
+        if not opening.cancel() and opening.exception() is None:
             opening.result().close()
         raise
     bus = ZenohBus(session)
@@ -606,7 +610,9 @@ def open_bus_patiently(
     return ZenohBus(session, calls_directly=True, puts_apart=puts_apart)
 
 
-def _open_apart(config: Callable[[], zenoh.Config]) -> "Future[zenoh.Session]":
+def _open_apart(
+    config: Callable[[], zenoh.Config], timeout_s: float | None = None
+) -> "Future[zenoh.Session]":
     """Open a session on a thread of its own; one that nobody wants any more is closed.
 
     Opening blocks inside Zenoh, where no signal reaches Python.
@@ -631,8 +637,24 @@ def _open_apart(config: Callable[[], zenoh.Config]) -> "Future[zenoh.Session]":
         else:
             session.close()
 
-    threading.Thread(target=run, daemon=True).start()
+    thread = threading.Thread(target=run, daemon=True)
+    if timeout_s is not None:
+        _opening[thread] = time.monotonic() + timeout_s
+    thread.start()
     return opening
+
+
+_opening: weakref.WeakKeyDictionary[threading.Thread, float] = weakref.WeakKeyDictionary()
+"""Threads that open a session, and when they give up."""
+
+
+@atexit.register
+def _let_openings_end() -> None:
+    """Wait for those that would end just as Python does."""
+    for thread, end_s in list(_opening.items()):
+        left_s = max(0.0, end_s - time.monotonic())
+        if left_s < ENDING_S:
+            thread.join(left_s + ENDING_S)
 
 
 _known_threads = _KnownThreads()
