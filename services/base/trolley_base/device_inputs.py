@@ -52,12 +52,11 @@ class DeviceInputs:
         self._odometry_beat = Beat(ODOMETRY_S)
         self.battery: Battery | None = None
         """The newest charge, None while the board has not measured it."""
-        self.echoes = sight.echoes(Pose2D.identity())
-        """(n, 2) what the lidar, and extra sensors, saw near the robot [m] in `base_link`."""
+        self.echoes, self.unseen = sight.around(Pose2D.identity())
+        """(n, 2) what the lidar, and extra sensors, saw near the robot [m], and what the lidar has
+        not seen there, both in `base_link`."""
         self.silent_sensors: list[str] = []
         """Names of extra sensors that have gone silent."""
-        self.unseen = sight.unseen(Pose2D.identity())
-        """What it has not seen near the robot, in `base_link`."""
 
     def begin(
         self, hardware: Hardware, config: RobotConfig, scales: WheelScales, epoch_ns: int
@@ -105,13 +104,12 @@ class DeviceInputs:
         self._read_chassis(now_ns)
         self._read_lidar(now_ns)
         odom_T_base = self._reckoning.track.odom_T_base
-        self.echoes = self.sight.echoes(odom_T_base)
+        self.echoes, self.unseen = self.sight.around(odom_T_base)
         further = self._extra_sensors.points_odom(now_ns)
         if len(further):
             further = odom_T_base.inverse().transform_points(further)
             self.echoes = np.concatenate([self.echoes, further])
         self.silent_sensors = self._extra_sensors.silent(now_ns)
-        self.unseen = self.sight.unseen(odom_T_base)
 
     def command(self, now_ns: int, twist: Twist2D) -> None:
         """Take what is driven from now on."""

@@ -38,6 +38,8 @@ class LidarSight:
         self._frozen = FrozenLidar()
         self._is_covered = self._is_frozen = False
         self._seen_ns: int | None = None
+        self._place: Pose2D | None = None
+        self._around = echoes.points(Pose2D.identity()), space.unseen(Pose2D.identity())
 
     def begin(self, *, knows_motion: bool) -> None:
         """Begin a run with a lidar that has been opened.
@@ -49,6 +51,7 @@ class LidarSight:
 
     def update(self, scan: LidarScan, track: OdometryTrack, now_ns: int) -> None:
         """Take in a scan of at least one beam."""
+        self._place = None
         scan = without_cover(scan)
         self._is_frozen = self._frozen.update(scan, track.odom_T_base)
         if self._is_frozen:
@@ -62,13 +65,15 @@ class LidarSight:
             self._echoes.update(seen if self.view.lacks_echoes else scan, track)
             self._seen_ns = now_ns
 
-    def echoes(self, odom_T_base: Pose2D) -> Floats:
-        """Return (n, 2) what it saw near the robot [m] in `base_link`."""
-        return self._echoes.points(odom_T_base)
+    def around(self, odom_T_base: Pose2D) -> tuple[Floats, Unseen]:
+        """Return (n, 2) what it saw near the robot [m], and what it has not seen, in `base_link`.
 
-    def unseen(self, odom_T_base: Pose2D) -> Unseen:
-        """Return what it has not seen near the robot, in `base_link`."""
-        return self._space.unseen(odom_T_base)
+        Base asks 50 times a second, and many a board reports a motion 20 times.
+        """
+        if self._place != odom_T_base:
+            self._place = odom_T_base
+            self._around = self._echoes.points(odom_T_base), self._space.unseen(odom_T_base)
+        return self._around
 
     def age_ns(self, now_ns: int) -> int | None:
         """Return how long ago it saw something [ns], None if it never did."""
