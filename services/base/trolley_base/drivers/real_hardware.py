@@ -156,21 +156,24 @@ class SerialLidar:
     """A scanner; made by `RealHardware`.
 
     To decode takes about as long for much as for little, so nothing is decoded while no revolution
-    can be complete.
+    can be complete; meanwhile there is nothing to hand over, and its link is what it was.
     """
 
     def __init__(self, conversation: SerialLink[LidarDialogue], start_ns: int) -> None:
         self._conversation = conversation
         self._now_ns = self._heard_ns = start_ns
         self._complete_ns = float(start_ns)
+        self._link: Link | None = None
 
     def read(self) -> LidarReading:
         """Hand over the revolutions completed since the last call."""
+        if self._link is not None and self._heard_ns < self._now_ns:
+            return LidarReading((), self._link)
         reading = self._conversation.dialogue.take(self._now_ns)
         if reading.scans:
             self._complete_ns = earliest_end_ns(reading.scans[-1])
-        counts = self._conversation.counts(reading.counts)
-        return replace(reading, link=self._conversation.link(self._now_ns), counts=counts)
+        self._link = self._conversation.link(self._now_ns)
+        return replace(reading, link=self._link, counts=self._conversation.counts(reading.counts))
 
     def advance(self, now_ns: int) -> None:
         """Hear what has arrived up to now, and answer."""

@@ -29,7 +29,7 @@ class StreamLink:
         record = RECORDS[title]
         self.dialogue = make_lidar(LidarConfig(model=record.model, mode=record.mode))
         self.dialogue.begin(START_NS)
-        self.num_heard = 0
+        self.num_heard = self.num_judged = 0
         self._device = Asked(title) if record.begins else Silent()
         self._stream = deque(stream(title, SECONDS, 0.004))
         self._began_ns: int | None = None
@@ -60,6 +60,7 @@ class StreamLink:
             self._waiting, self._arrived_ns = self._waiting + answer, now_ns
 
     def link(self, now_ns: int) -> Link:
+        self.num_judged += 1
         return Link(name="lidar", state=self.dialogue.status(now_ns).state, message="")
 
     def counts(self, known: dict[str, int]) -> dict[str, int]:
@@ -91,3 +92,4 @@ def test_scans_come_as_soon_as_if_each_byte_were_heard_at_once(title: str) -> No
         assert scan.ranges.tolist() == same.ranges.tolist()
     if record.turns_hz <= 10.0 and not record.sends_whole_turns:
         assert seldom.num_heard < 0.7 * often.num_heard
+        assert seldom.num_judged < 0.7 * (SECONDS + 1.0) * 1e9 / TICK_NS
