@@ -119,7 +119,7 @@ class DeviceInputs:
         reading = self._chassis = self._reckoning.add_reading(self._hardware.chassis.read())
         self._has_moved = self._has_moved or bool(reading.motions)
         for imu in reading.imu:
-            self._service.publish(topics.IMU, imu)
+            self._service.publish_if_heard(topics.IMU, lambda imu=imu: imu)
         for scan in self._board_sensors.scans(reading, now_ns):
             self._service.publish(topics.EXTRA_SCAN, scan, scan.frame)
             self._add_sensor(scan, scan.frame)

@@ -83,7 +83,7 @@ class UpkeepWatch:
                 Odometry(stamp_ns=motion.stamp_ns, pose=self._odom_T_base, twist=motion.twist)
             )
 
-    @on(topics.POSE)
+    @on(topics.POSE, wakes=False)
     def take_pose(self, pose: PoseEstimate) -> None:
         """Take where the localizer sees the robot."""
         self._comparison.update_pose(pose)
