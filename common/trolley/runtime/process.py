@@ -47,6 +47,7 @@ SAVING_S = 8.0
 STARTED_S = 10.0
 """After this long a service has warmed up where its kernels are compiled, and gives back memory."""
 _STA_UNSYNC = 0x0040
+_LIBC = ctypes.CDLL(None)
 _ID_LENGTH = 12
 
 
@@ -116,7 +117,7 @@ class ProcessHost:
 def clock_is_synchronised() -> bool:
     """Whether the kernel says that the host's clock is synchronised (`adjtimex`)."""
     buffer = ctypes.create_string_buffer(512)
-    if ctypes.CDLL(None, use_errno=True).adjtimex(buffer) < 0:
+    if _LIBC.adjtimex(buffer) < 0:
         return False
     # struct timex: modes (int, padded), offset, freq, maxerror, esterror (long), then status (int).
     status = ctypes.c_int.from_buffer(buffer, 5 * ctypes.sizeof(ctypes.c_long)).value
