@@ -195,6 +195,18 @@ def test_every_sentence_of_the_wire_can_be_said(code: str) -> None:
         "The lidar reports open floor all around, with hardly an echo: that is not believed. Does "
         "it look into the air, or is its window off? In a hall wider than its reach, creep by hand "
         "towards a wall.",
+        "NOT STOPPED: the motor board does not obey: told to stand, it goes on at 0.20 m/s. Switch "
+        "off the motors.",
+        "The gyro turns the opposite way to the wheels: reverse two of [base.chassis] imu_axes "
+        "([base.imu] axes), such as x and z, unless left and right are swapped. Its turn rate is "
+        "not used.",
+        "/dev/ttyUSB0: the connection was lost 5 times within 60 s: the device restarts, or its "
+        "cable is loose. Check its supply and its cable; it is used again once it stays connected.",
+        "/dev/ttyUSB0: The motor board does not publish raw_vel and does not subscribe to cmd_vel: "
+        "it does not run linorobot's firmware. Flash linorobot's, or set [base.chassis] board to "
+        "what it runs.",
+        "/dev/ttyUSB1: The Delta-2A turns at 180 rpm, too slowly to measure. Its motor needs a "
+        "controller outside the sensor: is it set to 360 rpm?",
     ],
 )
 def test_what_is_rarely_said_is_known_too(text: str) -> None:
