@@ -50,7 +50,8 @@ def checked_estimate(estimate: PoseEstimate | None, now_ns: int | None) -> PoseE
     age = age_s(estimate, now_ns)
     if estimate is None or age is None:
         raise Refused(
-            codes.STALE, "There is no pose yet; the localizer or the base is not running."
+            codes.STALE,
+            "There is no pose yet: the localizer or the base is not running, or there is no map.",
         )
     if age > LIMITS.max_age_s:
         raise Refused(codes.STALE, f"The newest pose is {age:.1f} s old.", age=age)
