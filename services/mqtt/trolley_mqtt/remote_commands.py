@@ -82,19 +82,24 @@ def order_of(
         start_tour: The tour that `START` begins; "": the only one.
 
     Raises:
-        Refused: There is no such place or tour, or nothing is under way.
+        Refused: There is no such place or tour, nothing is under way, or for `START` something is.
     """
     places, tours = names
     goal, trip = known
     start_tour = canonical(start_tour)
+    what = what_is_under_way(goal, trip)
     if verb == START:
-        verb, name = (RESUME, "") if _is_paused(goal, trip) else (TOUR, start_tour or _only(tours))
+        if not what:
+            verb, name = TOUR, start_tour or _only(tours)
+        elif _is_paused(trip if what == "trip" else goal):
+            verb = RESUME
+        else:
+            raise Refused(codes.BUSY, "A tour or drive is under way already.")
     if verb in (GO, RETURN):
         return _go(HOME if verb == RETURN else name, places, new_id)
     if verb == TOUR:
         return _tour(name, tours)
     title = {PAUSE: "Pause", RESUME: "Continue", CANCEL: "Cancel"}[verb]
-    what = what_is_under_way(goal, trip)
     if what == "trip":
         return Order(title, "done", TRIP_REQUESTS[verb], Nothing())
     if what == "goal" and goal is not None:
@@ -127,7 +132,5 @@ def _only(tours: list[str]) -> str:
     return tours[0]
 
 
-def _is_paused(goal: GoalStatus | None, trip: TourStatus | None) -> bool:
-    """Whether what is under way can go on."""
-    one = trip if what_is_under_way(goal, trip) == "trip" else goal
-    return one is not None and one.state == "paused"
+def _is_paused(status: GoalStatus | TourStatus | None) -> bool:
+    return status is not None and status.state == "paused"

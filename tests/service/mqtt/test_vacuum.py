@@ -64,6 +64,26 @@ def test_start_goes_on_after_a_pause(bridge: "Bridge") -> None:
     assert bridge.robot.asked == [("tour/resume", None)]
 
 
+@pytest.mark.parametrize(
+    ("goal", "trip"),
+    [
+        (GoalStatus(stamp_ns=0, id="a", state="driving"), None),
+        (
+            GoalStatus(stamp_ns=0, id="tour-t1-1-1", state="driving"),
+            TourStatus(stamp_ns=0, name="evening", trip="t1", state="driving"),
+        ),
+    ],
+)
+def test_start_pressed_again_begins_nothing_anew(
+    bridge: "Bridge", goal: GoalStatus, trip: TourStatus | None
+) -> None:
+    bridge.robot.goal, bridge.robot.trip = goal, trip or bridge.robot.trip
+    bridge.run(1.5)
+    press(bridge, "start")
+    assert bridge.robot.asked == []
+    assert bridge.state["answer"] == "Not done: A tour or drive is under way already."
+
+
 def test_it_returns_to_the_place_home(bridge: "Bridge") -> None:
     press(bridge, "return_to_base")
     assert bridge.state["answer"] == "Not done: There is no place 'home' on this map."
