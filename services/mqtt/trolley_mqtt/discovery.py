@@ -23,6 +23,10 @@ MAX_BUTTONS = 100
 """Of places, and as many of tours; nobody presses more, and a broker keeps them all."""
 
 
+ALSO_AWAY: Payload = {"availability": [{"topic": "~/bridge"}]}
+"""What is of use while the robot is not heard of: to stop it, and what the bridge says of it."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Device:
     """What the entities say of the robot."""
@@ -55,8 +59,9 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
     sensor, binary, button = "sensor", "binary_sensor", "button"
     found = {
         (sensor, "activity"): _value("Activity", "activity", "mdi:robot")
-        | {"device_class": "enum", "options": list(ACTIVITIES)},
-        (sensor, "message"): _value("Message", "message", "mdi:message-text"),
+        | {"device_class": "enum", "options": list(ACTIVITIES)}
+        | ALSO_AWAY,
+        (sensor, "message"): _value("Message", "message", "mdi:message-text") | ALSO_AWAY,
         (sensor, "place"): _value("Place", "place", "mdi:map-marker"),
         (sensor, "room"): _value("Room", "room", "mdi:floor-plan"),
         (sensor, "destination"): _value("Destination", "destination", "mdi:map-marker-path"),
@@ -64,7 +69,8 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
         (sensor, "position"): _value("Position", "position", "mdi:crosshairs-gps")
         | {"device_class": "enum", "options": list(POSITIONS), "entity_category": "diagnostic"},
         (sensor, "answer"): _value("Last answer", "answer", "mdi:message-alert")
-        | {"entity_category": "diagnostic"},
+        | {"entity_category": "diagnostic"}
+        | ALSO_AWAY,
         ("event", "event"): {
             "name": "Event",
             "state_topic": "~/event",
@@ -83,10 +89,14 @@ def entities(device: Device, *, has_battery: bool, has_charging: bool) -> dict[s
             "payload_locate": remote_commands.LOCATE,
             "icon": "mdi:robot",
         },
-        (binary, "problem"): _flag("Problem", "problem"),
-        # A stop is always worth a try, so it does not depend on the robot being heard of.
-        (button, "stop"): _button("Stop", remote_commands.STOP, "mdi:hand-back-right")
-        | {"availability": [{"topic": "~/bridge"}]},
+        # On while a stop has no answer; else nobody knows of a robot that is away.
+        (binary, "problem"): _flag("Problem", "problem")
+        | {
+            "value_template": "{{ 'ON' if value_json.problem else "
+            "'None' if value_json.activity == 'away' else 'OFF' }}"
+        }
+        | ALSO_AWAY,
+        (button, "stop"): _button("Stop", remote_commands.STOP, "mdi:hand-back-right") | ALSO_AWAY,
         (button, "pause"): _button("Pause", remote_commands.PAUSE, "mdi:pause"),
         (button, "resume"): _button("Continue", remote_commands.RESUME, "mdi:play"),
         (button, "cancel"): _button("Cancel", remote_commands.CANCEL, "mdi:cancel"),

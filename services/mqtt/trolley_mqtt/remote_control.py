@@ -56,24 +56,28 @@ class RemoteControl:
         if verb == VACUUM:
             word = message.payload.decode(errors="replace")
             verb = word if word in VACUUM_VERBS else f"{VACUUM}: {word}"
-        if verb not in VERBS:
-            self._drop("unknown", verb[:40], "there is no such command")
-        elif verb == STOP:
+        if verb == STOP:
             self._stop.begin()
+            return
+        self._num_this_second += 1
+        if self._num_this_second > MAX_EACH_SECOND:
+            self._drop("flood", verb, "There are too many commands at once.")
+        elif verb not in VERBS:
+            self._drop("unknown", verb, "There is no such command.")
         elif message.is_retained:
             # A broker could give it to the robot repeatedly, days later too.
-            self._drop("retained", verb, "a command must not be a retained message")
+            self._drop("retained", verb, "A command must not be a retained message.")
         elif not self._freshness.is_fresh(self._service.monotonic_ns):
-            self._drop("stale", verb, "it may have waited too long on its way")
-        elif self._num_this_second >= MAX_EACH_SECOND:
-            self._drop("flood", verb, "too many commands at once")
+            self._drop("stale", verb, "The command may have waited too long on its way.")
         else:
-            self._num_this_second += 1
             self._ask(verb, message.payload)
 
     def _drop(self, reason: str, verb: str, why: str) -> None:
         self._service.count(f"command/{reason}")
-        self._service.log.limited(f"command/{reason}", "Command dropped", command=verb, why=why)
+        name = verb[:40]
+        self._service.log.limited(f"command/{reason}", "Command dropped", command=name, why=why)
+        if reason != "flood":  # so that a flood costs nothing
+            self._report.answer(f"Not done: {why}")
 
     def _ask(self, verb: str, payload: bytes) -> None:
         if verb == LOCATE:

@@ -44,6 +44,7 @@ class RemoteStop:
     def _update_reply(self, reply: object) -> None:
         if not isinstance(reply, Refused):
             self._until_ns = None
+            self._report.calm()
             if isinstance(reply, BaseState) and reply.may_still_move:
                 self._report.answer(reply.message)
             else:

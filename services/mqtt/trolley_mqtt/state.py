@@ -3,6 +3,7 @@
 from msgspec import Struct
 
 from trolley.messages.touring import HOME
+from trolley.under_way import what_is_under_way
 from trolley_mqtt.robot_view import RobotView
 from trolley_mqtt.sentences import activity_of
 
@@ -53,15 +54,17 @@ def state_of(view: RobotView, answer: str | None = None) -> State:
     )
 
 
-def vacuum_of(state: State) -> dict[str, str]:
+def vacuum_of(view: RobotView, state: State) -> dict[str, str]:
     """The same in the words that Home Assistant has for vacuum cleaners."""
     match state.activity:
         case activity if activity in PROBLEMS:
             word = "error"
-        case "driving" | "by_hand" | "dwelling" | "waiting":
-            word = "returning" if state.destination == HOME else "cleaning"
         case "paused":
             word = "paused"
+        case "by_hand":
+            word = "cleaning"
+        case "driving" | "dwelling" | "waiting" if what_is_under_way(view.goal, view.trip):
+            word = "returning" if state.destination == HOME else "cleaning"
         case _:
             word = "docked" if state.charging else "idle"
     return {"state": word}

@@ -21,7 +21,7 @@ class StateReport:
 
     def answer(self, sentence: str) -> None:
         """Say what became of a command."""
-        self._answer, self._is_alarm = sentence, False
+        self._answer = sentence
         self.update()
 
     def alarm(self) -> None:
@@ -30,19 +30,20 @@ class StateReport:
         self.update()
 
     def calm(self) -> None:
-        """A stop is no longer waited for."""
+        """A stop has been answered, or is no longer waited for."""
         self._is_alarm = False
 
     def update(self) -> None:
         """Send what has changed."""
         if not self._outbox.is_open:
             return
-        state = state_of(self._robot.view, self._answer)
+        view = self._robot.view
+        state = state_of(view, self._answer)
         if self._is_alarm:
             state = structs.replace(state, message=NOT_STOPPED, problem=True)
         is_away = state.activity == "away"
         self._outbox.keep(self._outbox.topic("robot"), OFFLINE if is_away else ONLINE)
         self._outbox.keep(self._outbox.topic("state"), msgspec.json.encode(state))
         if not is_away:
-            vacuum = vacuum_of(state)
+            vacuum = vacuum_of(view, state)
             self._outbox.keep(self._outbox.topic("vacuum"), msgspec.json.encode(vacuum))

@@ -95,6 +95,23 @@ def test_nothing_is_taken_back_before_the_places_are_known(
     assert topic in bridge.broker.kept
 
 
+def test_a_robot_that_is_away_can_be_stopped_and_what_is_said_of_it_is_seen(
+    bridge: "Bridge",
+) -> None:
+    always = {
+        address
+        for address, entity in bridge.announced.items()
+        if entity["availability"] == [{"topic": "~/bridge"}]
+    }
+    assert always == {
+        "button/stop",
+        "sensor/activity",
+        "sensor/message",
+        "sensor/answer",
+        "binary_sensor/problem",
+    }
+
+
 def test_a_battery_is_announced_when_there_is_one(bridge: "Bridge") -> None:
     assert "sensor/battery" not in bridge.announced
     bridge.robot.base = BaseState(stamp_ns=0, mode="ok", battery=Battery(fraction=0.4))

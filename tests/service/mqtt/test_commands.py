@@ -71,6 +71,7 @@ def test_a_retained_command_is_never_carried_out(bridge: "Bridge") -> None:
     bridge.do("tour", "evening", is_retained=True)
     assert bridge.robot.asked == []
     assert bridge.counters["command/retained"] == 2
+    assert bridge.state["answer"] == "Not done: A command must not be a retained message."
     bridge.do("stop", is_retained=True)  # but a stop is never refused
     assert bridge.robot.asked == [("base/stop", None)]
 
@@ -141,10 +142,16 @@ def test_a_stop_that_nobody_answers_is_repeated_and_shown(bridge: "Bridge") -> N
     bridge.run(2.0)
     assert bridge.state["message"] == "NOT STOPPED: no connection to the robot."
     assert bridge.state["problem"] is True
+    bridge.broker.published.clear()
+    bridge.do("go", "cellar")  # the answer to another command does not hide it
+    said = [data for name, data in bridge.broker.published if name == "trolley/robby/state"]
+    assert said
+    assert all(b"NOT STOPPED: no connection" in data for data in said)
     bridge.robot.is_deaf = False
     bridge.run(1.0)
     assert bridge.robot.asked == [("base/stop", None)]
     assert bridge.state["answer"] == "Stop: done."
+    assert bridge.state["message"] != "NOT STOPPED: no connection to the robot."
 
 
 def test_the_robot_cannot_be_released_from_afar(bridge: "Bridge") -> None:

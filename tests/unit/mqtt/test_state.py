@@ -3,6 +3,7 @@
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from trolley import codes
 from trolley.geometry import Pose2D
@@ -19,7 +20,7 @@ from trolley.messages import (
 )
 from trolley_mqtt.robot_view import RobotView
 from trolley_mqtt.sentences import ACTIVITIES
-from trolley_mqtt.state import MAX_TEXT, state_of
+from trolley_mqtt.state import MAX_TEXT, state_of, vacuum_of
 
 DISOBEYS = BaseState(
     stamp_ns=0,
@@ -31,18 +32,20 @@ DISOBEYS = BaseState(
 KITCHEN = SavedPose(name="kitchen", map="home", pose=Pose2D(1.0, 1.0, 0.0))
 
 
+LOCALIZED = PoseEstimate(
+    stamp_ns=0,
+    map="home",
+    pose=Pose2D(1.2, 1.0, 0.0),
+    covariance=[0.0] * 9,
+    state="localized",
+    match=1.0,
+    spread=0.0,
+)
+
+
 def known(**changes: Any) -> RobotView:
-    estimate = PoseEstimate(
-        stamp_ns=0,
-        map="home",
-        pose=Pose2D(1.2, 1.0, 0.0),
-        covariance=[0.0] * 9,
-        state="localized",
-        match=1.0,
-        spread=0.0,
-    )
     base = BaseState(stamp_ns=0, mode="ok")
-    facts: dict[str, Any] = {"base": base, "estimate": estimate, "age_s": 0.1, "places": [KITCHEN]}
+    facts: dict[str, Any] = {"base": base, "estimate": LOCALIZED, "age_s": 0.1, "places": [KITCHEN]}
     return RobotView(**(facts | changes))
 
 
@@ -93,6 +96,15 @@ def test_place_and_destination_have_names() -> None:
     assert state_of(known(zones=rooms, age_s=5.0)).room is None
     far = known(places=[SavedPose(name="far", map="home", pose=Pose2D(9.0, 9.0, 0.0))])
     assert state_of(far).place is None
+
+
+def test_a_robot_that_only_works_out_where_it_is_does_not_clean() -> None:
+    searching = structs.replace(LOCALIZED, state="searching")
+    goal = GoalStatus(stamp_ns=0, id="a", state="planning")
+    for facts, word in (({}, "idle"), ({"goal": goal}, "cleaning")):
+        view = known(estimate=searching, **facts)
+        assert state_of(view).activity == "waiting"
+        assert vacuum_of(view, state_of(view)) == {"state": word}
 
 
 def test_a_trip_that_failed_gives_way_to_what_was_driven_since() -> None:
