@@ -19,10 +19,13 @@ class Announcements:
         self._kept: set[str] = set()
         """Topics of this robot at which the broker keeps something, of earlier runs too."""
         self._has_battery = self._has_charging = False
+        self.is_heard = False
+        """Whether any announcement has come back since they were all sent."""
 
     def repeat(self) -> None:
         """Announce everything again."""
         self._announced.clear()
+        self.is_heard = False
 
     def update(self, topic: str, *, is_empty: bool) -> bool:
         """Take what the broker keeps; False where it is not an announcement of this robot."""
@@ -33,6 +36,7 @@ class Announcements:
         rest = parts[len(prefix) :]
         if len(rest) != 4 or rest[1] != self._device.node or rest[3] != "config":
             return False
+        self.is_heard = True
         if is_empty:
             self._kept.discard(topic)
         elif len(self._kept) < MAX_KEPT:

@@ -58,6 +58,10 @@ class Freshness:
         age_s = self.age_s(now_ns)
         return age_s is not None and age_s <= MAX_AGE_S
 
+    def is_passed_on(self, sent_ns: int) -> bool:
+        """Whether what was sent then has long been passed on: a later mark has come back."""
+        return self._proof_ns is not None and self._proof_ns > sent_ns
+
     def is_cut_off(self) -> bool:
         """Whether nothing that is sent has come back for a while.
 

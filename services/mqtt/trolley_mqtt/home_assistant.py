@@ -35,6 +35,7 @@ class HomeAssistant:
         self._monotonic_ns = monotonic_ns
         self._announcements = Announcements(device)
         self._born_ns: int | None = None
+        self._announced_ns: int | None = None
 
     @property
     def subscriptions(self) -> list[Subscription]:
@@ -49,6 +50,7 @@ class HomeAssistant:
     def repeat(self) -> None:
         """Announce everything again, at the next `announce`."""
         self._announcements.repeat()
+        self._announced_ns = None
 
     def update(self, topic: str, payload: bytes) -> bool:
         """Take a message; False where it is not for Home Assistant's sake."""
@@ -64,6 +66,22 @@ class HomeAssistant:
         names = self._robot.names if self._robot.knows_names else None
         for topic, payload in self._announcements.due(self._robot.battery, names):
             self._outbox.announce(topic, payload)
+            if self._announced_ns is None:
+                self._announced_ns = self._monotonic_ns()
+
+    def problem(self, is_passed_on: Callable[[int], bool]) -> str:
+        """Why nobody hears of what is announced, as a sentence; "" where that is not known.
+
+        Args:
+            is_passed_on: Whether the broker has passed on what was sent at this time.
+        """
+        is_due = self._announced_ns is not None and is_passed_on(self._announced_ns)
+        if not is_due or self._announcements.is_heard:
+            return ""
+        return (
+            "What is announced to Home Assistant does not arrive at the MQTT broker: may this "
+            f"account read and write {self._device.prefix}/#?"
+        )
 
     @property
     def _birth_topic(self) -> str:

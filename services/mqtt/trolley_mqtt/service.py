@@ -191,15 +191,15 @@ class MqttService(Service):
         self._tell_news()
 
     def _check_echo(self) -> None:
-        """Notice a broker that lets the robot in, but not hear: mostly an account's rights."""
-        problem = ""
+        """Notice a broker that lets the robot in, but passes nothing on: mostly an account's rights."""
+        problem = self._home_assistant.problem(self._freshness.is_passed_on)
         if self._freshness.is_cut_off():
             problem = (
                 "Commands from the MQTT broker do not arrive: may this account read and write "
                 f"{self._outbox.base_topic}/#?"
             )
-            if not self._broker_problem:
-                self.log.warning(problem)
+        if problem and not self._broker_problem:
+            self.log.warning(problem)
         self._update_broker(problem)
 
     def _tell_news(self) -> None:

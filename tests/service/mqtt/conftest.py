@@ -131,6 +131,8 @@ class MemoryBroker:
     published: list[tuple[str, bytes]] = field(default_factory=list)
     is_up: bool = True
     is_stalled: bool = False
+    forbidden: str = "-"
+    """The beginning of the topics to which the account may not write."""
     dropped: int = 0
     waiting: list[Arrived] = field(default_factory=list)
     _events: list[Event] = field(default_factory=list)
@@ -165,6 +167,8 @@ class MemoryBroker:
 
     def publish(self, topic: str, payload: bytes, *, keep: bool) -> None:
         self.published.append((topic, payload))
+        if topic.startswith(self.forbidden):
+            return
         if keep and payload:
             self.kept[topic] = payload
         elif keep:
@@ -250,6 +254,7 @@ def make_bridge(tmp_path: Path) -> Iterator[Callable[..., Bridge]]:
         kept: dict[str, bytes] | None = None,
         *,
         is_up: bool = True,
+        forbidden: str = "-",
         webhook: WebhookConfig | None = None,
         broker: str = "broker.home",
         **mqtt: Any,
@@ -260,6 +265,7 @@ def make_bridge(tmp_path: Path) -> Iterator[Callable[..., Bridge]]:
 
         def connect(broker: Broker, precious: str) -> MemoryBroker:
             made.append(MemoryBroker(broker, precious, dict(kept or {}), is_up=is_up))
+            made[0].forbidden = forbidden
             return made[0]
 
         config = RobotConfig(

@@ -150,6 +150,25 @@ def test_hundreds_of_places_are_bounded(bridge: "Bridge") -> None:
     assert len(go_buttons(bridge)) == 100
 
 
+def test_an_account_that_may_not_announce_is_reported(
+    make_bridge: "Callable[..., Bridge]",
+) -> None:
+    bridge = make_bridge(forbidden="homeassistant/")
+    health = bridge.lockstep.record(topics.HEALTH, "mqtt")
+    bridge.run(1.5)
+    assert health[-1].state == "degraded"
+    assert "may this account read and write homeassistant/#?" in health[-1].message
+    bridge.broker.forbidden = "-"
+    bridge.broker.send("homeassistant/status", "online")
+    bridge.run(2.5)
+    assert health[-1].state == "ok"
+    for topic in list(bridge.broker.kept):  # somebody deletes the device in Home Assistant
+        if topic.startswith("homeassistant/"):
+            bridge.broker.send(topic, "")
+    bridge.run(2.5)
+    assert health[-1].state == "ok"
+
+
 def test_without_a_prefix_nothing_is_announced(make_bridge: "Callable[..., Bridge]") -> None:
     bridge = make_bridge(discovery_prefix="")
     assert bridge.announced == {}
