@@ -191,6 +191,26 @@ def test_home_assistant_drives_and_stops_the_robot(
     wait_until(lambda: home.bridge == b"offline", "the last word")
 
 
+def test_two_robots_of_one_name_are_reported(
+    robot: "ScriptedRobot",
+    endpoint: str,
+    broker: Mosquitto,
+    run_bridge: Callable[..., Process],
+) -> None:
+    run_bridge(broker.port)
+    other = Client(CallbackAPIVersion.VERSION2, "trolley-one")  # connects again and again, too
+    other.connect_async("127.0.0.1", broker.port)
+    other.loop_start()
+
+    def is_told() -> bool:
+        health = health_of(endpoint)
+        return health is not None and "another robot with the same name" in health.message
+
+    wait_until(is_told, "the bridge says so")
+    other.disconnect()
+    other.loop_stop()
+
+
 def test_a_bridge_that_is_killed_is_unavailable(
     robot: "ScriptedRobot", home: Home, broker: Mosquitto, run_bridge: Callable[..., Process]
 ) -> None:

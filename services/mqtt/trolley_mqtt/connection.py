@@ -30,6 +30,8 @@ MAX_RECEIVED = 1024
 """Bytes of a payload that are kept, and one more that shows that it was longer."""
 MAX_PACKET = 65_535
 """The broker is asked to keep anything larger to itself."""
+SHORT_S = 10.0
+"""Connections that last no longer, one after the other, are taken away by somebody."""
 GOODBYE_S = 1.0
 """How long to wait for the last word to go out."""
 
@@ -141,6 +143,9 @@ class BrokerConnection:
         self._num_arrived = 0
         self._num_dropped = 0
         self._is_accepted: bool | None = None
+        self._accepted_s = 0.0
+        self._num_short = 0
+        """Connections in a row that were lost soon after they had been accepted."""
         self._wake: Callable[[], None] = lambda: None
         self._subscriptions: Sequence[Subscription] = ()
         client = self._client = Client(
@@ -217,7 +222,7 @@ class BrokerConnection:
         reason: ReasonCode,
         _properties: Properties | None,
     ) -> None:
-        self._is_accepted = not reason.is_failure
+        self._is_accepted, self._accepted_s = not reason.is_failure, time.monotonic()
         if reason.is_failure:
             self._store(Lost(f"The MQTT broker refuses the connection: {reason}."))
             return
@@ -252,7 +257,15 @@ class BrokerConnection:
     ) -> None:
         accepted, self._is_accepted = self._is_accepted, None
         if accepted:
-            self._store(Lost(f"The connection to the MQTT broker was lost: {reason}."))
+            is_short = time.monotonic() - self._accepted_s < SHORT_S
+            self._num_short = self._num_short + 1 if is_short else 0
+            why = f"The connection to the MQTT broker was lost: {reason}."
+            if self._num_short > 1:  # of two clients of one id a broker ends the older's connection
+                why = (
+                    "The MQTT broker ends each connection within seconds: is there another robot "
+                    f"with the same name? Only one client may be called {self._broker.client_id}."
+                )
+            self._store(Lost(why))
         elif accepted is None:  # else its reason has been said
             hint = "" if self._broker.tls else "; is it a port for TLS? Then set [mqtt] tls = true"
             why = f"What listens at {self._where} does not answer as an MQTT 5 broker does{hint}."

@@ -191,7 +191,7 @@ class MqttService(Service):
         self._tell_news()
 
     def _check_echo(self) -> None:
-        """Notice a broker that lets the robot in, but passes nothing on: mostly an account's rights."""
+        """Notice a broker that passes nothing on: mostly an account's rights."""
         problem = self._home_assistant.problem(self._freshness.is_passed_on)
         if self._freshness.is_cut_off():
             problem = (
