@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
+from trolley.geometry.footprint import footprint_from_box
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap, cast_rays, distance_transform
 from trolley.messages import GoalState, GoalStatus, Zone
 from trolley.messages.request_params import SendGoal
@@ -23,7 +24,9 @@ from trolley_mapper.explore.traversable_area import lay_out_area
 from trolley_mapper.kernels.frontiers import FREE as FREE_KIND
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED, spread_into
 
-CLEARANCE = Clearance(passing_m=0.17, standing_m=0.30, squeezing_m=0.12)
+CLEARANCE = Clearance(
+    footprint_from_box(0.30, 0.24), passing_m=0.17, standing_m=0.30, squeezing_m=0.12
+)
 """Of a robot of 0.30 x 0.24 m."""
 LIMITS = Limits(radius_m=30.0, area_m2=500.0)
 BEAMS, REACH_M = 360, 8.0

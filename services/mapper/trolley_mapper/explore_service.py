@@ -203,7 +203,8 @@ class ExploreService:
     def _surveyed(self, explorer: "Explorer", scene: "Scene", survey: "Survey") -> None:
         self._is_surveying = False
         if explorer is self._explorer:
-            self._step(explorer, scene, survey)
+            has_arrived = survey.clearance is not explorer.clearance  # meanwhile
+            self._step(explorer, scene, None if has_arrived else survey)
 
     def _step(self, explorer: "Explorer", scene: "Scene", survey: "Survey | None") -> None:
         num_barriers = len(explorer.barriers)
@@ -292,6 +293,7 @@ def _clearance(robot: Robot, resolution_m: float) -> "Clearance":
     outline = np.array(robot.footprint, np.float64)
     half_cell_m, inscribed_m = PASSING_CELLS * resolution_m, inscribed_radius(outline)
     return Clearance(
+        outline,
         passing_m=inscribed_m + PASSING_M + half_cell_m,
         standing_m=circumscribed_radius(outline) + STANDING_M + half_cell_m,
         squeezing_m=inscribed_m,

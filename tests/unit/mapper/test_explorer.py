@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trolley import codes
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
+from trolley.geometry.footprint import footprint_from_box
 from trolley.geometry.polygon import polygon_contains
 from trolley.gridmap import FREE, OCCUPIED, UNKNOWN, GridMap, cast_rays
 from trolley.messages import BaseState, GoalState, GoalStatus, Zone
@@ -27,6 +28,8 @@ from trolley_mapper.kernels.frontiers import BLOCKED
 
 EDGE = 0.05
 START = Pose2D(1.0, 1.0, 0.0)
+BOX = footprint_from_box(0.5, 0.4)
+REAR = np.array([(0.4, -0.15), (0.4, 0.15), (-0.1, 0.15), (-0.1, -0.15)])
 
 
 pytestmark = pytest.mark.drives
@@ -90,7 +93,26 @@ def test_houses_are_found_with_hardly_a_goal_that_is_near_to_anything(
     places = [goal.pose.as_array()[:2] for goal in robot.goals[:-1] if goal.pose is not None]
     room_m = np.array([np.hypot(*(solid - place).T).min() for place in places])
     assert room_m.min() >= CLEARANCE.squeezing_m
-    assert np.count_nonzero(room_m < CLEARANCE.standing_m - EDGE) <= 1
+    assert np.count_nonzero(room_m < CLEARANCE.standing_m - EDGE) <= 2
+
+
+@pytest.mark.parametrize("width_m", [0.6, 0.7])
+def test_goals_in_a_bend_are_poses_in_which_a_robot_about_its_rear_axle_fits(
+    width_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outline = np.array([(0.5, -0.21), (0.5, 0.21), (-0.1, 0.21), (-0.1, -0.21)])
+    clearance = Clearance(outline, passing_m=0.145, standing_m=0.667, squeezing_m=0.1)
+    monkeypatch.setattr(perfect_robot, "CLEARANCE", clearance)
+    cells, wide = np.full((80, 100), OCCUPIED, np.int8), round(width_m / EDGE)
+    cells[2:-2, 2:42] = cells[10 : 10 + wide, 42:80] = cells[10:-2, 80 - wide : 80] = FREE
+    house = GridMap("bend", EDGE, Pose2D.identity(), cells)
+    robot = PerfectRobot(house, Pose2D(0.9, 2.0, 0.0))
+    explorer = Explorer("run", clearance, LIMITS)
+    robot.explore(explorer)
+    assert robot.share_found() > 0.98
+    poses = [goal.pose for goal in robot.goals if goal.pose is not None]
+    edges = [pose.transform_points(clearance.outline_cells(EDGE) * EDGE) for pose in poses]
+    assert all((house.values_at(edge) == FREE).all() for edge in edges)
 
 
 def test_a_lidar_that_looks_ahead_only_is_turned_to_what_is_unknown() -> None:
@@ -192,10 +214,23 @@ def test_a_place_that_cannot_be_reached_is_tried_twice_and_told() -> None:
     robot = PerfectRobot(two_rooms(), START, fails=beyond_the_door)
     explorer = explored(robot)
     assert explorer.state == "done"
-    assert "could not be reached" in explorer.message
+    assert "2 places could not be reached" in explorer.message  # the door's left and right
     assert 1 <= sum(beyond_the_door(goal) for goal in robot.goals) <= 8
     # Only after all else was found.
     assert beyond_the_door(robot.goals[-2])
+
+
+def test_a_place_that_was_found_in_the_end_is_not_told() -> None:
+    failed: list[SendGoal] = []
+
+    def is_first(goal: SendGoal) -> bool:
+        if beyond_the_door(goal) and not failed:
+            failed.append(goal)
+        return goal in failed
+
+    explorer = explored(PerfectRobot(two_rooms(), START, fails=is_first))
+    assert failed
+    assert explorer.message == "Explored: 18 m². It is back where it began."
 
 
 def test_a_robot_that_does_not_get_on_says_so() -> None:
@@ -403,7 +438,15 @@ def test_what_the_robot_cannot_get_past_is_a_wall_from_the_second_stand_on() -> 
     assert explorer.state == "done"
     assert len(explorer.barriers) <= 2
     assert robot.pose.distance_to(START) < 0.2
-    assert "places could not be reached" in explorer.message
+    assert "could not be reached" in explorer.message
+
+
+def test_a_door_that_the_robot_squeezes_into_in_vain_is_not_taken_for_a_wall() -> None:
+    robot, explorer = BehindGlass(two_rooms(1.5, 0.3), START), make_explorer()
+    robot.explore(explorer, limit_s=600.0)
+    assert explorer.state == "done"
+    assert explorer.barriers == []
+    assert "could not be reached" in explorer.message
 
 
 class SeesEchoes(PerfectRobot):
@@ -428,8 +471,8 @@ def test_a_corridor_longer_than_the_lidar_sees_is_explored_to_its_end() -> None:
 @pytest.mark.parametrize(
     ("clearance", "width_m"),
     [
-        pytest.param(Clearance(0.245, 0.445, 0.2), 0.8, id="0.5 x 0.4 m"),
-        pytest.param(Clearance(0.125, 0.571, 0.1), 1.1, id="0.5 x 0.3 m about its rear axle"),
+        pytest.param(Clearance(BOX, 0.245, 0.445, 0.2), 0.8, id="0.5 x 0.4 m"),
+        pytest.param(Clearance(REAR, 0.125, 0.571, 0.1), 1.1, id="0.5 x 0.3 m about its rear axle"),
     ],
 )
 def test_a_corridor_with_less_room_than_goals_have_elsewhere_is_explored(
@@ -464,7 +507,7 @@ def test_frontiers_that_move_about_while_the_robot_hardly_does_are_no_sign_of_a_
 ) -> None:
     """From a doorway floor is seen bit by bit: the frontiers in it move, and none adds much."""
     explorer, grid = make_explorer(), two_rooms()
-    for number in range(5):
+    for number in range(8):
         here = Pose2D(1.0 + number * step_m, 1.0, 0.0)
         scene = Scene(grid, here, False, False, (), START)
         area = lay_out_area(grid, (), here, CLEARANCE.passing_m, (START, LIMITS.radius_m))

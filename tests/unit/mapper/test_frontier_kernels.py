@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from support.cases import cases
 
+from trolley.gridmap import distance_transform
 from trolley.gridmap.kernels import spread_over
 from trolley_mapper.kernels.frontiers import (
     BLOCKED,
@@ -22,6 +23,8 @@ from trolley_mapper.kernels.frontiers import (
     UNKNOWN,
     UNREACHED,
     edge_into,
+    fits_into,
+    fitting_yaw,
     spread_into,
     unseen_from,
 )
@@ -109,3 +112,18 @@ def test_what_lies_off_the_grid_is_unknown_where_it_counts(beyond: bool) -> None
     outside = math.pi * 30.0**2 - 20.0 * 20.0
     assert area == pytest.approx(outside + 40.0 if beyond else 40.0, rel=0.1)
     assert along_x > 0.0
+
+
+def test_a_long_robot_fits_along_a_corridor_and_is_turned_no_farther_than_it_takes() -> None:
+    free = np.zeros((21, 21), np.uint8)
+    free[8:13] = 1  # 5 cells wide, along x
+    room = distance_transform(1 - free, 1.0)
+    outline = np.array([(x, y) for x in np.linspace(-4.0, 4.0, 17) for y in (-2.0, 2.0)])
+    middle, beside = 10 * 21 + 10, 8 * 21 + 10
+    places = np.array([middle, beside], np.int32)
+    fits = np.empty(2, np.bool_)
+    fits_into(fits, room, places, outline, 32)
+    assert fits.tolist() == [True, False]
+    assert fitting_yaw(room, middle, 0.6, outline, 32) == pytest.approx(0.0)
+    assert fitting_yaw(room, middle, 2.5, outline, 32) == pytest.approx(math.pi)
+    assert math.isnan(fitting_yaw(room, beside, 0.6, outline, 32))

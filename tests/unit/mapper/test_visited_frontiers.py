@@ -1,45 +1,52 @@
 """A place is not tried for ever."""
 
+from trolley.geometry import Pose2D
+from trolley_mapper.explore.frontiers import Frontier
 from trolley_mapper.explore.visited_frontiers import (
-    MAX_ARRIVALS,
-    MAX_BARREN,
-    MAX_FAILURES,
-    REGION_M,
-    SAME_M,
+    PATIENCE,
+    SQUEEZED,
     VisitedFrontiers,
+    num_places,
 )
+
+
+def at(x: float, y: float, goal_x: float = 0.0) -> Frontier:
+    return Frontier(x, y, Pose2D(goal_x, 0.0, 0.0), 1.0, 1.0)
 
 
 def test_frontiers_near_each_other_are_one_place() -> None:
     visited = VisitedFrontiers()
-    visited.find_or_add(1.0, 1.0).failures += 1
-    assert visited.find_or_add(1.0 + 0.9 * SAME_M, 1.0).failures == 1
-    assert visited.find(1.0 + 1.1 * SAME_M, 1.0) is None
+    visited.find_or_add(at(1.0, 1.0)).failures += 1
+    assert visited.find_or_add(at(1.0 + 0.9 * PATIENCE.same_m, 1.0)).failures == 1
+    assert visited.find(at(1.0 + 1.1 * PATIENCE.same_m, 1.0)) is None
     assert len(visited) == 1
+    assert num_places([(0.0, 0.0), (0.9 * PATIENCE.same_m, 0.0), (5.0, 0.0)]) == 2
+
+
+def test_where_it_squeezes_the_goals_are_the_places() -> None:
+    visited = VisitedFrontiers(SQUEEZED)
+    visited.find_or_add(at(1.0, 1.0)).arrivals += 1
+    assert visited.is_given_up(at(9.0, 9.0))
+    assert not visited.is_given_up(at(1.0, 1.0, goal_x=0.2))
 
 
 def test_a_place_is_given_up_after_so_many_tries() -> None:
     visited = VisitedFrontiers()
-    looked_at, unreached = visited.find_or_add(0.0, 0.0), visited.find_or_add(5.0, 0.0)
-    looked_at.arrivals, unreached.failures = MAX_ARRIVALS - 1, MAX_FAILURES - 1
-    assert not looked_at.is_given_up(is_squeezed=False)
-    assert not unreached.is_given_up(is_squeezed=False)
-    looked_at.arrivals, unreached.failures = MAX_ARRIVALS, MAX_FAILURES
-    assert looked_at.is_given_up(is_squeezed=False)
-    assert unreached.is_given_up(is_squeezed=False)
-
-
-def test_a_place_that_was_reached_once_does_not_count_as_failed() -> None:
-    visited = VisitedFrontiers()
-    reached, unreached = visited.find_or_add(0.0, 0.0), visited.find_or_add(5.0, 0.0)
-    reached.arrivals, reached.failures, unreached.failures = 1, 1, 1
-    assert visited.num_failed == 1
+    looked_at, unreached = at(0.0, 0.0), at(5.0, 0.0)
+    visited.find_or_add(looked_at).arrivals = PATIENCE.max_arrivals - 1
+    visited.find_or_add(unreached).failures = PATIENCE.max_failures - 1
+    assert not visited.is_given_up(looked_at)
+    assert not visited.is_given_up(unreached)
+    visited.find_or_add(looked_at).arrivals += 1
+    visited.find_or_add(unreached).failures += 1
+    assert visited.is_given_up(looked_at)
+    assert visited.is_given_up(unreached)
 
 
 def test_a_region_where_goals_add_nothing_is_dropped_though_its_frontiers_move_on() -> None:
     visited = VisitedFrontiers()
-    for number in range(MAX_BARREN):
-        assert not visited.is_barren(1.0, 1.0, is_squeezed=False)
-        visited.add_barren(1.0, 1.0 + 0.9 * REGION_M * (number % 2))
-    assert visited.is_barren(1.0, 1.0, is_squeezed=False)
-    assert not visited.is_barren(1.0 - 1.1 * REGION_M, 1.0, is_squeezed=False)
+    for number in range(PATIENCE.max_barren):
+        assert not visited.is_given_up(at(1.0, 1.0))
+        visited.add_barren(at(1.0, 1.0 + 0.9 * PATIENCE.region_m * (number % 2)))
+    assert visited.is_given_up(at(1.0, 1.0))
+    assert not visited.is_given_up(at(1.0 - 1.1 * PATIENCE.region_m, 1.0))

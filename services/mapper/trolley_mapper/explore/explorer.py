@@ -43,7 +43,12 @@ from trolley_mapper.explore.frontiers import (
 )
 from trolley_mapper.explore.own_image import OwnImage
 from trolley_mapper.explore.traversable_area import TraversableArea
-from trolley_mapper.explore.visited_frontiers import SAME_M, VisitedFrontiers
+from trolley_mapper.explore.visited_frontiers import (
+    PATIENCE,
+    SQUEEZED,
+    VisitedFrontiers,
+    num_places,
+)
 
 PLANNER = "planner"
 """Source of the commands that follow from our own goals."""
@@ -120,8 +125,8 @@ class Progress:
     num_barren: int = 0
     """Number of goals since then that added no floor."""
     num_failed_in_row: int = 0
-    num_unreachable: int = 0
-    """Wide frontiers without a path to them, once no other is left."""
+    num_missed: int = 0
+    """Places that could not be reached, once no other is left."""
     num_left_out: int = 0
     """Small frontiers that were not worth the way, once no other is left."""
     is_enough: bool = False
@@ -171,15 +176,19 @@ class Explorer:
         """How much room is asked for now: less, once nothing else is left; and how far it goes."""
         self._roomy = clearance
         self._run, self._sees_all_round = run, sees_all_round
-        self._visited = VisitedFrontiers()
+        self._visited_roomily, self._visited_squeezed = (
+            VisitedFrontiers(),
+            VisitedFrontiers(SQUEEZED),
+        )
         self._barriers = Barriers() if barriers is None else barriers
         self._own_image = OwnImage()
         # Where a mirror was seen (`map`, x pointing into it) since the last step.
         self._mirror: Pose2D | None = None
         self._goal: ExplorationGoal | None = None
         self._speed_mps: float | None = None
-        # The frontier that was driven to last, and how much floor was known then [m^2].
-        self._last: tuple[Frontier, float] | None = None
+        # The frontier that was driven to last, how much floor was known then [m^2], and where it
+        # counts.
+        self._last: tuple[Frontier, float, VisitedFrontiers] | None = None
         self._progress = Progress()
         self._others = Others()
         self._surveyed_s: float | None = None
@@ -203,14 +212,14 @@ class Explorer:
         return actions
 
     @property
+    def _visited(self) -> VisitedFrontiers:
+        """Where it has been with the room that it asks for now."""
+        return self._visited_squeezed if self.clearance.is_squeezed else self._visited_roomily
+
+    @property
     def barriers(self) -> list[Zone]:
         """Lines that it takes for walls: mirrors, and where the robot could not get on."""
         return self._barriers.zones
-
-    @property
-    def num_missed(self) -> int:
-        """Number of places that could not be reached."""
-        return self._visited.num_failed + self._progress.num_unreachable
 
     # People.
     def begin(
@@ -308,8 +317,8 @@ class Explorer:
         if goal.frontier is None:
             self._finish(sentences.AT_HOME)
         else:
+            self._visited.find_or_add(goal.frontier).arrivals += 1
             self.clearance = self._roomy  # there may be a whole room
-            self._visited.find_or_add(goal.frontier.x, goal.frontier.y).arrivals += 1
 
     def _fail(self, code: str, why: str, now_s: float) -> None:
         """Note that a goal failed; where all of them do, the robot itself is stuck."""
@@ -319,7 +328,7 @@ class Explorer:
         # Where it squeezes, what is too narrow is the places' fault.
         self._progress.num_failed_in_row += not self.clearance.is_squeezed
         if goal.frontier is not None:
-            self._visited.find_or_add(goal.frontier.x, goal.frontier.y).failures += 1
+            self._visited.find_or_add(goal.frontier).failures += 1
             if self._progress.num_failed_in_row >= PARAMS.max_failed:
                 self.pause(code, sentences.stuck(why))
         elif self._lasts("shut out", now_s) > PARAMS.wait_s:
@@ -375,7 +384,9 @@ class Explorer:
             self._actions.append(Cancel(goal.id))
             self._fail(codes.TIMEOUT, sentences.TOO_LONG, now_s)
         elif goal.standing_s(scene.pose, PARAMS.stand_m, now_s) > PARAMS.stand_s:
-            if goal.frontier is not None and goal.goal.pose is not None:
+            # In a tight place it is the room that it lacks.
+            is_wall = goal.frontier is not None and not self.clearance.is_squeezed
+            if is_wall and goal.goal.pose is not None:
                 self._barriers.add(scene.pose, goal.goal.pose, self.clearance.passing_m, scene.grid)
             self._actions.append(Cancel(goal.id))
             self._fail(codes.TIMEOUT, sentences.STOOD, now_s)
@@ -409,9 +420,9 @@ class Explorer:
         last, self._last = self._last, None
         if last is None:
             return
-        frontier, best_area_m2 = last
+        frontier, best_area_m2, visited = last
         if self._progress.best_area_m2 <= best_area_m2:
-            self._visited.add_barren(frontier.x, frontier.y)
+            visited.add_barren(frontier)
 
     def _choose(self, scene: Scene, survey: Survey, now_s: float) -> None:
         """Send the best goal, or turn home."""
@@ -438,7 +449,7 @@ class Explorer:
         is_enough = best is not None and report.area_m2 >= self.limits.area_m2
         if best is None or is_enough or self._progress.num_barren >= PARAMS.max_barren:
             self._progress.is_enough = is_enough
-            self._progress.num_unreachable = self._count_unreachable(report)
+            self._progress.num_missed = self._count_missed(report)
             self._progress.num_left_out = sum(not one.is_worth_the_way for one in report.frontiers)
             self._set("homing", "", f"{self._found}. {sentences.GOES_HOME}")
             self._go_home(survey.area, scene, now_s)
@@ -446,36 +457,43 @@ class Explorer:
             self._send(best.goal, best, scene.pose, best.distance_m, now_s)
             self._set("exploring", "", sentences.exploring(self.area_m2, len(report.frontiers)))
 
-    def _count_unreachable(self, report: FrontierReport) -> int:
-        """Return how many wide frontiers there is no path to, those left out that were tried.
+    def _count_missed(self, report: FrontierReport) -> int:
+        """Return at how many places there is a frontier left that could not be reached.
 
         Behind barriers the map may show what is not there.
         """
+        kept = (self._visited_roomily, self._visited_squeezed)
+        failed = [
+            (one.x, one.y)
+            for one in report.frontiers
+            if any(visited.has_failed(goal) for goal in one.chain for visited in kept)
+        ]
         if self.barriers:
-            return len(self.barriers)
-        places = VisitedFrontiers()
-        for x, y in report.unreachable:
-            if self._visited.find(x, y) is None:
-                places.find_or_add(x, y)
-        return len(places)
+            return num_places(failed) + len(self.barriers)
+        return num_places([*failed, *report.unreachable])
 
     def _best(self, survey: Survey) -> Frontier | None:
         """Return the place that is worth most; those that failed come last, and only once.
 
         Barren regions and small corners far away are left out, behind a squeeze all small ones.
         """
-        report, is_squeezed = survey.report, survey.clearance.is_squeezed
         fresh: list[Frontier] = []
         again: list[Frontier] = []
-        for one in (goal for each in report.frontiers for goal in (each, *each.others)):
-            is_worth = one.is_worth_squeezing if is_squeezed else one.is_worth_the_way
-            if self._visited.is_barren(one.x, one.y, is_squeezed=is_squeezed) or not is_worth:
-                continue
-            entry = self._visited.find(one.x, one.y)
-            if entry is not None and entry.is_given_up(is_squeezed=is_squeezed):
-                continue
-            (fresh if entry is None or entry.failures == 0 else again).append(one)
+        for frontier in survey.report.frontiers:
+            step: Frontier | None = frontier
+            left: list[Frontier] = []
+            while step is not None and not left:
+                left = [one for one in step.goals if self._is_left(one)]
+                step = step.nearer
+            for one in left:
+                (again if self._visited.has_failed(one) else fresh).append(one)
         return max(fresh or again, key=lambda one: one.worth, default=None)
+
+    def _is_left(self, one: Frontier) -> bool:
+        """Say whether a goal is worth a try."""
+        is_squeezed = self.clearance.is_squeezed
+        is_worth = one.is_worth_squeezing if is_squeezed else one.is_worth_the_way
+        return is_worth and not self._visited.is_given_up(one)
 
     def _reconsider(
         self, goal: ExplorationGoal, scene: Scene, survey: Survey, now_s: float
@@ -484,7 +502,12 @@ class Explorer:
         report, frontier = survey.report, goal.frontier
         if frontier is None:
             return
-        left = [one for one in report.frontiers if _apart(one, frontier) <= SAME_M]
+        left = [
+            one
+            for each in report.frontiers
+            for one in (each.chain if self.clearance.is_squeezed else (each,))
+            if _apart(one, frontier) <= PATIENCE.same_m
+        ]
         best = self._best(survey)
         if not left:
             self._progress.num_failed_in_row = 0
@@ -513,7 +536,8 @@ class Explorer:
     ) -> None:
         self._progress.num_sent += 1
         self._progress.num_barren += frontier is not None
-        self._last = None if frontier is None else (frontier, self._progress.best_area_m2)
+        best_area_m2 = self._progress.best_area_m2
+        self._last = None if frontier is None else (frontier, best_area_m2, self._visited)
         goal = SendGoal(
             id=f"{EXPLORES}{self._run}-{self._progress.num_sent}",
             pose=pose.wrapped(),
@@ -537,7 +561,7 @@ class Explorer:
     @property
     def _found(self) -> str:
         left_out, is_enough = self._progress.num_left_out, self._progress.is_enough
-        return sentences.found(self.area_m2, self.num_missed, left_out, is_enough)
+        return sentences.found(self.area_m2, self._progress.num_missed, left_out, is_enough)
 
     def _lasts(self, what: str, now_s: float) -> float:
         """Return for how long something lasts [s], which begins now if it did not before."""

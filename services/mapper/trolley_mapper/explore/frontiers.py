@@ -11,12 +11,15 @@ from trolley.gridmap import distance_transform
 from trolley.gridmap.kernels import spread_over
 from trolley_mapper.explore.traversable_area import TraversableArea
 from trolley_mapper.kernels.frontiers import (
+    BLOCKED,
     FREE,
     NONE,
     STRAIGHT,
     UNKNOWN,
     UNREACHED,
     edge_into,
+    fits_into,
+    fitting_yaw,
     spread_into,
     unseen_from,
 )
@@ -41,6 +44,8 @@ class FrontierParams:
     num_clearances: int = 3
     """Number of clearances, from standing down to passing, that goals are sought with one after
     the other: robots drive through corridors with less room than their goals have elsewhere."""
+    num_turns: int = 32
+    """Headings, all round, that are tried where a robot fits in some only."""
     max_step_aside_m: float = 0.6
     """Greatest distance to the begin of a path where the robot stands too near to an obstacle [m].
     """
@@ -49,19 +54,33 @@ class FrontierParams:
 PARAMS = FrontierParams()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Clearance:
-    """How much room the robot's centre needs.
+    """How much room the robot needs.
 
     Attributes:
+        outline: of the robot, (n, 2) corners in `base_link` [m].
         passing_m: from whatever it drives past [m].
         standing_m: from whatever is round its goals, where a frontier has such a place near it [m].
         squeezing_m: the least with which it may pass at all [m].
     """
 
+    outline: NDArray[np.float64]
     passing_m: float
     standing_m: float
     squeezing_m: float
+
+    def outline_cells(self, resolution_m: float) -> NDArray[np.float64]:
+        """Return points (m, 2) all along the outline, half a cell apart at most [cells]."""
+        corners = self.outline / resolution_m
+        sides = np.roll(corners, -1, axis=0) - corners
+        counts = np.ceil(2.0 * np.hypot(*sides.T)).astype(int)
+        return np.concatenate(
+            [
+                corner + np.arange(count)[:, None] / count * side
+                for corner, side, count in zip(corners, sides, counts, strict=True)
+            ]
+        )
 
     @property
     def squeezed(self) -> "Clearance":
@@ -77,11 +96,6 @@ class Clearance:
     def width_m(self) -> float:
         """The narrowest that matters: what is unknown there cannot be driven into."""
         return 2.0 * self.passing_m
-
-    @property
-    def worth_m2(self) -> float:
-        """Floor that a goal must show [m^2]: more where the robot squeezes."""
-        return PARAMS.small_m2 if self.is_squeezed else self.width_m**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +114,18 @@ class Frontier:
     """Most unknown floor that the goal would show [m^2]."""
     others: "tuple[Frontier, ...]" = ()
     """Other places along it, each with a goal: it may be long, and one place on it in vain."""
+    nearer: "Frontier | None" = None
+    """The same with goals that have less room: from nearer, as from within a door, more is seen."""
+
+    @property
+    def goals(self) -> "tuple[Frontier, ...]":
+        """It and the others, each with its goal."""
+        return self, *self.others
+
+    @property
+    def chain(self) -> "tuple[Frontier, ...]":
+        """The same, and all that is nearer."""
+        return self.goals if self.nearer is None else (*self.goals, *self.nearer.chain)
 
     @property
     def worth(self) -> float:
@@ -147,23 +173,35 @@ def find_frontiers(area: TraversableArea, here: Pose2D, clearance: Clearance) ->
     is_reached = cost != UNREACHED
     near, goal = _empty(area), _empty(area)
     free = (area.kinds == FREE).astype(np.uint8)
+    outline = clearance.outline_cells(area.resolution)
+    room = _room_at_goals(area, room_m)
     frontiers: list[Frontier] = []
     left = _frontier_cells(area, free, clearance.width_m)
-    poor: list[tuple[NDArray[np.intp], Frontier]] = []
+    chains: dict[int, list[Frontier]] = {}
     for least_m in np.linspace(clearance.standing_m, clearance.passing_m, PARAMS.num_clearances):
         standing = np.flatnonzero(is_reached & (room_m >= least_m)).astype(np.int32)
+        if least_m < clearance.standing_m:
+            does_fit = np.empty(len(standing), np.bool_)
+            fits_into(does_fit, room, standing, outline, PARAMS.num_turns)
+            standing = standing[does_fit]
         spread_into(near, goal, free, standing, _steps(area, PARAMS.max_distance_m))
-        pieces, left, poor = [*left, *(cells for cells, _ in poor)], [], []
+        pieces, left = left, []
         for cells in pieces:
             if (goal.ravel()[cells] == NONE).all():
                 left.append(cells)
                 continue
             found = _best_goal(area, cells, near, goal, cost, beyond=clearance.is_squeezed)
-            if found.gain_m2 >= clearance.worth_m2:
+            if least_m < clearance.standing_m:
+                found = _turned_to_fit(found, area, room, outline)
+            if clearance.is_squeezed:
+                left.append(cells)
+                chains.setdefault(int(cells[0]), []).append(found)
+            elif found.gain_m2 >= clearance.width_m**2:
                 frontiers.append(found)
-            elif clearance.is_squeezed:
-                poor.append((cells, found))  # more may be seen from nearer, as from within a door
-    frontiers += [found for _, found in poor if found.gain_m2 >= clearance.width_m**2]
+    for chain in chains.values():
+        if max(one.gain_m2 for one in chain) >= clearance.width_m**2:
+            frontiers.append(_linked(chain))
+    left = [cells for cells in left if int(cells[0]) not in chains]
     wide = [cells for cells in left if len(cells) * area.resolution >= 2.0 * clearance.width_m]
     places = [area.place(int(cells[len(cells) // 2])) for cells in wide]
     unreachable = [(place.x, place.y) for place in places]
@@ -191,6 +229,16 @@ def _paths_from(
     start = _nearest_passable(area, here, passable)
     spread_into(cost, seed, passable.astype(np.uint8), start, UNREACHED // 2)
     return room_m, cost
+
+
+def _room_at_goals(area: TraversableArea, room_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return how far each cell is from what is not free [cells], walls taken half a cell thicker.
+
+    As near to a wall as the map shows it the planner may take it for something on the goal.
+    """
+    walls = distance_transform((area.kinds == BLOCKED).astype(np.uint8), area.resolution)
+    room = np.minimum(room_m / area.resolution, walls / area.resolution - 0.5)
+    return room.astype(np.float32)
 
 
 def _empty(area: TraversableArea) -> NDArray[np.int32]:
@@ -292,6 +340,28 @@ def _frontier(area: TraversableArea, cell: int, place: int, cost: int, *, beyond
     toward = math.atan2(along_y, along_x)
     goal = area.place(place, toward)
     return Frontier(at.x, at.y, goal, distance_m, gain * area.resolution**2)
+
+
+def _turned_to_fit(
+    frontier: Frontier,
+    area: TraversableArea,
+    room: NDArray[np.float32],
+    outline: NDArray[np.float64],
+) -> Frontier:
+    """Return the same with goals turned as little as it takes that the robot fits there."""
+    place = _cell_of(area, frontier.goal)
+    if place is None:
+        return frontier
+    toward = (area.map_T_area.inverse() @ frontier.goal).yaw
+    yaw = fitting_yaw(room, place, toward, outline, PARAMS.num_turns)
+    others = tuple(_turned_to_fit(one, area, room, outline) for one in frontier.others)
+    return replace(frontier, goal=area.place(place, yaw), others=others)
+
+
+def _linked(chain: list[Frontier]) -> Frontier:
+    """Return the first with the others as what is nearer."""
+    first, *rest = chain
+    return replace(first, nearer=_linked(rest)) if rest else first
 
 
 def _connected_area(area: TraversableArea, free: NDArray[np.uint8], here: Pose2D) -> float:

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
 
 FREE, UNKNOWN, BLOCKED = 0, 1, 2
@@ -17,6 +18,8 @@ STRAIGHT, DIAGONAL = 5, 7
 NUM_BUCKETS = DIAGONAL + 1
 UNREACHED = 2**31 - 1
 NONE = -1
+TOUCHES = 0.499
+"""Distance from the centre of a cell that is not free within which it is touched [cells]."""
 
 
 @kernel
@@ -180,3 +183,60 @@ def unseen_from(
         along_x += seen * dx
         along_y += seen * dy
     return area, along_x, along_y
+
+
+@kernel
+def fits_into(
+    out: NDArray[np.bool_],
+    room: NDArray[np.float32],
+    places: NDArray[np.int32],
+    outline: NDArray[np.float64],
+    turns: int,
+) -> None:
+    """Say of each place whether a robot that stands there covers free cells only, however turned.
+
+    Args:
+        out: (n,), overwritten.
+        room: (rows, cols) how far each cell is from the nearest that is not free [cells].
+        places: (n,) numbers of cells.
+        outline: (m, 2) points on the robot's outline, less than a cell apart [cells].
+        turns: number of headings, all round, that are tried.
+    """
+    for index in range(len(places)):
+        out[index] = not math.isnan(fitting_yaw(room, places[index], 0.0, outline, turns))
+
+
+@kernel
+def fitting_yaw(
+    room: NDArray[np.float32],
+    place: int,
+    yaw: float,
+    outline: NDArray[np.float64],
+    turns: int,
+) -> float:
+    """Return the heading nearest to one wanted in which a robot covers free cells only, or NaN.
+
+    Args:
+        room: (rows, cols) how far each cell is from the nearest that is not free [cells].
+        place: number of the cell in whose middle the robot stands.
+        yaw: the heading that is wanted [rad].
+        outline: (m, 2) points on the robot's outline, less than a cell apart [cells].
+        turns: number of headings, all round, that are tried.
+    """
+    x, y = place % room.shape[1] + 0.5, place // room.shape[1] + 0.5
+    step = 2.0 * math.pi / turns
+    nearest = round(yaw / step)
+    for turn in range(turns):
+        aside = (turn + 1) // 2 if turn % 2 else -(turn // 2)
+        tried = step * ((nearest + aside) % turns)
+        cos, sin = math.cos(tried), math.sin(tried)
+        does_fit = True
+        for index in range(outline.shape[0]):
+            ahead, left = outline[index, 0], outline[index, 1]
+            at_x, at_y = x + cos * ahead - sin * left, y + sin * ahead + cos * left
+            if interpolate(room, at_x - 0.5, at_y - 0.5) < TOUCHES:
+                does_fit = False
+                break
+        if does_fit:
+            return tried
+    return math.nan
