@@ -198,12 +198,12 @@ compile_kernels() {
 
 use_release() { link "releases/$1" "$opt/current"; }
 
-# Keeps what runs and what ran before it.
+# Keeps what ran and what runs now.
 prune_releases() {
     local one
     for one in "$opt"/releases/*/; do
         one=$(basename "$one")
-        [[ $one == "$release" || $one == "${1:-}" ]] || run rm -rf "$opt/releases/$one"
+        [[ $one == "$1" || $one == "$2" ]] || run rm -rf "$opt/releases/$one"
     done
 }
 
@@ -357,7 +357,7 @@ switch_and_check() {
     bring_up
     if wait_until_up "$worst"; then
         rm "$opt/upgrading"
-        prune_releases "$old"
+        prune_releases "$old" "$new"
         prune_backups "$backup"
         say "Trolley $new is running. The state before it: $backup"
         return

@@ -396,9 +396,11 @@ def test_an_upgrade_that_was_cut_short_is_finished_by_the_next_run(
     wait_until(lambda: host.current != first and (host.fake / "active").exists(), "it has switched")
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
+    built = host.said("built")
     said = host.install("robot", code=0 if is_good else 1)
     assert "cut short" in said
     assert (host.current != first) == is_good
+    assert host.said("built") == built, "the release that runs was deleted, and built again"
     assert not (host.root / "opt/trolley/upgrading").exists()
 
 
