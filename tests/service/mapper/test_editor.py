@@ -371,6 +371,30 @@ def test_zones_and_places_stay_where_they_are_while_the_edited_map_cannot_be_loa
     assert not list(home.folder.rglob(map_switch.PLAN_FILE))
 
 
+@pytest.mark.parametrize("is_restarted", [False, True])
+def test_an_edit_whose_map_cannot_be_loaded_can_be_undone(
+    home: Home, monkeypatch: pytest.MonkeyPatch, is_restarted: bool
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise Refused(codes.BAD_REQUEST, "The map cannot be read.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MapServer, "_read_map", refuse)
+        assert "Or undo the edit." in home.edit(Turn(angle=0.5)).message
+        if is_restarted:
+            home.restart_mapper()
+    where = home.pose.pose
+    assert where is not None
+    assert home.edit(TakeBack()).version == 3
+    assert home.newest(home.zones).zones == [RUG]
+    assert home.newest(home.places).poses == [SOFA]
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+    assert home.pose.state == "localized"
+    assert home.pose.pose is not None
+    assert home.pose.pose.distance_to(where) < 0.05
+    assert home.maps[-1].cells == flat().cells.tobytes()
+
+
 def test_an_edit_that_has_not_reached_zones_and_places_is_not_forgotten_for_the_next(
     home: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:

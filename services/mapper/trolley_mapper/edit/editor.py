@@ -81,6 +81,7 @@ class MapEditor:
         self._remembered: dict[str, EditTask] = {}
         self._task: EditTask | None = None
         self._switch: MapSwitch | None = None
+        self._last_switch: MapSwitch | None = None
 
     @property
     def is_editing(self) -> bool:
@@ -164,6 +165,7 @@ class MapEditor:
             tours=None if facts["tours"] is None else tuple(facts["tours"].tours),
             state=self._service.state.path,
             now=self._service.utc_now(),
+            untold=None if self._last_switch is None else self._last_switch.untold(zones),
         )
         self._service.work(
             partial(edit, self._versions(), params, situation), partial(self._changed, task)
@@ -179,7 +181,7 @@ class MapEditor:
             self._finish(task, result.reply)
             return
         done = partial(self._switched, task, result.reply)
-        self._switch = switch = MapSwitch(self._service, result.plan, done)
+        self._switch = self._last_switch = switch = MapSwitch(self._service, result.plan, done)
         # Where the robot is by now.
         self._service.get(topics.POSE, then=lambda found: switch.begin(found.get(())))
 
@@ -200,7 +202,7 @@ class MapEditor:
             self._service.log.error(plan)
             return
         self._service.log.warning("Finishing an edit of the run before", map=plan.map)
-        self._switch = MapSwitch(self._service, plan, self._resumed)
+        self._switch = self._last_switch = MapSwitch(self._service, plan, self._resumed)
         self._switch.begin()
 
     def _resumed(self, _problem: str) -> None:

@@ -50,6 +50,7 @@ class Situation:
         tours: all of them, likewise.
         state: the robot's state folder.
         now: UTC, ISO 8601.
+        untold: of an edit whose map the localizer did not load, so that nothing follows it yet.
     """
 
     configured: Path | None
@@ -60,6 +61,7 @@ class Situation:
     tours: tuple[Tour, ...] | None
     state: Path
     now: str | None
+    untold: SwitchPlan | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,11 +145,18 @@ class _Edit:
         now = self._store.newest(self._name)
         if now is None or (now.before is None and now.made_of is None):
             raise Refused(codes.BAD_REQUEST, f"There is nothing to undo on the map {self._name}.")
-        self._old_T_new = now.before_T_this.inverse()
+        untold = self._untold(now.number)
+        if untold is None:
+            self._old_T_new = now.before_T_this.inverse()
         if self._params.preview:
             return Edited(self._reply)
         if now.before is None and now.made_of is not None:
             return self._back_to(now.made_of)
+        if untold is not None:
+            # The robot is on the version before, and all lies as it does there.
+            zones = list(self._situation.zones)
+            version = self._previous(untold.zones or zones, zones)
+            return Edited(self._done(version, "Undone"), self._store_plan(version.number, [], []))
         self._check_may_move(is_more=bool(now.zones_added))
         gone = [zone.name for zone in self._situation.zones if zone.name in now.zones_added]
         kept = [zone for zone in self._situation.zones if zone.name not in gone]
@@ -156,19 +165,30 @@ class _Edit:
         plan = self._store_plan(
             self._store.next_number(self._name), zones if is_moved else [], gone
         )
+        with self._void_unless_stored(plan):
+            version = self._previous(list(self._situation.zones), zones if is_moved else None)
+        return Edited(self._done(version, "Undone"), plan)
+
+    def _untold(self, number: int) -> SwitchPlan | None:
+        """Return the plan that led to a version of the map where nothing followed it."""
+        plan = self._situation.untold
+        if plan is None or plan.of != plan.map:
+            return None
+        return plan if (plan.map, plan.version) == (self._name, number) else None
+
+    def _previous(self, zones_before: list[Zone], zones: list[Zone] | None) -> Version:
+        """Make the previous version the newest again.
+
+        Raises:
+            Refused: it is no longer kept.
+        """
+        now = self._situation.now
         try:
-            with self._void_unless_stored(plan):
-                version = self._store.take_back(
-                    self._name,
-                    list(self._situation.zones),
-                    zones if is_moved else None,
-                    self._situation.now,
-                )
+            return self._store.take_back(self._name, zones_before, zones, now)
         except LookupError as error:
             raise Refused(
                 codes.BAD_REQUEST, f"The previous version of {self._name} is no longer kept."
             ) from error
-        return Edited(self._done(version, "Undone"), plan)
 
     def _back_to(self, former: str) -> Edited:
         """Go back from a first version to the map that it was made of; both stay as they are."""
@@ -301,7 +321,7 @@ class _Edit:
         """Forget a plan whose map was not stored: it would wait for the next map of that number."""
         try:
             yield
-        except (MapError, LookupError):
+        except (MapError, Refused):
             if plan is not None:
                 forget_plan(self._situation.state)
             raise

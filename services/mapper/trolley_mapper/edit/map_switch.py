@@ -30,6 +30,7 @@ STANDS_IN_OBSTACLE = (
     "The robot stands in an obstacle of this map, or outside it, and now searches for its position."
 )
 FOLLOWS = "The robot stays on the map of before; restart the mapper to try again."
+CAN_UNDO = "Or undo the edit."
 OTHER_MAP = "The robot is on another map by now."
 NO_ROOM = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP)
 """Refusals of a pose, not of the map."""
@@ -148,6 +149,7 @@ class MapSwitch:
 
     def __init__(self, service: Service, plan: SwitchPlan, done: Callable[[str], None]) -> None:
         self._service, self._plan, self._done = service, plan, done
+        self._is_given_up = False
         self._remark = ""
         self._problems: list[str] = []
         self._left: list[Any] = []
@@ -168,6 +170,11 @@ class MapSwitch:
         self._todo += [(requests.POSES_PUT, place) for place in plan.places]
         self._todo += [(requests.TOURS_PUT, tour) for tour in plan.tours]
         self._service.get(topics.ZONES, then=partial(self._load, pose))
+
+    def untold(self, zones: Zones | None) -> SwitchPlan | None:
+        """Return the plan if the map was not loaded, nor, by the zones of now, anything since."""
+        is_as_before = self._is_given_up and zones is not None and zones == self._zones_before
+        return self._plan if is_as_before else None
 
     def check_loaded(self) -> None:
         """See whether a map that was long in loading is there; to be called now and then."""
@@ -211,7 +218,9 @@ class MapSwitch:
         The plan stays, so that the next run carries it out.
         """
         self._service.log.error("An edited map was not loaded", map=self._plan.map, why=why)
-        self._done(f"{why} {FOLLOWS}")
+        self._is_given_up = True
+        can_undo = f" {CAN_UNDO}" if self._plan.of == self._plan.map else ""
+        self._done(f"{why} {FOLLOWS}{can_undo}")
 
     def _hear_zones(self, found: dict[tuple[str, ...], Zones]) -> None:
         """A localizer that has loaded the map publishes its zones."""
