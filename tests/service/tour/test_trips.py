@@ -384,6 +384,22 @@ def test_stopped_robot_does_not_set_off(home: "Home", plan: "type[Plan]"):
     assert len(home.planner.sent) == 1
 
 
+def test_trip_that_ends_takes_along_the_goal_that_it_could_not_resume(
+    home: "Home", plan: "type[Plan]"
+):
+    home.start("kitchen")
+    home.lockstep.run(1.0)
+    home.base.say("stopped")
+    home.lockstep.run(0.5)
+    home.planner.script = [plan(refuse=Refused(codes.STOPPED))]
+    home.lockstep.ask(requests.TOUR_RESUME)
+    home.lockstep.run(1.0)
+    assert home.status.state == "paused"
+    home.lockstep.ask(requests.TOUR_STOP)
+    home.lockstep.run(1.0)
+    assert home.planner.goals[home.planner.ids[0]].state == "canceled"
+
+
 def test_unlocalized_robot_waits(home: "Home", plan: "type[Plan]"):
     home.planner.script = [plan(refuse=Refused(codes.NOT_LOCALIZED))] * 4
     home.start("kitchen")

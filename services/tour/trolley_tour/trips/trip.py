@@ -440,8 +440,14 @@ class Trip:
 
     def _cancel_goal(self) -> None:
         """Cancel the goal, unless it has ended by arriving."""
-        if self.record.goal is not None and self.record.state != "dwelling":
-            self.actions.append(Cancel(self.record.goal))
+        record = self.record
+        if record.goal is None or record.state == "dwelling":
+            return
+        self.actions.append(Cancel(record.goal))
+        before = record.goal_before
+        if before is not None and trip_of(before) == record.trip:
+            # The planner may have refused the goal of a `resume`, and kept the one before it.
+            self.actions.append(Cancel(before))
 
     def _correct(self, action: Action, at: Moment) -> None:
         """Repeat, once a second, what a goal of ours ignored."""
