@@ -14,7 +14,7 @@ from typing import Any
 from trolley.names import canonical
 from trolley_mqtt import remote_commands
 from trolley_mqtt.events import EVENT_TYPES
-from trolley_mqtt.robot_view import POSITIONS
+from trolley_mqtt.robot_view import PLACED, POSITIONS
 from trolley_mqtt.sentences import ACTIVITIES
 
 Payload = dict[str, Any]
@@ -144,7 +144,7 @@ def slug(name: str) -> str:
 
 
 def _value(name: str, field: str, icon: str | None) -> Payload:
-    # An unknown value is said as "None", which Home Assistant shows as unknown.
+    # Home Assistant shows "None" as unknown (2024.3 still as this word).
     shown = {"name": name, "state_topic": "~/state", "value_template": _read(field)}
     return shown if icon is None else shown | {"icon": icon}
 
@@ -158,6 +158,8 @@ def _read(field: str) -> str:
         "answer": "none",
     }
     default = f" or '{words[field]}'" if field in words else ""
+    if field in ("place", "room"):  # a robot that is lost may be in any
+        default = f" or ('{words[field]}' if value_json.position in {list(PLACED)} else none)"
     return f"{{{{ value_json.{field}{default} }}}}"
 
 

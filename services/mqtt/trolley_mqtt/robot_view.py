@@ -10,6 +10,8 @@ from trolley.under_way import GOAL_GOES, GOAL_UNDER_WAY, TRIP_UNDER_WAY, trip_of
 from trolley.zones import room_of
 
 POSITIONS = ("localized", "unsure", "searching", "lost", "mapping", "stale")
+PLACED = ("localized", "unsure")
+"""Those in which the robot knows, at least roughly, where it is."""
 STALE_S = 1.0
 """An estimate older than this says nothing of where the robot is."""
 AT_PLACE_M = 0.5
@@ -82,7 +84,7 @@ class RobotView:
     @property
     def is_placed(self) -> bool:
         """Whether the robot knows, at least roughly, where it is."""
-        return self.position in ("localized", "unsure")
+        return self.position in PLACED
 
 
 def _nearest(pose: Pose2D | None, places: Sequence[SavedPose], within_m: float) -> str | None:
