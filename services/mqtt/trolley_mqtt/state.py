@@ -66,5 +66,5 @@ def vacuum_of(view: RobotView, state: State) -> dict[str, str]:
         case "driving" | "dwelling" | "waiting" if what_is_under_way(view.goal, view.trip):
             word = "returning" if state.destination == HOME else "cleaning"
         case _:
-            word = "docked" if state.charging else "idle"
+            word = "docked" if state.charging or state.place == HOME else "idle"
     return {"state": word}

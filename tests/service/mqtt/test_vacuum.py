@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from trolley import codes
+from trolley.geometry import Pose2D
 from trolley.messages import BaseState, Battery, GoalStatus, Stop, Tour, TourStatus
 
 from .conftest import BASE
@@ -143,3 +144,12 @@ def test_its_state_is_in_the_words_for_vacuum_cleaners(bridge: "Bridge") -> None
         bridge.run(1.5)
         seen.append(word(bridge))
     assert seen == ["idle", "cleaning", "returning", "error", "docked"]
+
+
+def test_a_robot_at_home_is_docked_also_where_nobody_measures_its_battery(
+    bridge: "Bridge",
+) -> None:
+    bridge.robot.position = Pose2D(5.2, 2.0, 0.0)
+    bridge.robot.save(["kitchen", "home"])
+    bridge.run(1.5)
+    assert word(bridge) == "docked"
