@@ -23,6 +23,7 @@ ACTIVITIES = (
 
 AWAY = "The robot is switched off or out of reach."
 LOST = "The robot does not know where it is."
+NO_POSE = "The robot has no map yet, or its localizer is not running."
 
 Activity = tuple[str, str]
 """One of `ACTIVITIES`, and the sentence."""
@@ -75,6 +76,8 @@ def _lost(view: RobotView) -> Activity | None:
             return ("lost", LOST)
         case "searching":
             return ("waiting", "The robot is working out where it is.")
+        case None:
+            return ("waiting", NO_POSE)
         case _:
             return None
 

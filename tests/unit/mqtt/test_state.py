@@ -71,6 +71,7 @@ TRIP = TourStatus(
         ({"base": BaseState(stamp_ns=0, mode="ok", source="teleop")}, "by_hand", "by hand"),
         ({"age_s": 5.0}, "lost", "where it is"),
         ({"age_s": None}, "lost", "where it is"),
+        ({"estimate": None, "age_s": None}, "waiting", "no map yet, or its localizer"),
         ({"trip": TRIP}, "driving", "stop 1 (kitchen)"),
         (
             {"goal": GoalStatus(stamp_ns=0, id="a", state="driving", pose=KITCHEN.pose)},
