@@ -57,6 +57,13 @@ class Interrupts:
     def _interrupt(self, number: int, _frame: object) -> None:
         if self.number is None:
             self.number = number
-        is_tidying_up = isinstance(sys.exc_info()[1], KeyboardInterrupt)
-        if self._depth == 0 and not is_tidying_up:
+        if self._depth == 0 and not _is_tidying_up():
             raise KeyboardInterrupt
+
+
+def _is_tidying_up() -> bool:
+    """Whether a KeyboardInterrupt is handled, or what became of it, such as `click.Abort`."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None

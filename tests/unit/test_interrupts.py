@@ -5,6 +5,7 @@ import signal
 import weakref
 from contextlib import suppress
 
+import click
 import pytest
 
 from trolley.interrupts import Interrupts
@@ -20,6 +21,14 @@ def lose_one() -> None:
     callback = weakref.ref(kept, lambda _: os.kill(os.getpid(), signal.SIGTERM))
     del kept
     assert callback() is None
+
+
+def interrupted_as(becomes: type[BaseException]) -> None:
+    """Be told to end where something else is made of that, as at a question of click's."""
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:
+        raise becomes from None
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -41,12 +50,16 @@ def test_the_next_signal_interrupts_where_one_was_lost() -> None:
         assert interrupts.number == signal.SIGTERM
 
 
-def test_nothing_disturbs_the_tidying_up() -> None:
-    tidied = []
-    with Interrupts().handled(), suppress(KeyboardInterrupt):
+@pytest.mark.parametrize("becomes", [KeyboardInterrupt, click.Abort])
+def test_nothing_disturbs_the_tidying_up(becomes: type[BaseException]) -> None:
+    tidied: list[str] = []
+    with Interrupts().handled(), suppress(becomes):
         try:
-            os.kill(os.getpid(), signal.SIGINT)
+            interrupted_as(becomes)
         finally:
-            os.kill(os.getpid(), signal.SIGINT)
+            try:
+                tidied.remove("nothing")
+            except ValueError:
+                os.kill(os.getpid(), signal.SIGINT)
             tidied.append("all")
     assert tidied == ["all"]
