@@ -64,6 +64,11 @@ class AnchoredZones:
         self.deleted.add(zone.name)
         return zone
 
+    def settle(self, name: str) -> None:
+        """Note that the localizer has what became of a zone."""
+        self.ties.pop(name, None)
+        self.deleted.discard(name)
+
     def follow(self, core: MapAnchoring) -> bool:
         """Move zones to where the map has them now; returns whether any has moved."""
         moved = False

@@ -270,6 +270,8 @@ class MapSaver:
         if isinstance(result, Refused) and result.code != codes.UNKNOWN_NAME:
             self._service.log.error("A zone was not kept", zone=name, why=result.message)
             note += f" The zone {name} was not kept: {result.message}"
+        elif session is not None:
+            session.zones.settle(name)
         self._hand_zones_over(rest, note)
 
     def _answer(self) -> None:

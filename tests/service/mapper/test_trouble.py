@@ -25,7 +25,7 @@ from trolley.scan_matching.sweep import read_sweep
 from trolley.scanning import ScanInput
 from trolley_mapper import checkpoint, mapping
 from trolley_mapper.edit.map_versions import MapVersions
-from trolley_mapper.handover import Handover
+from trolley_mapper.handover import Handover, MapSaver
 from trolley_mapper.service import MapperService
 from trolley_mapper.slam.anchors import Anchors
 from trolley_mapper.slam.keyframe import Keyframe
@@ -134,9 +134,9 @@ def extend_home(stage: Stage) -> None:
     stage.drive(2.0, 0.1)
 
 
-def draw_stairs(stage: Stage) -> None:
+def draw_stairs(stage: Stage, name: str = "stairs") -> None:
     """Put a no-go area."""
-    stairs = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+    stairs = Zone(name=name, kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
     stage.ask(requests.ZONES_PUT, stairs)
 
 
@@ -447,6 +447,30 @@ def test_zones_that_wait_for_a_localizer_can_be_given_up(
     assert not (stage.bus.state / "trolley" / checkpoint.FILE).exists()
     stage.map("other", seconds=2.0)
     assert (stage.status.state, stage.status.name) == ("mapping", "other")
+
+
+def test_a_zone_that_the_localizer_has_is_not_said_to_be_given_up(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    zones = stage.bus.record(topics.ZONES)
+    extend_home(stage)
+    draw_stairs(stage, "stairs down")
+    draw_stairs(stage, "stairs up")
+    stored = MapSaver._zone_stored
+
+    def die(saver: MapSaver, *args: Any) -> None:
+        stage.bus.kill("localizer")
+        monkeypatch.undo()
+        stored(saver, *args)
+
+    monkeypatch.setattr(MapSaver, "_zone_stored", die)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(30.0)
+    stage.ask(requests.MAP_CANCEL)
+    assert "changes to these zones were discarded: stairs up." in stage.status.message
+    stage.begin("localizer")
+    stage.bus.run(5.0)
+    assert [zone.name for zone in zones[-1].zones] == ["stairs down"]
 
 
 def test_zones_wait_for_a_localizer_that_dies_as_it_takes_the_map_over(
