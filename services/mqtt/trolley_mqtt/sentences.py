@@ -76,8 +76,6 @@ def _lost(view: RobotView) -> Activity | None:
             return ("lost", LOST)
         case "searching":
             return ("waiting", "The robot is working out where it is.")
-        case None:
-            return ("waiting", NO_POSE)
         case _:
             return None
 
@@ -106,6 +104,8 @@ def _goal(view: RobotView) -> Activity | None:
 
 
 def _ready(view: RobotView) -> Activity:
+    if view.position is None:
+        return ("waiting", NO_POSE)
     trip = view.trip
     if trip is not None and trip.state == "idle" and trip.message:
         return ("ready", trip.message)

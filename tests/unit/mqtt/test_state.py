@@ -43,6 +43,12 @@ LOCALIZED = PoseEstimate(
 )
 
 
+BY_ODOMETRY = GoalStatus(
+    stamp_ns=0, id="a", state="driving", frame="odom", pose=Pose2D(1.0, 0.0, 0.0)
+)
+"""What a robot without a map can drive, too."""
+
+
 def known(**changes: Any) -> RobotView:
     base = BaseState(stamp_ns=0, mode="ok")
     facts: dict[str, Any] = {"base": base, "estimate": LOCALIZED, "age_s": 0.1, "places": [KITCHEN]}
@@ -72,6 +78,7 @@ TRIP = TourStatus(
         ({"age_s": 5.0}, "lost", "where it is"),
         ({"age_s": None}, "lost", "where it is"),
         ({"estimate": None, "age_s": None}, "waiting", "no map yet, or its localizer"),
+        ({"estimate": None, "age_s": None, "goal": BY_ODOMETRY}, "driving", "Driving to"),
         ({"trip": TRIP}, "driving", "stop 1 (kitchen)"),
         (
             {"goal": GoalStatus(stamp_ns=0, id="a", state="driving", pose=KITCHEN.pose)},
