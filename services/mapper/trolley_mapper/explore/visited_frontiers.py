@@ -72,9 +72,9 @@ class VisitedFrontiers:
         return visits
 
     def has_failed(self, frontier: Frontier) -> bool:
-        """Say whether a frontier could not be reached, at least once."""
+        """Say whether a frontier could not be reached so far."""
         visits = self.find(frontier)
-        return visits is not None and visits.failures > 0
+        return visits is not None and visits.failures > 0 and visits.arrivals == 0
 
     def add_barren(self, frontier: Frontier) -> None:
         """Note that a goal added no floor."""
