@@ -218,8 +218,8 @@ def _run(
     say(f"Starting robot {choices.name}: {', '.join(modules)} ...")
     held = ["base"] if choices.recording is not None or choices.devices is not None else []
     children: dict[str, str | Sequence[str]] = {**modules}
-    if choices.devices is not None:
-        children["emulator"] = emulator_command(choices, config)
+    if choices.devices is not None:  # first, since base waits for its ports
+        children = {"emulator": emulator_command(choices, config), **modules}
     router = open_router([choices.endpoint])
     with supervised(interrupts, children, environment, router, held) as supervisor:
         if not headless:

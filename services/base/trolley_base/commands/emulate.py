@@ -19,7 +19,7 @@ from trolley.config import RobotConfig, load_config
 from trolley.connection import Target, find_target
 from trolley.geometry import Pose2D
 from trolley.interrupts import Interrupts
-from trolley.runtime.supervision import end_with_parent
+from trolley.runtime.supervision import Supervision, end_with_parent
 from trolley_base.description import footprint_of
 from trolley_base.emulators import (
     DeviceError,
@@ -199,7 +199,10 @@ def _serve(robot: EmulatedRobot) -> None:
     """Take faults that are typed, until Ctrl-C."""
     typed = b""
     source = [] if sys.stdin is None or sys.stdin.closed else [sys.stdin.fileno()]
+    supervision = Supervision()
+    supervision.ready()
     while True:
+        supervision.alive()
         robot.check()
         readable, _, _ = select.select(source, [], [], POLL_S)
         if not readable:
