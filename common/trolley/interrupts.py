@@ -24,6 +24,7 @@ class Interrupts:
         self.number: int | None = None
         """The signal that came first."""
         self._depth = 0
+        self._is_held_up = False
 
     @contextmanager
     def handled(self) -> Generator["Interrupts"]:
@@ -40,12 +41,12 @@ class Interrupts:
     def held(self) -> Generator[None]:
         """Let what comes meanwhile wait until the end."""
         self._depth += 1
-        came_before = self.number is not None
         try:
             yield
         finally:
             self._depth -= 1
-        if self.number is not None and not came_before and self._depth == 0:
+        if self._is_held_up and self._depth == 0:
+            self._is_held_up = False
             raise KeyboardInterrupt
 
     def wait(self) -> NoReturn:
@@ -57,8 +58,11 @@ class Interrupts:
     def _interrupt(self, number: int, _frame: object) -> None:
         if self.number is None:
             self.number = number
-        if self._depth == 0 and not _is_tidying_up():
+        if _is_tidying_up():
+            return
+        if self._depth == 0:
             raise KeyboardInterrupt
+        self._is_held_up = True
 
 
 def _is_tidying_up() -> bool:

@@ -50,6 +50,22 @@ def test_the_next_signal_interrupts_where_one_was_lost() -> None:
         assert interrupts.number == signal.SIGTERM
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_signal_that_is_held_up_is_heard_where_one_was_lost() -> None:
+    done = []
+    with Interrupts().handled() as interrupts:
+        lose_one()
+
+        def start() -> None:
+            with interrupts.held():
+                os.kill(os.getpid(), signal.SIGINT)
+                done.append("started")
+
+        with pytest.raises(KeyboardInterrupt):
+            start()
+    assert done == ["started"]
+
+
 @pytest.mark.parametrize("becomes", [KeyboardInterrupt, click.Abort])
 def test_nothing_disturbs_the_tidying_up(becomes: type[BaseException]) -> None:
     tidied: list[str] = []
