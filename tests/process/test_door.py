@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from support.processes import Process, find_free_port
+from support.processes import Process, children_of, find_free_port
 from support.waiting import wait_until
 
 from trolley import topics
@@ -105,12 +105,8 @@ class Home:
 
     def door(self) -> int:
         """The process that stands at the port."""
-        (door,) = wait_until(self._children, "the door")
+        (door,) = wait_until(lambda: children_of(self.router.pid), "the door")
         return door
-
-    def _children(self) -> list[int]:
-        threads = Path(f"/proc/{self.router.pid}/task").iterdir()
-        return [int(pid) for one in threads for pid in (one / "children").read_text().split()]
 
 
 @pytest.fixture

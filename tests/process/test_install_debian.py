@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.processes import children_of
 from support.waiting import wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -63,11 +64,10 @@ class Debian:
         )
 
     def _find_init(self) -> int:
-        children = Path(f"/proc/{self._host.pid}/task/{self._host.pid}/children").read_text()
-        for child in children.split():
+        for child in children_of(self._host.pid):
             with contextlib.suppress(FileNotFoundError):
                 if Path(f"/proc/{child}/comm").read_text() == "systemd\n":
-                    return int(child)
+                    return child
         return 0
 
     def cut_power(self) -> None:

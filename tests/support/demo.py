@@ -4,7 +4,7 @@ import os
 import signal
 from pathlib import Path
 
-from support.processes import Process, find_free_port
+from support.processes import Process, children_of, find_free_port
 from support.waiting import PATIENCE_S, wait_until
 from trolley import topics
 from trolley.client import Robot
@@ -49,15 +49,14 @@ class Demo:
     def children(self) -> dict[str, int]:
         """The pid of each service that runs now."""
         found: dict[str, int] = {}
-        for task in Path(f"/proc/{self.process.pid}/task").iterdir():
-            for pid in (task / "children").read_text().split():
-                try:
-                    command = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
-                except FileNotFoundError:
-                    continue  # it has ended meanwhile
-                for part in command:
-                    if part.startswith("trolley_"):
-                        found[part.removeprefix("trolley_")] = int(pid)
+        for pid in children_of(self.process.pid):
+            try:
+                command = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
+            except FileNotFoundError:
+                continue  # it has ended meanwhile
+            for part in command:
+                if part.startswith("trolley_"):
+                    found[part.removeprefix("trolley_")] = pid
         return found
 
     def client(self) -> Robot:

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from support.waiting import PATIENCE_S, wait_until
@@ -142,3 +142,12 @@ connect = ["{endpoint}"]
         encoding="utf-8",
     )
     return path
+
+
+def children_of(pid: int) -> list[int]:
+    """The processes that one has started and that run."""
+    found: list[int] = []
+    for thread in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(FileNotFoundError):  # it has ended meanwhile
+            found += map(int, (thread / "children").read_text().split())
+    return found
