@@ -206,7 +206,8 @@ class Supervisor:
                 if code is not None:
                     self._note_end(child, code)
                 if child.is_due:
-                    has_queue = self._num_starting(now_s) >= self._most_starting
+                    is_first = child.restarts == 0
+                    has_queue = is_first and self._num_starting(now_s) >= self._most_starting
                     if not has_queue:
                         self._start(child)
                 elif was_away:

@@ -244,6 +244,23 @@ def test_as_many_children_start_at_a_time_as_there_are_cores(
         assert one.watchdog.is_ready
 
 
+def test_a_child_that_was_killed_does_not_wait_for_others_to_be_ready(
+    module: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without base the robot stands, and nobody can drive it."""
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
+    monkeypatch.setattr("trolley.runtime.supervisor.TURN_S", 60.0)
+    module("obedient", OBEDIENT)
+    environment = module("frozen", FROZEN)
+    both = {"one": "frozen", "two": "obedient"}
+    with Supervisor(both, environment, lambda _: None) as supervisor:
+        one, two = supervisor.children.values()
+        wait_until(lambda: two.pid, "the second is started")
+        one.signal(signal.SIGKILL)
+        wait_until(lambda: one.restarts == 1 and one.pid, "the first is back")
+        assert two.is_starting(time.monotonic())
+
+
 def test_a_child_that_never_says_it_is_ready_does_not_keep_others_waiting(
     module: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
