@@ -14,6 +14,8 @@ UNKNOWN_NAME = "unknown_name"
 TOO_LARGE = "too_large"
 NOT_READY = "not_ready"
 TIMEOUT = "timeout"
+UNANSWERED = (NOT_READY, TIMEOUT)
+"""Whoever is to answer is not there, not ready or late: it may pass by itself."""
 INTERNAL = "internal"
 # Poses and maps.
 LOST = "lost"

@@ -217,9 +217,10 @@ def _run(
     settings = load_config(config)
     say(f"Starting robot {choices.name}: {', '.join(modules)} ...")
     held = ["base"] if choices.recording is not None or choices.devices is not None else []
-    children: dict[str, str | Sequence[str]] = {**modules}
+    children: dict[str, str | Sequence[str]] = {}
     if choices.devices is not None:  # first, since base waits for its ports
-        children = {"emulator": emulator_command(choices, config), **modules}
+        children["emulator"] = emulator_command(choices, config)
+    children |= modules
     router = open_router([choices.endpoint])
     with supervised(interrupts, children, environment, router, held) as supervisor:
         if not headless:

@@ -111,7 +111,7 @@ def patiently(ask: Callable[[], R], within_s: float = SERVICE_WITHIN_S) -> R:
         try:
             return ask()
         except (Refused, RobotUnreachable) as error:
-            is_busy = isinstance(error, Refused) and error.code in (codes.NOT_READY, codes.TIMEOUT)
+            is_busy = isinstance(error, Refused) and error.code in codes.UNANSWERED
             is_starting = is_busy or isinstance(error, RobotUnreachable)
             if not is_starting or time.monotonic() > deadline_s:
                 raise

@@ -28,8 +28,6 @@ M = TypeVar("M", bound=msgspec.Struct)
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_MISSING = (codes.NOT_READY, codes.TIMEOUT)
-
 
 @contextmanager
 def connected() -> Generator[Connection]:
@@ -76,7 +74,7 @@ def exit_code_of(error: Exception) -> int:
         # Nobody there to answer is another thing than a robot that says no.
         return (
             exits.UNREACHABLE
-            if error.code in _MISSING and "service" in error.details
+            if error.code in codes.UNANSWERED and "service" in error.details
             else exits.FAILED
         )
     return exits.UNREACHABLE if isinstance(error, RobotUnreachable) else exits.USAGE

@@ -206,8 +206,7 @@ class Supervisor:
                 if code is not None:
                     self._note_end(child, code)
                 if child.is_due:
-                    is_first = child.restarts == 0
-                    has_queue = is_first and self._num_starting(now_s) >= self._most_starting
+                    has_queue = self._must_wait(child, now_s)
                     if not has_queue:
                         self._start(child)
                 elif was_away:
@@ -219,8 +218,10 @@ class Supervisor:
             self._stop.wait(QUEUE_PERIOD_S if has_queue else POLL_PERIOD_S)
         self._end_all()
 
-    def _num_starting(self, now_s: float) -> int:
-        return sum(child.is_starting(now_s) for child in self.children.values())
+    def _must_wait(self, child: Child, now_s: float) -> bool:
+        """Whether a child that is due waits for others to be ready; one that has run never does."""
+        num_starting = sum(one.is_starting(now_s) for one in self.children.values())
+        return child.restarts == 0 and num_starting >= self._most_starting
 
     def _start(self, child: Child) -> None:
         try:

@@ -263,7 +263,7 @@ class MapSaver:
 
     def _zone_stored(self, name: str, rest: list[_Wish], note: str, result: Zone | Refused) -> None:
         session = self._mapping.session
-        is_silent = isinstance(result, Refused) and result.code in (codes.NOT_READY, codes.TIMEOUT)
+        is_silent = isinstance(result, Refused) and result.code in codes.UNANSWERED
         if is_silent and session is not None:  # it has died: the next one takes over from the start
             self._handover = self._new_handover(session, lambda: None)  # nothing is heard any more
             return

@@ -19,8 +19,7 @@ TOUR_IS_SILENT = "the tour service does not answer."
 
 def why_not_stored(refused: Refused) -> str:
     """Say why the tour service has not stored something."""
-    is_silent = refused.code in (codes.NOT_READY, codes.TIMEOUT)
-    return TOUR_IS_SILENT if is_silent else refused.message
+    return TOUR_IS_SILENT if refused.code in codes.UNANSWERED else refused.message
 
 
 class SavedPlaces:

@@ -34,9 +34,7 @@ CAN_UNDO = "Or undo the edit."
 OTHER_MAP = "The robot is on another map by now."
 NO_ROOM = (codes.IN_OBSTACLE, codes.OUTSIDE_MAP)
 """Refusals of a pose, not of the map."""
-LATE = (codes.TIMEOUT, codes.NOT_READY)
-"""Refusals that may pass soon."""
-MAY_PASS = (*LATE, codes.NOT_SAVED)
+MAY_PASS = (*codes.UNANSWERED, codes.NOT_SAVED)
 """Refusals that may have passed by the next start of the mapper."""
 
 
@@ -258,7 +256,7 @@ class MapSwitch:
     def _answered(self, result: object) -> None:
         self._num_tries += 1
         is_refused = isinstance(result, Refused)
-        if is_refused and result.code in LATE and self._num_tries < MAX_TRIES:
+        if is_refused and result.code in codes.UNANSWERED and self._num_tries < MAX_TRIES:
             self._next()
             return
         if is_refused and result.code != codes.UNKNOWN_NAME:

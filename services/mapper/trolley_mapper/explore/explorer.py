@@ -52,7 +52,7 @@ from trolley_mapper.explore.visited_frontiers import (
 
 PLANNER = "planner"
 """Source of the commands that follow from our own goals."""
-WAITS = (codes.NOT_READY, codes.TIMEOUT, codes.NOT_LOCALIZED)
+WAITS = (*codes.UNANSWERED, codes.NOT_LOCALIZED)
 """Refusals that may pass: the goal is sent again."""
 
 
@@ -176,10 +176,8 @@ class Explorer:
         """How much room is asked for now: less, once nothing else is left; and how far it goes."""
         self._roomy = clearance
         self._run, self._sees_all_round = run, sees_all_round
-        self._visited_roomily, self._visited_squeezed = (
-            VisitedFrontiers(),
-            VisitedFrontiers(SQUEEZED),
-        )
+        self._visited_roomily = VisitedFrontiers()
+        self._visited_squeezed = VisitedFrontiers(SQUEEZED)
         self._barriers = Barriers() if barriers is None else barriers
         self._own_image = OwnImage()
         # Where a mirror was seen (`map`, x pointing into it) since the last step.

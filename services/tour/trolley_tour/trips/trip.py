@@ -21,9 +21,6 @@ from trolley_tour.trips.goal_attempt import GoalAttempt
 from trolley_tour.trips.record import Moment, TripRecord
 from trolley_tour.trips.trip_params import TripParams
 
-WAITS_FOR_PLANNER = (codes.NOT_READY, codes.TIMEOUT)
-"""Refusals after which the same goal is sent again until the planner takes it."""
-
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Held:
@@ -163,7 +160,7 @@ class Trip:
         if not self.wants(goal_id):
             return
         self._attempt.refused()
-        if result.code in WAITS_FOR_PLANNER:
+        if result.code in codes.UNANSWERED:  # it is sent again until the planner takes it
             is_absent = result.details.get("service") == PLANNER
             code = codes.NO_PLANNER if is_absent else codes.NOT_READY
             self._tell("waiting", code, codes.SENTENCES[code] if is_absent else result.message)
