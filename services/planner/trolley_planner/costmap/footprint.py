@@ -14,7 +14,7 @@ from trolley.geometry.footprint import (
     inscribed_radius,
 )
 from trolley.gridmap.kernels import interpolate
-from trolley.jit import kernel
+from trolley.jit import lean_kernel
 from trolley_planner.people.moving_obstacles import NO_ROBOTS, NOBODY
 
 EDGE_SPACING_M = 0.03
@@ -123,7 +123,7 @@ def _edge_points(polygon: NDArray[np.float64], spacing_m: float) -> NDArray[np.f
     return np.concatenate(parts)
 
 
-@kernel
+@lean_kernel
 def clearance_at(
     field: Field, body: Body, x: float, y: float, yaw: float, enough_m: float
 ) -> float:
@@ -134,7 +134,7 @@ def clearance_at(
     return clearance_turned(field, body, (x, y), (math.cos(yaw), math.sin(yaw)), enough_m)
 
 
-@kernel
+@lean_kernel
 def clearance_turned(
     field: Field,
     body: Body,
@@ -157,7 +157,7 @@ def clearance_turned(
     return min(outline_clearance(field.distance_m, outline, (u, v), face, half), enough_m)
 
 
-@kernel
+@lean_kernel
 def outline_clearance(
     distance_m: NDArray[np.float32],
     outline: tuple[NDArray[np.float64], NDArray[np.float64]],
@@ -180,7 +180,7 @@ def outline_clearance(
     return nearest
 
 
-@kernel
+@lean_kernel
 def nearest_of(
     distance_m: NDArray[np.float32],
     points: NDArray[np.float64],

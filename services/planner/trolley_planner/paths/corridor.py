@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.paths.search import COSTLIEST_STEP, UNREACHED, Queue, clear_queue, push
 
@@ -40,13 +40,13 @@ class Terrain(NamedTuple):
     """Weight of the lethal cells that are passable within `discs`."""
 
 
-@kernel
+@lean_kernel
 def tile_of(cell: int, cols: int, tile_cols: int) -> int:
     """Return the tile that a cell lies in."""
     return (cell // cols // TILE + 1) * tile_cols + cell % cols // TILE + 1
 
 
-@kernel
+@lean_kernel
 def weight_at(terrain: Terrain, row: int, col: int) -> int:
     """Return the weight of a cell of the corridor."""
     weight = terrain.weights[row, col]
@@ -62,7 +62,7 @@ def weight_at(terrain: Terrain, row: int, col: int) -> int:
     return weight
 
 
-@kernel
+@lean_kernel
 def load_tile(corridor: Corridor, terrain: Terrain, tile_row: int, tile_col: int) -> int:
     """Bring the weights of a tile of the corridor up to date.
 

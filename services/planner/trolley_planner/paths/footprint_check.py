@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.costmap.footprint import NO_LIMITS, Body, Field, clearance_at
@@ -196,7 +196,7 @@ def _box_of(
     return box
 
 
-@kernel
+@lean_kernel
 def fits(field: Field, body: Body, x: float, y: float, yaw: float, give_m: float) -> bool:
     """Say whether no obstacle reaches more than `give_m` into the footprint at a pose."""
     return clearance_at(field, body, x, y, yaw, 0.01) >= -give_m
@@ -250,28 +250,28 @@ def first_misfit(
     return first, last
 
 
-@kernel
+@lean_kernel
 def step_m(points: NDArray[np.float64], index: int) -> float:
     """Return how far it is from a point of a path to the next [m]."""
     dx, dy = points[index + 1, 0] - points[index, 0], points[index + 1, 1] - points[index, 1]
     return math.sqrt(dx * dx + dy * dy)
 
 
-@kernel
+@lean_kernel
 def heading_along(points: NDArray[np.float64], index: int) -> float:
     """Return the heading at a point of a path (n, 2) [rad]."""
     before, after = max(index - CHECK.around, 0), min(index + CHECK.around, points.shape[0] - 1)
     return math.atan2(points[after, 1] - points[before, 1], points[after, 0] - points[before, 0])
 
 
-@kernel
+@lean_kernel
 def can_turn(field: Field, body: Body, point: NDArray[np.float64]) -> bool:
     """Say whether the robot can turn around at a point (2,)."""
     row, col = math.floor(point[1] / field.fine_m), math.floor(point[0] / field.fine_m)
     return bool(field.distance_m[row, col] > body.circumscribed_m + field.fine_m)
 
 
-@kernel
+@lean_kernel
 def fits_along(points: NDArray[np.float64], index: int, field: Field, body: Body) -> bool:
     """Say whether the footprint fits at a point of a path (n, 2), headed roughly along it."""
     x, y = points[index, 0], points[index, 1]

@@ -13,7 +13,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 
 SPACING_M = 0.05
 """Distance between neighbouring points of a path [m]."""
@@ -156,7 +156,7 @@ def straighten(
     return subdivide(path, SPACING_M * cells_per_m)
 
 
-@kernel
+@lean_kernel
 def segment_cost(
     weights: NDArray[np.uint8], x1: float, y1: float, x2: float, y2: float, most: float
 ) -> float:
@@ -210,7 +210,7 @@ def segment_cost(
             at_row = at_row + by_row if rows_left else math.inf
 
 
-@kernel
+@lean_kernel
 def side_of_border(value: float, change: float) -> int:
     """Return where the cells beside a line lie that runs along a border, -1 or 1; else 0."""
     off = value - math.floor(value)
@@ -219,7 +219,7 @@ def side_of_border(value: float, change: float) -> int:
     return -1 if off <= SAME_CELLS else 1
 
 
-@kernel
+@lean_kernel
 def polyline_cost(weights: NDArray[np.uint8], points: NDArray[np.float64], blocked: float) -> float:
     """Return the cost of a polyline (n, 2) [cells], in weights times cells.
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 
 STEP, DIAGONAL, KNIGHT = 17, 24, 19
 """Cost of steps, times the weights of the cells on the way: 2, 2, and 4 cells for a knight.
@@ -68,14 +68,14 @@ def make_queue(num_cells: int) -> Queue:
     return Queue(*(np.empty(size, dtype=np.int32) for size in sizes))
 
 
-@kernel
+@lean_kernel
 def clear_queue(queue: Queue) -> None:
     """Empty a queue."""
     queue.heads[:] = NONE
     queue.state[FREE_ENTRY], queue.state[NUM_WAITING], queue.state[NUM_TOUCHED] = NONE, 0, 0
 
 
-@kernel
+@lean_kernel
 def push(queue: Queue, cost: NDArray[np.int32], cell: int, new_cost: int) -> None:
     """Lower the cost of a cell, and put it into the bucket of that."""
     known = cost[cell]
@@ -95,7 +95,7 @@ def push(queue: Queue, cost: NDArray[np.int32], cell: int, new_cost: int) -> Non
     state[NUM_WAITING] += 1
 
 
-@kernel
+@lean_kernel
 def spread(  # noqa: C901, PLR0915 - see its docstring
     cost: NDArray[np.int32], weights: NDArray[np.uint8], queue: Queue, cols: int, bucket: int
 ) -> None:
@@ -162,7 +162,7 @@ def spread(  # noqa: C901, PLR0915 - see its docstring
     queue.state[NUM_TOUCHED] = touched
 
 
-@kernel
+@lean_kernel
 def leap(  # noqa: C901 - in one piece for its speed, as `spread`
     cost: NDArray[np.int32], weights: NDArray[np.uint8], queue: Queue, cols: int, bucket: int
 ) -> None:
@@ -343,7 +343,7 @@ def descend_into(
     return count
 
 
-@kernel
+@lean_kernel
 def price_of_step(
     weights: NDArray[np.uint8], cell: int, row_step: int, col_step: int, cols: int
 ) -> int:

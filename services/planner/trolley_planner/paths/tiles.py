@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.jit import kernel
+from trolley.jit import kernel, lean_kernel
 from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT
 from trolley_planner.paths.corridor import TILE, Corridor
 from trolley_planner.paths.search import UNREACHED, Queue
@@ -44,7 +44,7 @@ def retile_changes(coarse: Coarse, weights: NDArray[np.uint8]) -> None:
             coarse.is_stale[tile_row] = 0
 
 
-@kernel
+@lean_kernel
 def differs(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
     """Say whether two stretches (n,) differ; without branches, so many cells at a time."""
     difference = np.uint8(0)
@@ -92,7 +92,7 @@ def coarsen_row_into(out_weights: NDArray[np.uint8], weights: NDArray[np.uint8])
         out_weights[tile + 1] = tile_weight(int(line), int(least))
 
 
-@kernel
+@lean_kernel
 def tile_weight(line: int, least: int) -> int:
     """Return the weight of a tile by the sum of its best line and its lowest weight."""
     if line < CUT:
@@ -128,7 +128,7 @@ def retile(coarse: Coarse, corridor: Corridor, num_tiles: int) -> None:
         coarse.is_stale[tile_row] = 1
 
 
-@kernel
+@lean_kernel
 def cut_at(weights: NDArray[np.uint8], row: int, col: int, rows: int, cols: int) -> int:
     """Return the weight of a cell, `CUT` where it is lethal or outside."""
     if row >= rows or col >= cols or weights[row, col] == LETHAL:
