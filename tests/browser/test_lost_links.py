@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 from support.processes import Process, find_free_port
-from support.waiting import wait_until
+from support.waiting import PATIENCE_S, wait_until
 
 import trolley_viz
 from trolley import topics
@@ -51,7 +51,7 @@ class House:
         self.open_router()
         self._start("base")
         self.viewer = self._start("viz")
-        self.robot = Robot(NAME, [self._endpoint])
+        self.robot = Robot(NAME, [self._endpoint], connect_timeout=PATIENCE_S)
         stack.callback(self.robot.close)
 
     def _start(self, service: str, code: Path | None = None) -> Process:
@@ -149,6 +149,18 @@ def test_a_page_whose_phone_is_a_day_late_or_early_is_obeyed_all_the_same(
     for days in (-1, 1):
         page.evaluate("days => { aDayOff = days * 24 * 3600 * 1000 }", days)
         stop_and_drive_on(page, house)
+
+
+def test_a_browser_that_cannot_draw_the_map_says_so_and_stops_the_robot_all_the_same(
+    house: House, browser: Browser, pictures: Path
+) -> None:
+    page = open_page(browser, 390, 844, has_touch=True, is_mobile=True)
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    open_house(page, house)
+    expect(page.get_by_text("it has no WebGL")).to_be_visible()
+    page.screenshot(path=pictures / "no-webgl.png")
+    stop_and_drive_on(page, house)
+    page.context.close()
 
 
 def build_of(page: Page) -> str:

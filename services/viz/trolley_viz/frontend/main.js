@@ -27,6 +27,9 @@ const room = new Room(
   ...["map", "scene", "over", "stop-line"].map((id) => document.getElementById(id)),
 );
 keys.listenTo(document);
+scene.waits = (why) => {
+  for (const one of document.querySelectorAll("#scene-wait p")) one.hidden = one.dataset.why !== why;
+};
 scene.opened = (frame) => keys.listenTo(frame.document);
 scene.tapped = (x, y) => room.touch(x, y);
 speakNow(likelyLanguage());

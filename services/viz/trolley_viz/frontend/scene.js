@@ -7,6 +7,12 @@ const TAP_PX = 12, TAP_MS = 700, PASSED_ON = ["fixedDpr"];
 const HIDDEN = `
 [data-dock-region], .mantine-Paper-root, .mantine-Notifications-root { display: none !important }`;
 
+function canDraw() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  context?.getExtension("WEBGL_lose_context")?.loseContext(); // a browser has but a few
+  return context !== null;
+}
+
 export class Scene {
   constructor(frame, line) {
     this.frame = frame;
@@ -16,7 +22,9 @@ export class Scene {
     this.patienceMs = GIVEN_UP_MS;
     this.told = "";
     this.held = null; // the pointer that presses: its id and kind
+    this.failures = 0; // in a row
     this.opened = () => {};
+    this.waits = () => {}; // told why there is no picture
     this.tapped = () => {};
     frame.addEventListener("load", () => this.loaded());
     new ResizeObserver(() => this.tellSize()).observe(frame);
@@ -39,6 +47,8 @@ export class Scene {
       this.line.say("say", { scene: secret });
       this.tellSize();
     } else if (now - this.loadedMs > this.patienceMs) {
+      this.failures += 1;
+      this.waits(canDraw() ? (this.failures > 1 ? "failing" : "loading") : "no webgl");
       this.load();
     }
   }
