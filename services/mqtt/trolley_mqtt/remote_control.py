@@ -22,7 +22,7 @@ from trolley_mqtt.robot_inputs import RobotInputs
 from trolley_mqtt.state_report import StateReport
 
 MAX_EACH_SECOND = 8
-"""Commands that are carried out in a second; more are dropped."""
+"""Commands that are carried out in a second, and answers to those that are not."""
 
 
 class RemoteControl:
@@ -45,11 +45,12 @@ class RemoteControl:
         self._freshness = freshness
         self._start_tour = start_tour
         self._locate = locate
-        self._num_this_second = 0
+        self._num_carried_out = self._num_answered = 0
+        """In this second: junk takes nothing from what the robot is to do."""
 
     def begin_second(self) -> None:
-        """Allow as many commands again."""
-        self._num_this_second = 0
+        """Allow as many commands and answers again."""
+        self._num_carried_out = self._num_answered = 0
 
     def execute(self, verb: str, message: Arrived) -> None:
         """Carry out a command, or drop it and say why."""
@@ -59,16 +60,15 @@ class RemoteControl:
         if verb == STOP:
             self._stop.begin()
             return
-        self._num_this_second += 1
-        if self._num_this_second > MAX_EACH_SECOND:
-            self._drop("flood", verb, "There are too many commands at once.")
-        elif verb not in VERBS:
+        if verb not in VERBS:
             self._drop("unknown", verb, "There is no such command.")
         elif message.is_retained:
             # A broker could give it to the robot repeatedly, days later too.
             self._drop("retained", verb, "A command must not be a retained message.")
         elif not self._freshness.is_fresh(self._service.monotonic_ns):
             self._drop("stale", verb, "The command may have waited too long on its way.")
+        elif self._num_carried_out >= MAX_EACH_SECOND:
+            self._drop("flood", verb, "There are too many commands at once.")
         else:
             self._ask(verb, message.payload)
 
@@ -76,11 +76,17 @@ class RemoteControl:
         self._service.count(f"command/{reason}")
         name = verb[:40]
         self._service.log.limited(f"command/{reason}", "Command dropped", command=name, why=why)
-        if reason != "flood":  # so that a flood costs nothing
+        if reason != "flood":
+            self._answer_not_done(why)
+
+    def _answer_not_done(self, why: str) -> None:
+        self._num_answered += 1
+        if self._num_answered <= MAX_EACH_SECOND:  # so that a flood costs nothing
             self._report.answer(f"Not done: {why}")
 
     def _ask(self, verb: str, payload: bytes) -> None:
         if verb == LOCATE:
+            self._num_carried_out += 1
             self._locate()
             return
         robot = self._robot
@@ -92,8 +98,9 @@ class RemoteControl:
             )
         except Refused as refused:
             self._service.count("command/refused")
-            self._report.answer(f"Not done: {refused.message}")
+            self._answer_not_done(refused.message)
             return
+        self._num_carried_out += 1
         self._service.log.info("Command", command=order.title)
         self._service.request(
             order.request, order.params, lambda reply: self._update_reply(order, reply)

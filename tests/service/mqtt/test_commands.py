@@ -174,6 +174,21 @@ def test_a_flood_is_counted_and_soon_over(bridge: "Bridge") -> None:
     assert bridge.robot.asked[-1] == ("goal/send", "hall")
 
 
+@pytest.mark.parametrize(("verb", "name"), [("dance", "x"), ("go", "cellar"), ("vacuum", "beep")])
+def test_junk_does_not_stand_in_the_way_of_a_command(
+    bridge: "Bridge", verb: str, name: str
+) -> None:
+    bridge.run(1.0)
+    bridge.broker.published.clear()
+    for index in range(100):
+        bridge.broker.send(f"trolley/robby/do/{verb}", f"{name} {index}")
+    bridge.broker.send("trolley/robby/do/go", "kitchen")
+    bridge.run(0.3)
+    assert bridge.robot.asked == [("goal/send", "kitchen")]
+    told = [name for name, _ in bridge.broker.published if name == "trolley/robby/state"]
+    assert len(told) < 15  # a flood is not answered
+
+
 def test_the_state_says_what_the_robot_does(bridge: "Bridge") -> None:
     assert bridge.state["activity"] == "ready"
     assert (bridge.state["battery"], bridge.state["problem"]) == (None, False)
