@@ -22,6 +22,7 @@ from trolley import topics
 from trolley.messages import Health, Stop, Tour, Tours
 from trolley.runtime import codec
 from trolley.runtime.zenoh_bus import open_bus
+from trolley_mqtt.connection import Broker, BrokerConnection, Lost
 from trolley_mqtt.freshness import MAX_AGE_S
 
 if TYPE_CHECKING:
@@ -209,6 +210,43 @@ def test_two_robots_of_one_name_are_reported(
     wait_until(is_told, "the bridge says so")
     other.disconnect()
     other.loop_stop()
+
+
+@pytest.mark.parametrize(
+    ("last_word", "asks_after"),
+    [(b"", 5), (b"\xe0\x01\x8e", 1)],
+    ids=["hangs up", "says that another took the session over"],
+)
+def test_a_second_robot_is_asked_for_where_a_bad_wifi_cannot_be_the_cause(
+    last_word: bytes, asks_after: int
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(PATIENCE_S)
+        port = server.getsockname()[1]
+        bridge = BrokerConnection(
+            Broker(host="127.0.0.1", port=port, client_id="trolley-one", will=("gone", b"")), ""
+        )
+        bridge.start([], lambda: None)
+        said: list[bool] = []
+        for _ in range(asks_after):
+            client, _ = server.accept()
+            with client:
+                client.recv(4096)
+                client.sendall(b"\x20\x03\x00\x00\x00" + last_word)
+            said.append("another robot with the same name" in next_loss(bridge))
+        bridge.close()
+    assert said == [False] * (asks_after - 1) + [True]
+
+
+def next_loss(bridge: BrokerConnection) -> str:
+    found: list[str] = []
+
+    def has_lost() -> list[str]:
+        found.extend(event.why for event in bridge.take_events() if isinstance(event, Lost))
+        return found
+
+    wait_until(has_lost, "the connection is lost")
+    return found[0]
 
 
 def test_a_bridge_that_is_killed_is_unavailable(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
-from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
@@ -30,8 +30,12 @@ MAX_RECEIVED = 1024
 """Bytes of a payload that are kept, and one more that shows that it was longer."""
 MAX_PACKET = 65_535
 """The broker is asked to keep anything larger to itself."""
-SHORT_S = 10.0
-"""Connections that last no longer, one after the other, are taken away by somebody."""
+SHORT_S = 5.0
+MANY_SHORT = 5
+"""So many connections in a row that last no longer are taken away by somebody: of two clients of
+one id each connects again a second after the other. Two or three a bad Wi-Fi ends, too."""
+TAKEN_OVER = "Session taken over"
+"""What brokers say who say it; Mosquitto 2.0 hangs up without a word."""
 GOODBYE_S = 1.0
 """How long to wait for the last word to go out."""
 
@@ -204,7 +208,9 @@ class BrokerConnection:
             topic, last_word = self._broker.will
             said = self._client.publish(topic, last_word, qos=1, retain=True)
             until_s = time.monotonic() + GOODBYE_S
-            while not said.is_published() and time.monotonic() < until_s:
+            # paho calls itself connected for a moment after the broker has said goodbye.
+            is_sent = said.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
+            while is_sent and not said.is_published() and time.monotonic() < until_s:
                 time.sleep(0.01)
         self._client.disconnect()
         self._client.loop_stop()
@@ -260,7 +266,7 @@ class BrokerConnection:
             is_short = time.monotonic() - self._accepted_s < SHORT_S
             self._num_short = self._num_short + 1 if is_short else 0
             why = f"The connection to the MQTT broker was lost: {reason}."
-            if self._num_short > 1:  # of two clients of one id a broker ends the older's connection
+            if reason == TAKEN_OVER or self._num_short >= MANY_SHORT:
                 why = (
                     "The MQTT broker ends each connection within seconds: is there another robot "
                     f"with the same name? Only one client may be called {self._broker.client_id}."
