@@ -101,8 +101,8 @@ class Connection(Protocol):
         """How many messages were dropped since the last call because too many came."""
         ...
 
-    def publish(self, topic: str, payload: bytes, *, keep: bool) -> None:
-        """Send a message; the broker keeps it if asked to."""
+    def publish(self, topic: str, payload: bytes, *, keep: bool, valid_s: int = 0) -> None:
+        """Send a message; the broker keeps it if asked to, `valid_s` at most where that is set."""
         ...
 
     def close(self) -> None:
@@ -124,7 +124,7 @@ class NoConnection:
         """None."""
         return 0
 
-    def publish(self, topic: str, payload: bytes, *, keep: bool) -> None:
+    def publish(self, topic: str, payload: bytes, *, keep: bool, valid_s: int = 0) -> None:
         """To nobody."""
 
     def close(self) -> None:
@@ -198,9 +198,12 @@ class BrokerConnection:
             dropped, self._num_dropped = self._num_dropped, 0
         return dropped
 
-    def publish(self, topic: str, payload: bytes, *, keep: bool) -> None:
+    def publish(self, topic: str, payload: bytes, *, keep: bool, valid_s: int = 0) -> None:
         """Send a message; without a connection it is gone."""
-        self._client.publish(topic, payload, qos=0, retain=keep)
+        properties = Properties(PacketTypes.PUBLISH)
+        if valid_s:
+            properties.MessageExpiryInterval = valid_s
+        self._client.publish(topic, payload, qos=0, retain=keep, properties=properties)
 
     def close(self) -> None:
         """Say the last word ourselves, since the broker says it only for those who vanish."""

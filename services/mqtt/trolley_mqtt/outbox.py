@@ -3,6 +3,9 @@
 from trolley_mqtt.connection import Connection
 
 ONLINE, OFFLINE = b"online", b"offline"
+ONLINE_FOR_S, ONLINE_AGAIN_S = 30, 10.0
+"""The broker forgets so late that the bridge is there unless it is told so again. Where both lose
+power at once nobody says that the bridge is gone, and the broker would remember it for good."""
 
 
 class Outbox:
@@ -33,6 +36,10 @@ class Outbox:
         if self._kept.get(topic) != payload:
             self._kept[topic] = payload
             self._connection.publish(topic, payload, keep=True)
+
+    def keep_online(self) -> None:
+        """Let the broker keep for a while that the bridge is there."""
+        self._connection.publish(self.topic("bridge"), ONLINE, keep=True, valid_s=ONLINE_FOR_S)
 
     def announce(self, topic: str, payload: bytes) -> None:
         """Send what the broker is to keep, in any case."""

@@ -28,7 +28,7 @@ from trolley_mqtt.events import Events, Happened, located_of
 from trolley_mqtt.freshness import Freshness
 from trolley_mqtt.home_assistant import HomeAssistant
 from trolley_mqtt.map_image import MapImage
-from trolley_mqtt.outbox import OFFLINE, ONLINE, Outbox
+from trolley_mqtt.outbox import OFFLINE, ONLINE_AGAIN_S, Outbox
 from trolley_mqtt.remote_commands import STOP
 from trolley_mqtt.remote_control import RemoteControl
 from trolley_mqtt.remote_stop import RemoteStop
@@ -167,7 +167,7 @@ class MqttService(Service):
         self._home_assistant.repeat()
         self._map_image.repeat()
         self.log.info("Connected to the MQTT broker", base_topic=self._outbox.base_topic)
-        self._outbox.keep(self._outbox.topic("bridge"), ONLINE)
+        self._outbox.keep_online()
         self._speak()
 
     def _update(self, message: Arrived) -> None:
@@ -189,6 +189,11 @@ class MqttService(Service):
             self._speak()
             self._map_image.update()
         self._tell_news()
+
+    @every(ONLINE_AGAIN_S, clock="local")
+    def _stay_online(self) -> None:
+        if self._outbox.is_open:
+            self._outbox.keep_online()
 
     def _check_echo(self) -> None:
         """Notice a broker that passes nothing on: mostly an account's rights."""

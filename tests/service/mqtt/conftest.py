@@ -129,6 +129,8 @@ class MemoryBroker:
     precious: str
     kept: dict[str, bytes] = field(default_factory=dict)
     published: list[tuple[str, bytes]] = field(default_factory=list)
+    valid_s: dict[str, int] = field(default_factory=dict)
+    """How long the newest message of a topic is kept at most; 0: for good."""
     is_up: bool = True
     is_stalled: bool = False
     forbidden: str = "-"
@@ -165,8 +167,9 @@ class MemoryBroker:
         dropped, self.dropped = self.dropped, 0
         return dropped
 
-    def publish(self, topic: str, payload: bytes, *, keep: bool) -> None:
+    def publish(self, topic: str, payload: bytes, *, keep: bool, valid_s: int = 0) -> None:
         self.published.append((topic, payload))
+        self.valid_s[topic] = valid_s
         if topic.startswith(self.forbidden):
             return
         if keep and payload:

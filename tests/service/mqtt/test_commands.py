@@ -213,6 +213,20 @@ def test_a_robot_that_is_away_is_unavailable(bridge: "Bridge") -> None:
     assert bridge.state["activity"] == "away"
 
 
+def test_a_broker_that_loses_power_with_the_robot_forgets_that_it_was_there(
+    bridge: "Bridge",
+) -> None:
+    valid_s = bridge.broker.valid_s["trolley/robby/bridge"]
+    assert 0 < valid_s <= 60
+    bridge.broker.published.clear()
+    bridge.run(0.5 * valid_s)  # while it is there it says so in time, again and again
+    assert bridge.broker.published.count(("trolley/robby/bridge", b"online")) >= 1
+    bridge.broker.lose()
+    bridge.broker.published.clear()
+    bridge.run(2.0 * valid_s)
+    assert ("trolley/robby/bridge", b"online") not in bridge.broker.published
+
+
 def test_a_lost_broker_is_reported_and_found_again(make_bridge: "Callable[..., Bridge]") -> None:
     bridge = make_bridge(is_up=False)
     health = bridge.lockstep.record(topics.HEALTH, "mqtt")
