@@ -8,6 +8,7 @@ from trolley.messages import (
     BaseState,
     Battery,
     GoalStatus,
+    Health,
     OccupancyGrid,
     Path,
     PoseEstimate,
@@ -18,8 +19,11 @@ from trolley.messages import (
     TourStatus,
     Zones,
 )
-from trolley.runtime.service import Service, Watch
+from trolley.runtime.service import Service, Watch, every
 from trolley_mqtt.robot_view import RobotView
+
+SILENT_NS = 30_000_000_000
+"""A planner that says nothing of its health for so long is missed; one that is restarted is not."""
 
 
 class Names(NamedTuple):
@@ -42,9 +46,12 @@ class RobotInputs:
     map: Watch[OccupancyGrid]
     about: Watch[Robot]
     path: Watch[Path]
+    planner: Watch[Health]
 
     def __init__(self, service: Service) -> None:
         self._service = service
+        self._here_since_ns = 0
+        """Since when the robot is heard of (local monotonic [ns]); before, nobody is missed."""
 
     def start(self, on_drive: Callable[[], None]) -> None:
         """Watch everything; `on_drive` is called for each state of goal and trip, however short."""
@@ -63,6 +70,13 @@ class RobotInputs:
         self.map = self._service.watch(topics.MAP)
         self.about = self._service.watch(topics.ROBOT)
         self.path = self._service.watch(topics.PATH)
+        self.planner = self._service.watch(topics.HEALTH, "planner")
+        self._here_since_ns = self._service.monotonic_ns
+
+    @every(1.0, clock="local")
+    def _listen(self) -> None:
+        if self._service.now_ns is None:
+            self._here_since_ns = self._service.monotonic_ns
 
     @property
     def view(self) -> RobotView:
@@ -71,6 +85,7 @@ class RobotInputs:
         age_s = None
         if estimate is not None and now_ns is not None:
             age_s = (now_ns - estimate.stamp_ns) * 1e-9
+        heard_ns = max(self.planner.arrived_ns or 0, self._here_since_ns)
         return RobotView(
             is_away=now_ns is None,
             base=self.base.latest,
@@ -80,6 +95,7 @@ class RobotInputs:
             trip=self.trip.latest,
             places=self._places,
             zones=self.zones.latest,
+            has_planner=self._service.monotonic_ns - heard_ns <= SILENT_NS,
         )
 
     @property

@@ -37,6 +37,8 @@ class RobotView:
     places: Sequence[SavedPose] = ()
     """On the robot's map."""
     zones: Zones | None = None
+    has_planner: bool = True
+    """Whether the planner runs, or may just be starting."""
 
     @property
     def current_trip(self) -> TourStatus | None:

@@ -25,6 +25,8 @@ AWAY = "The robot is switched off or out of reach."
 LOST = "The robot does not know where it is."
 NO_POSE = "The robot has no map yet, or its localizer is not running."
 
+NO_PLANNER = "The robot cannot drive by itself: the planner is not running."
+
 Activity = tuple[str, str]
 """One of `ACTIVITIES`, and the sentence."""
 
@@ -68,6 +70,10 @@ def _by_hand(view: RobotView) -> Activity | None:
 def _held(view: RobotView) -> Activity | None:
     base = view.base
     return ("waiting", reason_of(base)) if base is not None and base.mode == "held" else None
+
+
+def _planner(view: RobotView) -> Activity | None:
+    return None if view.has_planner else ("fault", NO_PLANNER)
 
 
 def _lost(view: RobotView) -> Activity | None:
@@ -117,6 +123,7 @@ _BY_URGENCY: Sequence[Callable[[RobotView], Activity | None]] = (
     _base,
     _by_hand,
     _held,
+    _planner,
     _lost,
     _trip,
     _goal,

@@ -99,7 +99,7 @@ class MqttService(Service):
             config.mqtt.start_tour,
             self._locate,
         )
-        self.parts = (stop,)
+        self.parts = (stop, self.robot_inputs)
 
     def start(self) -> None:
         """Watch the robot, and begin to connect."""

@@ -17,6 +17,7 @@ from trolley.messages import (
     BaseState,
     Clock,
     GoalStatus,
+    Health,
     PoseEstimate,
     SavedPose,
     SavedPoses,
@@ -48,6 +49,7 @@ class ScriptedRobot(Service):
         self.map = "home"
         self.refuse: Refused | None = None
         self.is_deaf = False
+        self.has_planner = True
 
     @every(0.1, clock="local")
     def tick(self) -> None:
@@ -66,6 +68,8 @@ class ScriptedRobot(Service):
         self.publish(topics.BASE, structs.replace(self.base, stamp_ns=stamp_ns))
         self.publish(topics.GOAL, structs.replace(self.goal, stamp_ns=stamp_ns))
         self.publish(topics.TOUR, structs.replace(self.trip, stamp_ns=stamp_ns))
+        if self.has_planner:
+            self.publish(topics.HEALTH, Health(stamp_ns=stamp_ns, state="ok"), "planner")
 
     def save(self, places: Sequence[str], tours: Sequence[str] = ()) -> None:  # pyrefly: ignore[bad-override]
         poses = [

@@ -1,5 +1,6 @@
 """What is carried out, and what is not."""
 
+import json
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -202,6 +203,23 @@ def test_the_state_says_what_the_robot_does(bridge: "Bridge") -> None:
     bridge.do("go", "hall")
     bridge.run(1.5)
     assert bridge.state["activity"] == "driving"
+
+
+def test_a_planner_that_does_not_run_is_told_of_and_one_that_is_restarted_is_not(
+    bridge: "Bridge",
+) -> None:
+    bridge.robot.has_planner = False
+    bridge.run(20.0)
+    assert bridge.state["activity"] == "ready"
+    bridge.run(20.0)
+    message = "The robot cannot drive by itself: the planner is not running."
+    assert bridge.state["activity"] == "fault"
+    assert (bridge.state["message"], bridge.state["problem"]) == (message, True)
+    events = [data for name, data in bridge.broker.published if name == "trolley/robby/event"]
+    assert [json.loads(one)["event_type"] for one in events] == ["fault"]
+    bridge.robot.has_planner = True
+    bridge.run(2.0)
+    assert bridge.state["activity"] == "ready"
 
 
 def test_a_robot_that_is_away_is_unavailable(bridge: "Bridge") -> None:
