@@ -4,6 +4,7 @@ import pytest
 from playwright.sync_api import Page, expect
 from support.waiting import wait_until
 
+from browser.seeing import canvas, scene
 from trolley_viz.controls.controls import Controls
 from trolley_viz.robots.stop_presses import StopLine
 
@@ -152,3 +153,32 @@ def test_nothing_flashes_or_slides_for_who_asks_for_less_motion(page: Page, view
     assert page.evaluate(running) > 0
     page.emulate_media(reduced_motion="reduce")
     assert page.evaluate(running) == 0
+
+
+def sizes(viewer: Viewer) -> list[tuple[float, float]]:
+    """What the page has told of the size of its picture."""
+    told = (said.gesture for _, said in viewer.said if said.gesture is not None)
+    return [gesture.size for gesture in told if gesture.size is not None]
+
+
+def test_the_viewer_hears_of_a_size_that_the_picture_takes_late_or_while_the_line_is_lost(
+    page: Page, viewer: Viewer
+) -> None:
+    """Where something is touched would else be taken for elsewhere."""
+    viewer.greet()
+    viewer.tell()
+    page.frame_locator("#scene").locator("canvas[data-engine]").wait_for()
+    add_secret = "document.body.innerHTML += '<i id=trolley-scene data-secret=x></i>'"
+    scene(page).evaluate(add_secret)
+    wait_until(lambda: len(sizes(viewer)) > 0, "the page has a picture")
+    viewer.tell_state(has_scene=True)
+    resize = "(one, height) => { one.style.height = `${height}px` }"
+    canvas(page).evaluate(resize, 123)
+    wait_until(lambda: sizes(viewer)[-1][1] == 123.0, "the new size is told")
+    known = len(viewer.lines)
+    viewer.lines[-1].close()
+    canvas(page).evaluate(resize, 99)
+    wait_until(lambda: len(viewer.lines) > known, "the page calls again")
+    viewer.greet()
+    viewer.tell_state(has_scene=True)
+    wait_until(lambda: sizes(viewer)[-1][1] == 99.0, "it is told again")

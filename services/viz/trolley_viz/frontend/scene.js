@@ -21,13 +21,13 @@ export class Scene {
     this.loadedMs = 0;
     this.patienceMs = GIVEN_UP_MS;
     this.told = "";
+    this.toldSize = ""; // width and height of the picture [px], as the viewer knows them
     this.held = null; // the pointer that presses: its id and kind
     this.failures = 0; // in a row
     this.opened = () => {};
     this.waits = () => {}; // told why there is no picture
     this.tapped = () => {};
     frame.addEventListener("load", () => this.loaded());
-    new ResizeObserver(() => this.tellSize()).observe(frame);
     setInterval(() => this.look(), LOOK_MS);
   }
 
@@ -39,12 +39,13 @@ export class Scene {
     if (!this.line.isOpen) return;
     const now = performance.now();
     if (this.loadedMs === 0) return this.load();
-    if (this.hasSession) return;
+    if (this.hasSession) return this.tellSize();
     const secret = this.frame.contentDocument?.getElementById("trolley-scene")?.dataset.secret;
     if (secret !== undefined && secret !== this.told) {
       this.told = secret;
       this.loadedMs = now;
       this.line.say("say", { scene: secret });
+      this.toldSize = "";
       this.tellSize();
     } else if (now - this.loadedMs > this.patienceMs) {
       this.failures += 1;
@@ -94,9 +95,14 @@ export class Scene {
     }
   }
 
+  // viser's picture follows the size of the frame some time later.
   tellSize() {
     const canvas = this.canvas;
-    if (canvas !== null) this.say({ size: [canvas.clientWidth, canvas.clientHeight] });
+    if (canvas === null) return;
+    const size = [canvas.clientWidth, canvas.clientHeight];
+    if (String(size) === this.toldSize) return;
+    this.toldSize = String(size);
+    this.say({ size });
   }
 
   // Shares of the picture as viser counts them: to the middle of the pixel.
@@ -111,6 +117,7 @@ export class Scene {
     const isNear = Math.hypot(event.clientX - x, event.clientY - y) < TAP_PX;
     const isTap = isNear && event.timeStamp - ms < TAP_MS;
     if (isTap) this.tapped(event.clientX, event.clientY);
+    this.tellSize(); // by which the viewer knows what lies there
     this.say({ released: [u, v], is_tap: isTap });
   }
 
@@ -120,9 +127,11 @@ export class Scene {
     this.say({ cancelled: true });
   }
 
-  // What is let go after the connection was lost counts for nothing, also when it is back.
+  // What is let go after the connection was lost counts for nothing, also when it is back; nor is
+  // it known what the viewer still heard.
   lose() {
     this.held = null;
+    this.toldSize = "";
   }
 
   say(gesture) {
