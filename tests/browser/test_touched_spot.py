@@ -19,6 +19,7 @@ SPOTS = [(0.2, 0.2), (0.8, 0.3), (0.5, 0.5), (0.8, 0.6), (0.45, 0.8)]
 """Shares of the map's width and height."""
 FREE = [(0.2, 0.2), (0.4, 0.25), (0.5, 0.5), (0.8, 0.3)]
 """Those that no button covers on a phone that lies on its side."""
+IS_BACK = "one => one.style.translate === '0px' && one.getAnimations().length === 0"
 TOUCH_AS_IT_CLOSES = """async ([x, y]) => {
   const card = document.querySelector("#over > .of-spot");
   const inside = document.getElementById("scene").contentWindow;
@@ -46,20 +47,17 @@ def sees(page: Page, x: float, y: float) -> bool:
 def touch(page: Page, x: float, y: float) -> None:
     """Touch a point of the picture until its card is open: a busy page takes a tap for a drag."""
 
-    def is_open() -> bool:
-        if not page.locator(CARD).is_visible():
-            canvas(page).click(position={"x": x, "y": y})
-            page.wait_for_timeout(1500)
-        return page.locator(CARD).is_visible()
+    def push() -> None:
+        canvas(page).click(position={"x": x, "y": y})
 
-    poll(page, is_open, "the card is open")
+    press(page, push, page.locator(CARD).is_visible, "the card is open", again_s=5)
 
 
 def close(page: Page) -> None:
-    """Close the card: again where a busy viewer came round to it too late."""
+    """Close the card, until the picture has come back: where it slides, touches miss the spot."""
 
     def is_closed() -> bool:
-        return not page.locator(CARD).is_visible()
+        return not page.locator(CARD).is_visible() and page.locator("#scene").evaluate(IS_BACK)
 
     press(page, lambda: page.keyboard.press("Escape"), is_closed, "the card is closed", again_s=15)
 
