@@ -120,7 +120,8 @@ def test_the_first_answer_knows_the_robot(
         tell({"method": "notifications/initialized"})
         tell({"id": 2, "method": "tools/call", "params": {"name": "status", "arguments": {}}})
         assert process.stdout is not None
-        status = json.loads(process.stdout.readline())["result"]["structuredContent"]
+        result = json.loads(process.stdout.readline())["result"]
+        status = json.loads(result["content"][1]["text"])
         assert process.stdin is not None
         process.stdin.close()
     assert (status["mode"], status["position"]) == ("ok", "localized")

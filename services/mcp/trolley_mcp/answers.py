@@ -1,4 +1,4 @@
-"""What a tool answers: a sentence, the same as data, a picture; or a refusal with advice."""
+"""What a tool answers: a sentence, more as data, a picture; or a refusal with advice."""
 
 import base64
 from typing import Any
@@ -60,6 +60,7 @@ class Answer(msgspec.Struct, frozen=True):
 
     text: str
     data: dict[str, Any] = {}
+    """What the text leaves out."""
     picture: bytes | None = None
     """A PNG."""
 
@@ -84,20 +85,23 @@ def _clean_all(value: Any) -> Any:
 
 
 def result_of(answer: Answer) -> CallToolResult:
-    """An answer in the protocol's words."""
+    """An answer in the protocol's words.
+
+    The data is a text, too: where there is structured content, several assistants show their model
+    that alone, without the sentence and the picture.
+    """
     lines = "\n".join(clean(line) for line in answer.text.split("\n"))
     content: list[Any] = [TextContent(type="text", text=lines)]
+    if answer.data:
+        data = msgspec.json.encode(_clean_all(answer.data)).decode()
+        content.append(TextContent(type="text", text=data))
     if answer.picture is not None:
         data = base64.b64encode(answer.picture).decode()
         content.append(ImageContent(type="image", data=data, mime_type="image/png"))
-    return CallToolResult(content=content, structured_content=_clean_all(answer.data))
+    return CallToolResult(content=content)
 
 
 def refusal_of(refused: Refused) -> CallToolResult:
     """A refusal in the protocol's words: code, sentence, and what to do."""
-    sentence, remedy = clean(refused.message), REMEDIES.get(refused.code, ELSE)
-    return CallToolResult(
-        content=[TextContent(type="text", text=f"{refused.code}: {sentence} {remedy}")],
-        structured_content={"code": refused.code, "message": sentence, "do": remedy},
-        is_error=True,
-    )
+    text = f"{refused.code}: {clean(refused.message)} {REMEDIES.get(refused.code, ELSE)}"
+    return CallToolResult(content=[TextContent(type="text", text=text)], is_error=True)

@@ -176,7 +176,7 @@ async def _status(call: Call, _: NoParams) -> Answer:
 async def _places(call: Call, _: NoParams) -> Answer:
     places = await _known_places(call)
     if not places:
-        return Answer("No places are saved on this map.", {"places": []})
+        return Answer("No places are saved on this map.")
     data = [_place_data(place) for place in places[:MOST_LISTED]]
     more = f" and {len(places) - MOST_LISTED} more" if len(places) > MOST_LISTED else ""
     return Answer(
@@ -299,9 +299,7 @@ async def _stop(call: Call, _: NoParams) -> Answer:
             continue
         if state.may_still_move:
             raise Refused(codes.DOES_NOT_OBEY, state.message)
-        return Answer(
-            "Stopped. It stays stopped until a person lets it drive again.", {"mode": state.mode}
-        )
+        return Answer("Stopped. It stays stopped until a person lets it drive again.")
     raise Refused(codes.NOT_READY, NOT_STOPPED)
 
 
@@ -313,8 +311,8 @@ async def _resume(call: Call, _: NoParams) -> Answer:
     state = await call.robot.ask(requests.BASE_RESUME, Nothing())
     if state.mode != "ok":
         why = state.message or codes.SENTENCES.get(state.reason, "")
-        return Answer(f"Resumed, but it cannot drive yet: {why}", {"mode": state.mode})
-    return Answer("It can drive again; nothing sets off by itself.", {"mode": state.mode})
+        return Answer(f"Resumed, but it cannot drive yet: {why}")
+    return Answer("It can drive again; nothing sets off by itself.")
 
 
 # Driving.
@@ -324,17 +322,15 @@ async def _go(call: Call, params: DriveParams) -> Answer:
         await _check_is_free(call)
     goal = SendGoal(id=call.robot.new_id(), name=place.name, speed=_speed(call, params.speed))
     if not params.wait:
-        status = await call.robot.ask(requests.GOAL_SEND, goal)
-        return Answer(f"On its way to {place.name}: call `status` to see.", {"state": status.state})
+        await call.robot.ask(requests.GOAL_SEND, goal)
+        return Answer(f"On its way to {place.name}: call `status` to see.")
     status = await follow_goal(call.robot, goal, place.name, call.progress)
     if status.state in GOAL_GOES:
-        return Answer(f"{goal_text(status, place.name)} {GOES_ON}", {"state": status.state})
+        return Answer(f"{goal_text(status, place.name)} {GOES_ON}")
     if status.state != "arrived":
         code = status.reason or status.state
         raise Refused(code, status.message or codes.SENTENCES.get(code, f"It {status.state}."))
-    return Answer(
-        f"Arrived at {place.name} after {seconds_text(status.elapsed)}.", {"state": status.state}
-    )
+    return Answer(f"Arrived at {place.name} after {seconds_text(status.elapsed)}.")
 
 
 async def _start_tour(call: Call, params: TourParams) -> Answer:
@@ -342,10 +338,8 @@ async def _start_tour(call: Call, params: TourParams) -> Answer:
         await _check_is_free(call)
     start = StartTour(name=params.tour, speed=_speed(call, params.speed))
     if not params.wait:
-        status = await call.robot.ask(requests.TOUR_START, start)
-        return Answer(
-            f"The tour {params.tour} has begun: call `status` to see.", {"state": status.state}
-        )
+        await call.robot.ask(requests.TOUR_START, start)
+        return Answer(f"The tour {params.tour} has begun: call `status` to see.")
     status = await follow_trip(call.robot, start, call.progress)
     data = {
         "state": status.state,
@@ -366,10 +360,10 @@ async def _cancel(call: Call, _: NoParams) -> Answer:
     what = what_is_under_way(goal, trip)
     if what == "trip":
         ended = await call.robot.ask(requests.TOUR_STOP, Nothing())
-        return Answer(ended.message or "The tour has ended.", {"state": ended.state})
+        return Answer(ended.message or "The tour has ended.")
     if what == "goal" and goal is not None:
-        status = await call.robot.ask(requests.GOAL_CANCEL, WhichGoal(id=goal.id))
-        return Answer("The drive is canceled; the robot stands.", {"state": status.state})
+        await call.robot.ask(requests.GOAL_CANCEL, WhichGoal(id=goal.id))
+        return Answer("The drive is canceled; the robot stands.")
     raise Refused(codes.NOT_DRIVING, "The robot is not going anywhere.")
 
 
@@ -385,25 +379,20 @@ async def _save_place(call: Call, params: NewPlaceParams) -> Answer:
 async def _start_map(call: Call, params: MapNameParams) -> Answer:
     await _check_is_free(call)
     named = MapNamed(name=params.name, explore=True, speed=_speed(call, None))
-    status = await call.robot.ask(requests.MAP_NEW, named)
+    await call.robot.ask(requests.MAP_NEW, named)
     return Answer(
-        f"The robot begins the map {params.name} and explores. Call `status` to see how far it is.",
-        {"map_making": _mapping_data(status)},
+        f"The robot begins the map {params.name} and explores. Call `status` to see how far it is."
     )
 
 
 async def _finish_map(call: Call, _: NoParams) -> Answer:
     status = await call.robot.ask(requests.MAP_SAVE, SaveMap())
-    return Answer(
-        status.message or "The map is being saved.", {"map_making": _mapping_data(status)}
-    )
+    return Answer(status.message or "The map is being saved.")
 
 
 async def _cancel_map(call: Call, _: NoParams) -> Answer:
     status = await call.robot.ask(requests.MAP_CANCEL, Nothing())
-    return Answer(
-        status.message or "The unfinished map is gone.", {"map_making": _mapping_data(status)}
-    )
+    return Answer(status.message or "The unfinished map is gone.")
 
 
 # What several need.
