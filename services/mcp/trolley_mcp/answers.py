@@ -13,6 +13,8 @@ from trolley_mcp.limits import TOO_MANY
 
 NOT_ALLOWED = "not_allowed"
 """Code of what the session's role or the settings do not allow."""
+NOT_STOPPED = "not_stopped"
+"""Code of a stop that nobody has answered."""
 LONGEST = 4000
 """Characters of a text; more would only fill the assistant's memory."""
 
@@ -39,6 +41,7 @@ REMEDIES: dict[str, str] = {
     codes.BUTTON: "Ask a person to let it drive again: `trolley resume`, or the viewer.",
     codes.NOT_CURRENT: "Nothing is under way any more: call `status`.",
     codes.NOT_DRIVING: "Nothing is under way: call `status`.",
+    codes.RESTARTED: "Ask whether it is still wanted, then call it again.",
     codes.REPLACED: "Somebody sent the robot elsewhere: ask before you send it again.",
     codes.CANCELED: "Somebody canceled it: ask before you send it again.",
     codes.PAUSED: "A person resumes it, or ends it; call `status` for how it stands.",
@@ -48,6 +51,7 @@ REMEDIES: dict[str, str] = {
     codes.LOW_BATTERY: "Let it charge.",
     codes.BATTERY: "Ask a person to charge it.",
     codes.DOES_NOT_OBEY: "Ask a person to switch the robot off at once.",
+    NOT_STOPPED: "Tell a person at once, and call `stop` again.",
     TOO_MANY: "Wait as long, then call once; `stop` always works.",
     NOT_ALLOWED: "Ask a person to do it, or to change the section [mcp] of robot.toml.",
 }

@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from typing import TypeVar
 
 import anyio
@@ -24,9 +24,22 @@ SILENCE_S = 5.0
 """Silence after which the owner is asked whether it still knows the drive."""
 GIVE_UP_S = 2.0
 """How long a cancel may take while the session ends."""
-LONGEST_WAIT_NS = 45_000_000_000
-"""Robot time after which a call is answered although the drive goes on: usual clients give up on a
-call after 60 s whatever progress is told, and giving up ends the drive."""
+SILENT = "{0} has fallen silent; the {1} is canceled as soon as it answers."
+AGAIN_S = 1.0
+"""How often a cancel is repeated that nobody answers."""
+LONGEST_WAIT_S = 45.0
+"""After this a call is answered although the drive goes on: usual clients give up on a call after
+60 s whatever progress is told, and giving up ends the drive."""
+
+
+async def send_goal(robot: RobotLink, goal: SendGoal) -> GoalStatus:
+    """Send a goal without waiting for its end; one whose answer does not come is canceled.
+
+    Raises:
+        Refused: It was refused.
+    """
+    async with _ended_where_nobody_waits(robot, lambda: _cancel(robot, goal)):
+        return await robot.ask(requests.GOAL_SEND, goal)
 
 
 async def follow_goal(robot: RobotLink, goal: SendGoal, name: str, tell: Progress) -> GoalStatus:
@@ -37,25 +50,24 @@ async def follow_goal(robot: RobotLink, goal: SendGoal, name: str, tell: Progres
     Raises:
         Refused: It was refused, replaced or forgotten.
     """
-    async with robot.heard(topics.GOAL) as statuses:
-        try:
-            status = await robot.ask(requests.GOAL_SEND, goal)
-            sent_ns, longest_m = status.stamp_ns, 0.0
-            while status.state in GOAL_GOES and status.stamp_ns - sent_ns < LONGEST_WAIT_NS:
-                left_m = status.distance_remaining
-                longest_m = max(longest_m, left_m or 0.0)
-                await tell(longest_m - (left_m or 0.0), longest_m or None, goal_text(status, name))
-                heard = await _next(statuses)
-                if heard is None and (heard := await robot.latest(topics.GOAL)) is None:
-                    raise Refused(codes.NOT_READY, "The planner has fallen silent.")
-                if heard.id == goal.id:
-                    status = heard
-                elif heard.stamp_ns > sent_ns:  # not an earlier one's last word
-                    raise Refused(codes.RESTARTED if heard.id is None else codes.REPLACED)
-        except anyio.get_cancelled_exc_class():
-            with anyio.move_on_after(GIVE_UP_S, shield=True):
-                await _let_go(robot.ask(requests.GOAL_CANCEL, WhichGoal(id=goal.id)))
-            raise
+    until_s, longest_m = robot.monotonic_s + LONGEST_WAIT_S, 0.0
+    async with (
+        robot.heard(topics.GOAL) as statuses,
+        _ended_where_nobody_waits(robot, lambda: _cancel(robot, goal)),
+    ):
+        status = await robot.ask(requests.GOAL_SEND, goal)
+        sent_ns = status.stamp_ns
+        while status.state in GOAL_GOES and robot.monotonic_s < until_s:
+            left_m = status.distance_remaining
+            longest_m = max(longest_m, left_m or 0.0)
+            await tell(longest_m - (left_m or 0.0), longest_m or None, goal_text(status, name))
+            heard = await _next(statuses)
+            if heard is None and (heard := await robot.latest(topics.GOAL)) is None:
+                raise Refused(codes.NOT_READY, SILENT.format("The planner", "drive"))
+            if heard.id == goal.id:
+                status = heard
+            elif heard.stamp_ns > sent_ns:  # not an earlier one's last word
+                raise Refused(codes.RESTARTED if heard.id is None else codes.REPLACED)
     return status
 
 
@@ -67,26 +79,26 @@ async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> Tou
     Raises:
         Refused: It was refused, replaced or forgotten.
     """
-    async with robot.heard(topics.TOUR) as statuses:
-        trip: str | None = None
-        try:
-            status = await _started(robot, start)
-            trip, sent_ns = status.trip, status.stamp_ns
-            while status.state in TRIP_GOES and status.stamp_ns - sent_ns < LONGEST_WAIT_NS:
-                stops = None if status.tour is None else float(len(status.tour.stops))
-                await tell(float(status.num_ended), stops, status.message)
-                heard = await _next(statuses)
-                if heard is None and (heard := await robot.latest(topics.TOUR)) is None:
-                    raise Refused(codes.NOT_READY, "The tour service has fallen silent.")
-                if heard.trip == trip:
-                    status = heard
-                elif heard.stamp_ns > sent_ns:
-                    raise Refused(codes.REPLACED, "Another tour took its place.")
-        except anyio.get_cancelled_exc_class():
-            if trip is not None:
-                with anyio.move_on_after(GIVE_UP_S, shield=True):
-                    await _end_trip(robot, trip)
-            raise
+    until_s = robot.monotonic_s + LONGEST_WAIT_S
+    trip: str | None = None
+
+    async def end() -> None:
+        if trip is not None:
+            await _end_trip(robot, trip)
+
+    async with robot.heard(topics.TOUR) as statuses, _ended_where_nobody_waits(robot, end):
+        status = await _started(robot, start)
+        trip, sent_ns = status.trip, status.stamp_ns
+        while status.state in TRIP_GOES and robot.monotonic_s < until_s:
+            stops = None if status.tour is None else float(len(status.tour.stops))
+            await tell(float(status.num_ended), stops, status.message)
+            heard = await _next(statuses)
+            if heard is None and (heard := await robot.latest(topics.TOUR)) is None:
+                raise Refused(codes.NOT_READY, SILENT.format("The tour service", "tour"))
+            if heard.trip == trip:
+                status = heard
+            elif heard.stamp_ns > sent_ns:
+                raise Refused(codes.REPLACED, "Another tour took its place.")
     return status
 
 
@@ -99,15 +111,46 @@ async def _started(robot: RobotLink, start: StartTour) -> TourStatus:
     return status
 
 
+@contextlib.asynccontextmanager
+async def _ended_where_nobody_waits(
+    robot: RobotLink, end: Callable[[], Awaitable[None]]
+) -> AsyncGenerator[None]:
+    """Call `end` if the wait is canceled or nobody answers: until somebody does."""
+    try:
+        yield
+    except anyio.get_cancelled_exc_class():
+        ending = robot.see_to(_answered(end))
+        with anyio.move_on_after(GIVE_UP_S, shield=True):  # the session may end with the call
+            await asyncio.wait([ending])
+        raise
+    except Refused as refused:
+        if refused.code in codes.UNANSWERED:
+            robot.see_to(_answered(end))
+        raise
+
+
+async def _answered(ask: Callable[[], Awaitable[None]]) -> None:
+    """Ask until somebody answers, whatever it is: a refusal says that it has ended by itself."""
+    while True:
+        try:
+            await ask()
+        except Refused as refused:
+            if refused.code in codes.UNANSWERED:
+                await anyio.sleep(AGAIN_S)
+                continue
+        return
+
+
+async def _cancel(robot: RobotLink, goal: SendGoal) -> None:
+    await robot.ask(requests.GOAL_CANCEL, WhichGoal(id=goal.id))
+
+
 async def _end_trip(robot: RobotLink, trip: str) -> None:
     now = await robot.latest(topics.TOUR)
-    if now is not None and now.trip == trip:  # not somebody else's
-        await _let_go(robot.ask(requests.TOUR_STOP, Nothing()))
-
-
-async def _let_go(asked: Awaitable[object]) -> None:
-    with contextlib.suppress(Refused):  # it has ended by itself
-        await asked
+    if now is None:
+        raise Refused(codes.NOT_READY)
+    if now.trip == trip:  # not somebody else's
+        await robot.ask(requests.TOUR_STOP, Nothing())
 
 
 async def _next(queue: "asyncio.Queue[M]") -> M | None:

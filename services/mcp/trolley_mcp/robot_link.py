@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from typing import Any, TypeVar
 
 import anyio
@@ -30,11 +30,17 @@ class RobotLink:
 
     def __init__(self, service: Service) -> None:
         self._service = service
+        self._errands: set[asyncio.Task[None]] = set()
 
     @property
     def now_ns(self) -> int | None:
         """Robot time [ns], None while unknown."""
         return self._service.now_ns
+
+    @property
+    def monotonic_s(self) -> float:
+        """The time of the assistant's own clock [s], which goes on without the robot."""
+        return self._service.monotonic_ns * 1e-9
 
     @property
     def robot(self) -> str:
@@ -71,6 +77,13 @@ class RobotLink:
         if isinstance(result, Refused):
             raise result
         return result
+
+    def see_to(self, errand: Coroutine[Any, Any, None]) -> "asyncio.Task[None]":
+        """Do something while other calls go on, until the session ends."""
+        task = asyncio.create_task(errand)
+        self._errands.add(task)
+        task.add_done_callback(self._errands.discard)
+        return task
 
     async def get(self, topic: Topic[M], *parts: str) -> dict[tuple[str, ...], M]:
         """The latest values of a topic, by the chunks of their keys that vary."""

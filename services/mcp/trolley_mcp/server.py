@@ -1,7 +1,6 @@
 """One session: the tools in the words of the protocol, behind roles and limits."""
 
 import importlib.metadata
-import re
 import time
 from collections.abc import Callable
 from typing import Any
@@ -20,6 +19,7 @@ from mcp_types import Tool as ListedTool
 from trolley import codes
 from trolley.codes import Refused
 from trolley.config.mcp import McpConfig
+from trolley.invalid import in_plain_words
 from trolley_mcp.answers import NOT_ALLOWED, refusal_of, result_of
 from trolley_mcp.limits import CallLimits
 from trolley_mcp.robot_link import RobotLink
@@ -33,7 +33,6 @@ INSTRUCTIONS = (
 STOP = "stop"
 TELL_S = 1.0
 """How often progress is told at most."""
-_WHERE = re.compile(r" - at `\$\.?(.*)`$")
 
 
 def make_server(
@@ -107,11 +106,16 @@ def _check(tool: Tool, settings: McpConfig) -> None:
 
 
 def _decoded(tool: Tool, arguments: dict[str, Any]) -> Any:
+    # To JSON schema 5.0 is an integer, and some clients send every number so.
+    whole = {
+        name: int(value) if isinstance(value, float) and value.is_integer() else value
+        for name, value in arguments.items()
+    }
     try:
-        return msgspec.convert(arguments, tool.params)
+        return msgspec.convert(whole, tool.params)
     except (msgspec.ValidationError, RecursionError) as error:
-        problem = _WHERE.sub(r" (`\1`)", str(error)).replace("Object", "The call", 1)
-        raise Refused(codes.BAD_REQUEST, f"{problem}.") from None
+        words = in_plain_words(str(error), tool.params)
+        raise Refused(codes.BAD_REQUEST, f"{tool.name}: {words}.") from None
 
 
 def _listed(tool: Tool) -> ListedTool:
@@ -123,7 +127,12 @@ def _listed(tool: Tool) -> ListedTool:
         name=tool.name,
         description=tool.about,
         input_schema=schema,
-        annotations=ToolAnnotations(read_only_hint=is_look, open_world_hint=False),
+        annotations=ToolAnnotations(
+            read_only_hint=is_look,
+            # Else a client may ask a person before it lets the robot be stopped.
+            destructive_hint=False if tool.name == STOP else None,
+            open_world_hint=False,
+        ),
     )
 
 

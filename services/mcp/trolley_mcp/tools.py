@@ -5,6 +5,7 @@ import math
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Literal
 
+import anyio
 import numpy as np
 from msgspec import Meta, Struct, to_builtins
 
@@ -29,10 +30,10 @@ from trolley.messages.request_params import (
 )
 from trolley.names import canonical
 from trolley.picture import MapPicture
-from trolley.under_way import GOAL_GOES, TRIP_GOES, what_is_under_way
+from trolley.under_way import GOAL_GOES, TRIP_GOES, TRIP_UNDER_WAY, what_is_under_way
 from trolley.zones import room_at, room_of
-from trolley_mcp.answers import NOT_ALLOWED, Answer
-from trolley_mcp.drives import Progress, follow_goal, follow_trip, goal_text
+from trolley_mcp.answers import NOT_ALLOWED, NOT_STOPPED, Answer
+from trolley_mcp.drives import Progress, follow_goal, follow_trip, goal_text, send_goal
 from trolley_mcp.robot_link import RobotLink
 
 Role = Literal["viewer", "operator"]
@@ -49,9 +50,14 @@ Replace = Annotated[
     bool, Meta(description="Whether to give up what the robot is doing: ask a person first.")
 ]
 GOES_ON = "It goes on: call `status` to see how it ends, `cancel` to end it."
-STOP_S = 0.7
-STOP_TRIES = 3
-NOT_STOPPED = "NOT STOPPED: the robot does not answer. Tell a person at once."
+SILENT = {
+    "localizer": "It has no map yet, or the localizer is not running.",
+    "planner": "The planner is not running.",
+    "tour": "The tour service, which keeps the places, is not running.",
+}
+"""What it means that a service says nothing."""
+STOP_S, STOP_WITHIN_S, STOP_AGAIN_S = 0.7, 2.0, 0.1
+"""How long a stop waits for an answer, how long it is tried, and how long after a refusal."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,12 +150,15 @@ async def _status(call: Call, _: NoParams) -> Answer:
     if robot.now_ns is None:
         base = None  # what was left behind by one that is gone
     is_stale = _age_s(call, pose) > STALE_AFTER_S
+    said = {"localizer": pose, "planner": goal, "tour": trip}
+    silent = [words for name, words in SILENT.items() if base is not None and said[name] is None]
     sentence = robot_sentence(base, pose, goal, trip, is_stale=is_stale)
+    if silent and base is not None and base.mode == "ok":
+        sentence = "The robot cannot be sent to a place now."
     room = None if is_stale else room_of(pose, zones)
     battery = None if base is None or base.battery is None else base.battery.fraction
     data: dict[str, Any] = {
         "robot": robot.robot,
-        "sentence": sentence,
         "mode": None if base is None else base.mode,
         "reason": "" if base is None else base.reason,
         "position": None if pose is None else "stale" if is_stale else pose.state,
@@ -161,9 +170,9 @@ async def _status(call: Call, _: NoParams) -> Answer:
         else {"name": trip.name, "state": trip.state, "reason": trip.reason},
         "map_making": _mapping_data(mapping),
     }
-    lines = [sentence]
+    lines = [sentence, *silent]
     if pose is not None and pose.state != "localized" and pose.message and not is_stale:
-        lines.append(pose.message)
+        lines.append(f"Its pose is {pose.state}: {pose.message}.")
     if room:
         lines.append(f"It is in {room}.")
     if battery is not None:
@@ -187,9 +196,8 @@ async def _places(call: Call, _: NoParams) -> Answer:
 async def _where_is(call: Call, params: WhereParams) -> Answer:
     pose, zones = await call.robot.latest(topics.POSE), await call.robot.latest(topics.ZONES)
     is_known = pose is not None and pose.pose is not None and _age_s(call, pose) <= STALE_AFTER_S
-    places = await _known_places(call)
     if params.place is not None:
-        place = _find(places, params.place)
+        place = _find(await _known_places(call), params.place)
         rooms = [] if zones is None or zones.map != place.map else zones.zones
         room = room_at(rooms, place.pose.x, place.pose.y)
         text = f"{place.name} is at {pose_text(place.pose)}"
@@ -201,13 +209,14 @@ async def _where_is(call: Call, params: WhereParams) -> Answer:
         return Answer(f"{text}.", data)
     if pose is None or pose.pose is None or not is_known:
         raise Refused(codes.LOST if is_known else codes.STALE)
-    near = min(places, key=lambda one: one.pose.distance_to(pose.pose), default=None)
+    here, places = pose.pose, await _places_here(call) or []
+    near = min(places, key=lambda one: one.pose.distance_to(here), default=None)
     room = room_of(pose, zones)
-    text = f"The robot is at {pose_text(pose.pose)} on {pose.map} ({pose.state})"
+    text = f"The robot is at {pose_text(here)} on {pose.map} ({pose.state})"
     text += f", in {room}" if room else ""
     if near is not None:
-        text += f", {near.pose.distance_to(pose.pose):.1f} m from {near.name}"
-    data = {"pose": to_builtins(pose.pose), "map": pose.map, "state": pose.state, "room": room}
+        text += f", {near.pose.distance_to(here):.1f} m from {near.name}"
+    data = {"pose": to_builtins(here), "map": pose.map, "state": pose.state, "room": room}
     return Answer(f"{text}.", data | {"near": None if near is None else near.name})
 
 
@@ -262,11 +271,11 @@ async def _map(call: Call, params: MapParams) -> Answer:
     robot = call.robot
     message = await robot.latest(topics.MAP)
     if message is None:
-        raise Refused(codes.NOT_READY, "There is no map yet.")
+        raise Refused(codes.NOT_READY, "There is no map yet, or the localizer is not running.")
     grid = grid_of(message)
     pose, scan = await robot.latest(topics.POSE), await robot.latest(topics.SCAN)
     mount = await robot.latest(topics.TF, "laser")
-    places = [one for one in await _known_places(call) if one.map == message.name]
+    places = [one for one in await _places_here(call) or [] if one.map == message.name]
     at = None if pose is None or _age_s(call, pose) > STALE_AFTER_S else pose.pose
     about, zones = await robot.latest(topics.ROBOT), await robot.latest(topics.ZONES)
     points = np.empty((0, 2))
@@ -292,15 +301,17 @@ async def _map(call: Call, params: MapParams) -> Answer:
 
 # Stopping.
 async def _stop(call: Call, _: NoParams) -> Answer:
-    for _try in range(STOP_TRIES):
+    until_s = call.robot.monotonic_s + STOP_WITHIN_S
+    while call.robot.monotonic_s < until_s:
         try:
             state = await call.robot.ask(requests.BASE_STOP, Nothing(), STOP_S, urgent=True)
         except Refused:
+            await anyio.sleep(STOP_AGAIN_S)  # while the connection is down, it is refused at once
             continue
         if state.may_still_move:
             raise Refused(codes.DOES_NOT_OBEY, state.message)
         return Answer("Stopped. It stays stopped until a person lets it drive again.")
-    raise Refused(codes.NOT_READY, NOT_STOPPED)
+    raise Refused(NOT_STOPPED, "The robot does not answer, and may drive on.")
 
 
 async def _resume(call: Call, _: NoParams) -> Answer:
@@ -322,8 +333,8 @@ async def _go(call: Call, params: DriveParams) -> Answer:
         await _check_is_free(call)
     goal = SendGoal(id=call.robot.new_id(), name=place.name, speed=_speed(call, params.speed))
     if not params.wait:
-        await call.robot.ask(requests.GOAL_SEND, goal)
-        return Answer(f"On its way to {place.name}: call `status` to see.")
+        await send_goal(call.robot, goal)
+        return Answer(f"On its way to {place.name}. {GOES_ON}")
     status = await follow_goal(call.robot, goal, place.name, call.progress)
     if status.state in GOAL_GOES:
         return Answer(f"{goal_text(status, place.name)} {GOES_ON}")
@@ -336,10 +347,13 @@ async def _go(call: Call, params: DriveParams) -> Answer:
 async def _start_tour(call: Call, params: TourParams) -> Answer:
     if not params.replace:
         await _check_is_free(call)
+    base = await call.robot.latest(topics.BASE)
+    if base is not None and base.mode == "stopped":  # it would begin once the robot is resumed
+        raise Refused(codes.STOPPED)
     start = StartTour(name=params.tour, speed=_speed(call, params.speed))
     if not params.wait:
         await call.robot.ask(requests.TOUR_START, start)
-        return Answer(f"The tour {params.tour} has begun: call `status` to see.")
+        return Answer(f"The tour {params.tour} has begun. {GOES_ON}")
     status = await follow_trip(call.robot, start, call.progress)
     data = {
         "state": status.state,
@@ -364,6 +378,10 @@ async def _cancel(call: Call, _: NoParams) -> Answer:
     if what == "goal" and goal is not None:
         await call.robot.ask(requests.GOAL_CANCEL, WhichGoal(id=goal.id))
         return Answer("The drive is canceled; the robot stands.")
+    if goal is None or trip is None:
+        silent = "planner" if goal is None else "tour service"
+        why = f"The {silent} does not answer: it is not known whether anything is under way."
+        raise Refused(codes.NOT_READY, why)
     raise Refused(codes.NOT_DRIVING, "The robot is not going anywhere.")
 
 
@@ -397,10 +415,17 @@ async def _cancel_map(call: Call, _: NoParams) -> Answer:
 
 # What several need.
 async def _known_places(call: Call) -> list[SavedPose]:
-    """The saved places on the robot's map; all of them while that is unknown."""
+    places = await _places_here(call)
+    if places is None:
+        raise Refused(codes.NOT_READY, SILENT["tour"])
+    return places
+
+
+async def _places_here(call: Call) -> list[SavedPose] | None:
+    """The saved places on the robot's map, all of them while that is unknown; None: nobody says."""
     poses, estimate = await call.robot.latest(topics.POSES), await call.robot.latest(topics.POSE)
     if poses is None:
-        raise Refused(codes.NOT_READY, "The tour service, which keeps the places, is not running.")
+        return None
     on_map = None if estimate is None else estimate.map
     return [one for one in poses.poses if on_map is None or one.map == on_map]
 
@@ -431,8 +456,10 @@ async def _check_is_free(call: Call) -> None:
         Refused: `busy`.
     """
     goal, trip = await call.robot.latest(topics.GOAL), await call.robot.latest(topics.TOUR)
-    if trip is not None and trip.state in TRIP_GOES:
-        raise Refused(codes.BUSY, f"The robot is on the tour {trip.name or 'without a name'}.")
+    if trip is not None and trip.state in TRIP_UNDER_WAY:
+        paused = ", which is paused" if trip.state == "paused" else ""
+        tour = f"the tour {trip.name}" if trip.name else "a tour without a name"
+        raise Refused(codes.BUSY, f"The robot is on {tour}{paused}.")
     if goal is not None and goal.state in GOAL_GOES:
         raise Refused(codes.BUSY)
 
@@ -486,8 +513,8 @@ _TABLE = (
     ),
     Tool(
         "go",
-        "Drive to a saved place. Waits until the robot has arrived or says why not, 45 s at most; "
-        "canceling the call cancels the drive.",
+        "Drive to a saved place. Waits until the robot has arrived or says why not; after 45 s it "
+        "answers that the drive goes on. Canceling the call cancels the drive.",
         DriveParams,
         _go,
         "operator",

@@ -47,6 +47,7 @@ from trolley.messages.request_params import (
 )
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, answers, every
+from trolley.runtime.serving import Later
 from trolley_mcp.robot_link import RobotLink
 from trolley_mcp.server import make_server
 from trolley_mcp.service import AssistantService
@@ -65,6 +66,9 @@ class ScriptedRobot(Service):
         self.asked: list[tuple[str, Any]] = []
         self.refuse: Refused | None = None
         self.is_deaf = False
+        self.answers_goals = True
+        self.silent: set[str] = set()
+        self.rate = 1.0
         self.drive_s = DRIVE_S
         self.end: tuple[Any, str, str] = ("arrived", "", "")
         self.base = BaseState(stamp_ns=0, mode="ok")
@@ -98,13 +102,17 @@ class ScriptedRobot(Service):
         mount = Transform(stamp_ns=0, parent="base_link", child="laser", pose=Pose2D(0.1, 0.0, 0.0))
         self.publish(topics.TF, mount, "laser")
 
+    def say(self, topic: Any, message: Any, *parts: str) -> None:
+        if topic.name not in self.silent:
+            self.publish(topic, message, *parts)
+
     def save(self, places: list[SavedPose]) -> None:  # pyrefly: ignore[bad-override]
-        self.publish(topics.POSES, SavedPoses(stamp_ns=0, poses=places))
+        self.say(topics.POSES, SavedPoses(stamp_ns=0, poses=places))
 
     @every(0.1, clock="local")
     def tick(self) -> None:
-        now_ns = self.monotonic_ns
-        self.publish(topics.CLOCK, Clock(stamp_ns=now_ns, rate=1.0, epoch=0))
+        now_ns = int(self.monotonic_ns * self.rate)
+        self.publish(topics.CLOCK, Clock(stamp_ns=now_ns, rate=self.rate, epoch=0))
         if self._ends_ns is not None and now_ns >= self._ends_ns:
             self._ends_ns = None
             state, reason, message = self.end
@@ -120,8 +128,8 @@ class ScriptedRobot(Service):
             left_m = max(0.0, (self._ends_ns or now_ns) - now_ns) * 1e-9
             self.goal = structs.replace(self.goal, distance_remaining=left_m)
         self.publish(topics.BASE, structs.replace(self.base, stamp_ns=now_ns))
-        self.publish(topics.GOAL, structs.replace(self.goal, stamp_ns=now_ns))
-        self.publish(topics.TOUR, structs.replace(self.trip, stamp_ns=now_ns))
+        self.say(topics.GOAL, structs.replace(self.goal, stamp_ns=now_ns))
+        self.say(topics.TOUR, structs.replace(self.trip, stamp_ns=now_ns))
         self.publish(topics.MAPPING, structs.replace(self.mapping, stamp_ns=now_ns))
         estimate = PoseEstimate(
             stamp_ns=now_ns,
@@ -132,7 +140,7 @@ class ScriptedRobot(Service):
             match=0.9,
             spread=0.0,
         )
-        self.publish(topics.POSE, estimate)
+        self.say(topics.POSE, estimate)
         ranges = np.full(8, 1.0, np.float32)
         ranges[::2] = np.inf
         scan = Scan(
@@ -151,18 +159,18 @@ class ScriptedRobot(Service):
         self.asked.append((name, params))
         if self.refuse is not None:
             raise self.refuse
-        if self.base.mode == "stopped" and name in ("goal/send", "tour/start", "map/new"):
+        if self.base.mode == "stopped" and name in ("goal/send", "map/new"):
             raise Refused(codes.STOPPED)
 
     def names_asked(self) -> list[str]:
         return [name for name, _ in self.asked]
 
     @answers(requests.GOAL_SEND)
-    def send(self, goal: SendGoal) -> GoalStatus:
+    def send(self, goal: SendGoal) -> GoalStatus | Later[GoalStatus]:
         self._note("goal/send", goal)
         self._ends_ns = self.monotonic_ns + int(self.drive_s * 1e9)
         self.goal = GoalStatus(stamp_ns=self.monotonic_ns, id=goal.id, state="driving")
-        return self.goal
+        return self.goal if self.answers_goals else Later()
 
     @answers(requests.GOAL_CANCEL)
     def cancel(self, which: WhichGoal) -> GoalStatus:

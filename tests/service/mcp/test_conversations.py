@@ -16,7 +16,8 @@ from trolley.codes import Refused
 from trolley.geometry import Pose2D
 from trolley.messages import BaseState, Battery, GoalStatus, SavedPose, TourStatus
 from trolley.picture import BLUE, GREEN, RED
-from trolley_mcp.answers import REMEDIES
+from trolley_mcp import drives, tools
+from trolley_mcp.answers import NOT_STOPPED, REMEDIES
 
 if TYPE_CHECKING:
     from .conftest import ScriptedRobot, Talk
@@ -53,6 +54,7 @@ def data_of(result: Any) -> Any:
         ("stop", {"nonsense": 1}, "Stopped."),
         ("go", {"place": "kitchen"}, "Arrived at kitchen after 3 s."),
         ("go", {"place": "hall", "wait": False}, "On its way to hall"),
+        ("history", {"limit": 3.0}, "evening done"),
         ("start_tour", {"tour": "evening"}, "The tour evening has begun"),
         ("start_tour", {"tour": "evening", "wait": True}, "The tour is done."),
         ("save_place", {"name": "desk"}, "Saved desk"),
@@ -138,6 +140,23 @@ def test_a_viewer_looks_and_stops(converse: Converse, tool: str) -> None:
         assert not (await talk.call("stop")).is_error
 
     assert converse(script, role="viewer", may_resume=True).names_asked() == ["base/stop"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({}, "`place` is missing"),
+        ({"place": "hall", "speed": "fast"}, "`speed`: a number or nothing is needed, not text"),
+        ({"place": "hall", "force": True}, "unknown field `force`"),
+    ],
+)
+def test_wrong_arguments_are_told_in_plain_words(
+    converse: Converse, arguments: dict[str, Any], words: str
+) -> None:
+    async def script(talk: "Talk") -> None:
+        assert words in text_of(await talk.call("go", **arguments))
+
+    converse(script)
 
 
 def test_the_robots_own_refusal_is_passed_on(converse: Converse) -> None:
@@ -234,6 +253,17 @@ def test_a_long_drive_is_answered_before_clients_give_up_and_goes_on(
     converse(script, tick_s=0.5)
 
 
+def test_a_robot_whose_time_is_slow_keeps_no_client_waiting(converse: Converse) -> None:
+    async def script(talk: "Talk") -> None:
+        talk.robot.rate = 0.1
+        talk.robot.drive_s = 1000.0
+        began_ns = talk.lockstep.now_ns
+        assert "It goes on" in text_of(await talk.call("go", place="hall"))
+        assert (talk.lockstep.now_ns - began_ns) * 1e-9 < 55.0
+
+    converse(script, tick_s=0.5)
+
+
 @pytest.mark.parametrize(("asked", "driven"), [(None, 0.25), (0.1, 0.1), (5.0, 0.25)])
 def test_no_drive_is_faster_than_the_settings_allow(
     converse: Converse, asked: float | None, driven: float
@@ -258,6 +288,51 @@ def test_what_somebody_wanted_is_interrupted_only_on_demand(converse: Converse) 
         assert "on the tour dawn" in text_of(await talk.call("go", place="hall"))
         assert talk.robot.asked == []
         assert not (await talk.call("go", place="hall", replace=True, wait=False)).is_error
+
+    converse(script)
+
+
+def test_a_paused_tour_is_not_given_up_for_another_unasked(converse: Converse) -> None:
+    async def script(talk: "Talk") -> None:
+        talk.robot.trip = TourStatus(stamp_ns=0, name="dawn", trip="x", state="paused")
+        await anyio.sleep(0.05)
+        assert code_of(await talk.call("start_tour", tour="evening")) == codes.BUSY
+
+    assert converse(script).asked == []
+
+
+def test_a_drive_whose_planner_falls_silent_does_not_go_on_later(
+    converse: Converse, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(drives, "SILENCE_S", 0.05)
+    monkeypatch.setattr(drives, "AGAIN_S", 0.05)
+
+    async def script(talk: "Talk") -> None:
+        results: list[Any] = []
+
+        async def drive() -> None:
+            results.append(await talk.call("go", place="hall"))
+
+        talk.robot.drive_s = 1e6
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(drive)
+            await talk.until(lambda: talk.told)
+            talk.lockstep.kill("base")
+        assert code_of(results[0]) == codes.NOT_READY
+        assert code_of(await talk.call("cancel")) == codes.NOT_READY
+        talk.lockstep.add(talk.robot)
+        await talk.until(lambda: talk.robot.goal.state == "canceled")
+
+    converse(script)
+
+
+@pytest.mark.parametrize("wait", [True, False])
+def test_a_drive_whose_start_is_not_answered_is_canceled(converse: Converse, wait: bool) -> None:
+    async def script(talk: "Talk") -> None:
+        talk.robot.answers_goals = False
+        result = await talk.call("go", place="hall", wait=wait)
+        assert code_of(result) == codes.TIMEOUT
+        await talk.until(lambda: talk.robot.goal.state == "canceled")
 
     converse(script)
 
@@ -313,8 +388,39 @@ def test_a_stop_that_is_not_answered_is_told_as_such(converse: Converse) -> None
     async def script(talk: "Talk") -> None:
         talk.robot.is_deaf = True
         result = await talk.call("stop")
-        assert result.is_error
-        assert "NOT STOPPED" in text_of(result)
+        assert code_of(result) == NOT_STOPPED
+        assert text_of(result).endswith("Tell a person at once, and call `stop` again.")
+
+    converse(script)
+
+
+def test_a_stop_goes_on_trying_while_the_connection_is_down(
+    converse: Converse, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tools, "STOP_AGAIN_S", 0.0)
+
+    async def script(talk: "Talk") -> None:
+        talk.lockstep.kill("base")
+        results: list[Any] = []
+
+        async def stop() -> None:
+            results.append(await talk.call("stop"))
+
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(stop)
+            began_ns = talk.lockstep.now_ns
+            await talk.until(lambda: talk.lockstep.now_ns > began_ns + 300_000_000)
+            talk.lockstep.add(talk.robot)
+        assert not results[0].is_error
+        assert talk.robot.base.mode == "stopped"
+
+    converse(script)
+
+
+def test_no_tour_is_begun_while_the_robot_is_stopped(converse: Converse) -> None:
+    async def script(talk: "Talk") -> None:
+        await talk.call("stop")
+        assert code_of(await talk.call("start_tour", tour="evening")) == codes.STOPPED
 
     converse(script)
 
@@ -385,6 +491,27 @@ def test_a_stale_pose_and_a_silent_base_are_said(converse: Converse) -> None:
         talk.lockstep.kill("base")
         await anyio.sleep(0.2)
         assert "No contact with the robot." in text_of(await talk.call("status"))
+
+    converse(script)
+
+
+def test_the_status_says_which_services_are_silent(converse: Converse) -> None:
+    async def script(talk: "Talk") -> None:
+        robot = talk.robot
+        talk.lockstep.kill("base")
+        # As if the planner, the tour service and the localizer were programs of their own.
+        robot.silent = {topics.GOAL.name, topics.TOUR.name, topics.POSE.name, topics.POSES.name}
+        talk.lockstep.add(robot)
+        await anyio.sleep(0.05)
+        told = text_of(await talk.call("status"))
+        assert "Ready" not in told
+        assert all(f"{name} is not running" in told for name in ("localizer", "planner"))
+        assert "tour service, which keeps the places, is not running" in told
+        # What needs no places goes on without them.
+        assert not (await talk.call("map")).is_error
+        robot.silent = {topics.TOUR.name, topics.POSES.name}
+        await anyio.sleep(0.05)
+        assert text_of(await talk.call("where_is")).startswith("The robot is at")
 
     converse(script)
 
