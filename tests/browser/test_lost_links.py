@@ -163,6 +163,19 @@ def test_a_browser_that_cannot_draw_the_map_says_so_and_stops_the_robot_all_the_
     page.context.close()
 
 
+def test_a_picture_that_the_browser_took_back_is_drawn_anew(house: House, browser: Browser) -> None:
+    page = open_page(browser, 390, 844, has_touch=True, is_mobile=True)
+    open_house(page, house)
+    expect(page.locator("#scene-wait")).to_be_hidden()
+    context = """document.getElementById("scene").contentDocument
+      ?.querySelector("canvas[data-engine]")?.getContext("webgl2")"""
+    page.evaluate(f'{context}.getExtension("WEBGL_lose_context").loseContext()')
+    is_back = f"{context}?.isContextLost() === false"
+    wait_until(lambda: page.evaluate(is_back), "the map is drawn again")
+    expect(page.locator("#scene-wait")).to_be_hidden()
+    page.context.close()
+
+
 def build_of(page: Page) -> str:
     build = page.locator("meta[name=build]").get_attribute("content")
     assert build is not None

@@ -2,7 +2,7 @@
 // what a pointer does there. What is pressed counts as let go only if its own pointer comes up,
 // alone, while the page has the focus.
 
-const LOOK_MS = 100, LOADING_MS = 180000, GIVEN_UP_MS = 8000;
+const LOOK_MS = 100, LOADING_MS = 180000, GIVEN_UP_MS = 8000, LOST_MS = 3000;
 const TAP_PX = 12, TAP_MS = 700, PASSED_ON = ["fixedDpr"];
 const HIDDEN = `
 [data-dock-region], .mantine-Paper-root, .mantine-Notifications-root { display: none !important }`;
@@ -23,7 +23,8 @@ export class Scene {
     this.told = "";
     this.toldSize = ""; // width and height of the picture [px], as the viewer knows them
     this.held = null; // the pointer that presses: its id and kind
-    this.failures = 0; // in a row
+    this.failures = 0;
+    this.drawnMs = 0;
     this.opened = () => {};
     this.waits = () => {}; // told why there is no picture
     this.tapped = () => {};
@@ -35,10 +36,17 @@ export class Scene {
     return this.frame.contentDocument?.querySelector("canvas[data-engine]") ?? null;
   }
 
+  // A browser takes back what it draws with where it is short of it, and may not return it.
+  get isLost() {
+    return this.canvas?.getContext("webgl2")?.isContextLost() ?? false;
+  }
+
   look() {
     if (!this.line.isOpen) return;
     const now = performance.now();
     if (this.loadedMs === 0) return this.load();
+    if (document.hidden || !this.hasSession || !this.isLost) this.drawnMs = now;
+    if (now - this.drawnMs > LOST_MS) return this.load();
     if (this.hasSession) return this.tellSize();
     const secret = this.frame.contentDocument?.getElementById("trolley-scene")?.dataset.secret;
     if (secret !== undefined && secret !== this.told) {
@@ -60,7 +68,7 @@ export class Scene {
     const asked = new URLSearchParams(location.search);
     for (const name of PASSED_ON) if (asked.has(name)) url.searchParams.set(name, asked.get(name));
     url.searchParams.set("websocket", socket.href);
-    this.loadedMs = performance.now();
+    this.loadedMs = this.drawnMs = performance.now();
     this.patienceMs = LOADING_MS; // over a thin link it takes most of a minute
     this.told = "";
     this.frame.src = url.href;
