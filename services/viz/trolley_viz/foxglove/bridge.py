@@ -13,15 +13,13 @@ from foxglove.websocket import ChannelView, Client, ServerListener
 
 from trolley import topics
 from trolley.config.viz import VizConfig
-from trolley.foxglove.views import CHANNELS, Channel, Views
+from trolley.foxglove.views import CHANNELS, MARKERS, Channel, Views
 from trolley.messages import Robot
 from trolley.runtime.service import Service, Watch
 from trolley.topics import Topic
 
 NAME = "Trolley"
 MAX_ROBOTS = 32
-BACKLOG = 64
-"""Messages that wait for a slow client; the oldest goes."""
 
 
 @dataclasses.dataclass
@@ -31,6 +29,8 @@ class _Shown:
     views: Views
     channels: dict[str, foxglove.Channel]
     watches: dict[str, Watch[Any]] = dataclasses.field(default_factory=dict[str, Watch[Any]])
+    markers: list[bytes] = dataclasses.field(default_factory=list[bytes])
+    """Those that have come at this moment."""
 
 
 class FoxgloveBridge:
@@ -56,7 +56,6 @@ class FoxgloveBridge:
             port=config.foxglove_port,
             server_listener=_Listener(self),
             context=self._context,
-            message_backlog_size=BACKLOG,
         )
         service.watch(topics.ROBOT, robot="*", then=self._meet)
         service.log.info("Foxglove can connect", port=self._server.port)
@@ -143,8 +142,25 @@ class FoxgloveBridge:
             there = {"/".join(where) for where in shown.watches[topics.MARKER.name].by_parts}
             seen += shown.views.left(there, at_ns)
         for name, data in seen:
-            if only in (None, name) and self._wanted.get(CHANNELS[name].of(robot)):
-                shown.channels[name].log(data, log_time=at_ns)
+            if only not in (None, name) or not self._wanted.get(CHANNELS[name].of(robot)):
+                continue
+            if topic is topics.MARKER:
+                if not shown.markers:
+                    self._service.call_soon(lambda: self._show_markers(shown, at_ns))
+                shown.markers.append(data)
+                continue
+            if name == MARKERS:  # some are gone: after those that have come before
+                self._show_markers(shown, at_ns)
+            shown.channels[name].log(data, log_time=at_ns)
+
+    def _show_markers(self, shown: _Shown, at_ns: int) -> None:
+        """Show all markers that have come in one message: of thousands, a client misses many.
+
+        To protobuf, two messages one after the other are one with what both contain.
+        """
+        if shown.markers:
+            shown.channels[MARKERS].log(b"".join(shown.markers), log_time=at_ns)
+            shown.markers.clear()
 
 
 class _Listener(ServerListener):

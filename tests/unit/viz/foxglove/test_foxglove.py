@@ -141,6 +141,27 @@ def test_markers_come_and_go(scene: Scene, client: FoxgloveClient) -> None:
     assert fields(fields(update)[1][0])[3] == [b"trolley/ns/a"]
 
 
+def test_markers_by_the_hundred_all_arrive(scene: Scene, client: FoxgloveClient) -> None:
+    everything = {f"trolley/ns/m{number}" for number in range(3000)}
+    client.subscribe("/trolley/scene/markers")
+    scene.until(client, lambda: scene.subscribed)
+    for number in range(3000):
+        scene.runtime.publish(topics.MARKER, Marker(kind="cube"), "ns", f"m{number}")
+    scene.until(client, lambda: marker_ids(client) == everything)
+    with FoxgloveClient(scene.port) as other:
+        scene.until(other, lambda: "/trolley/scene/markers" in other.channels)
+        other.subscribe("/trolley/scene/markers")
+        scene.until(other, lambda: marker_ids(other) == everything)
+
+
+def marker_ids(client: FoxgloveClient) -> set[str]:
+    return {
+        fields(entity)[3][0].decode()
+        for _, update in client.received.get("/trolley/scene/markers", [])
+        for entity in fields(update).get(2, [])
+    }
+
+
 def test_a_client_can_command_nothing(scene: Scene, client: FoxgloveClient) -> None:
     assert client.info["capabilities"] == []
     client.subscribe("/trolley/base")
