@@ -69,7 +69,7 @@ def explain(port: str, error: OSError) -> str:
     if code in GONE or (code == errno.EIO and not Path(port).exists()):
         return f"{port} is not there: is the device unplugged? {ports_in_words()}"
     if code in FORBIDDEN:
-        return _explain_forbidden(port)
+        return _explain_forbidden(port, code)
     if code == errno.EBUSY:
         return f"{port} is in use {holders(port).in_words(port)}; end that program first."
     if code in NOT_SERIAL:
@@ -143,12 +143,28 @@ def udev_properties(port: str, udev_data: Path = UDEV_DATA) -> dict[str, str]:
     return {key: value for key, equals, value in lines if equals}
 
 
-def _explain_forbidden(port: str) -> str:
-    """Say which group may use a port and how to get into it."""
+def own_unit() -> str | None:
+    """Return the unit of systemd that this service runs as; None where somebody started it."""
+    try:
+        groups = (PROC / "self" / "cgroup").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    names = [line.rpartition("/")[2].removesuffix(".service") for line in groups.splitlines()]
+    return next((name for name in names if name.startswith("trolley-")), None)
+
+
+def _explain_forbidden(port: str, code: int | None) -> str:
+    """Say how to get at a port: which group may use it, or that the sandbox bars it."""
     try:
         status = Path(port).stat()
     except OSError:
         return f"{port} may not be opened by this user: a folder on the way to it is closed."
+    unit = own_unit()
+    if unit is not None and code == errno.EPERM:  # of rights alone it is EACCES
+        return (
+            f"{port} is barred by the sandbox of {unit}: `sudo systemctl edit {unit}`, write "
+            f"[Service] and DeviceAllow=char-{os.major(status.st_rdev)} rw, and restart it."
+        )
     mode = stat.filemode(status.st_mode)
     may_group = status.st_mode & (stat.S_IRGRP | stat.S_IWGRP) == stat.S_IRGRP | stat.S_IWGRP
     if not may_group or status.st_gid in (0, *os.getgroups()):
@@ -160,6 +176,11 @@ def _explain_forbidden(port: str) -> str:
         group = grp.getgrgid(status.st_gid).gr_name
     except KeyError:
         return f"{port} belongs to the group {status.st_gid}, which this system has no name for."
+    if unit is not None:
+        return (
+            f"{port} may only be opened by the group {group}: `sudo usermod -aG {group} trolley`, "
+            f"then `sudo systemctl restart {unit}`."
+        )
     return (
         f"{port} may only be opened by the group {group}: `sudo usermod -aG {group} $USER`, then "
         f"log out and in again."

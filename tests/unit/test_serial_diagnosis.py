@@ -116,6 +116,30 @@ def test_names_the_group_that_may_use_a_port(
     assert "log out and in again" in text
 
 
+@pytest.mark.parametrize(
+    ("code", "advice"),
+    [
+        (errno.EACCES, "trolley`, then `sudo systemctl restart trolley-base`"),
+        (errno.EPERM, "sandbox of trolley-base: `sudo systemctl edit trolley-base`"),
+    ],
+)
+def test_a_service_is_let_in_as_a_service(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, advice: str
+) -> None:
+    device = tmp_path / "ttyTHS1"
+    device.touch()
+    device.chmod(0o660)
+    if os.geteuid() == 0:
+        os.chown(device, 0, 20)
+    (tmp_path / "self").mkdir()
+    (tmp_path / "self" / "cgroup").write_text("0::/system.slice/trolley-base.service\n")
+    monkeypatch.setattr(diagnosis, "PROC", tmp_path)
+    monkeypatch.setattr(os, "getgroups", list)
+    text = explain(str(device), error_of(code))
+    assert advice in text
+    assert "$USER" not in text
+
+
 def test_does_not_send_into_a_group_that_may_not_either(tmp_path: Path) -> None:
     device = tmp_path / "ttyUSB0"
     device.touch()

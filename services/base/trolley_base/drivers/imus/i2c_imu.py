@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 from trolley.config.hardware import ImuConfig
 from trolley.messages import Imu
+from trolley.serial_diagnosis import own_unit
 from trolley_base.drivers.boards.lino_messages import turned
 from trolley_base.drivers.imus import CHIPS
 from trolley_base.drivers.imus.bus import Bus
@@ -167,6 +168,12 @@ class I2cImu:
                 "raspi-config, Interface Options, I2C), or name another [base.imu] bus."
             )
         if isinstance(error, PermissionError):
+            if (unit := own_unit()) is not None:
+                return (
+                    f"/dev/i2c-{self._config.bus} may not be used by {unit}: `sudo systemctl edit "
+                    f"{unit}`, write [Service] and below it SupplementaryGroups=i2c and "
+                    "DeviceAllow=char-89 rw, and restart it."
+                )
             return (
                 f"/dev/i2c-{self._config.bus} may not be used: put this user into the group i2c "
                 "(sudo usermod -aG i2c $USER), and log in again."

@@ -1,9 +1,11 @@
 """Inertial units over I2C: what they measure, and how they fail and come back."""
 
+import errno
 import math
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,6 +21,7 @@ from support.fake_i2c import (
 )
 from support.waiting import wait_until
 
+from trolley import serial_diagnosis
 from trolley.config import ConfigError, RobotConfig
 from trolley.config.hardware import ImuConfig, LidarConfig
 from trolley.messages import Imu
@@ -185,6 +188,20 @@ def test_another_chip_is_not_taken_for_it(
 
 def test_a_bus_that_is_not_there_is_said(bus: FakeSMBus, read: Callable[..., Reader]) -> None:
     read(chip="mpu6050", bus=7).wait_for_note("/dev/i2c-7 is not there: switch I2C on")
+
+
+def test_a_service_that_may_not_use_the_bus_says_how_to_let_it(
+    bus: FakeSMBus, read: Callable[..., Reader], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "self").mkdir()
+    (tmp_path / "self" / "cgroup").write_text("0::/system.slice/trolley-base.service\n")
+    monkeypatch.setattr(serial_diagnosis, "PROC", tmp_path)
+
+    def refuse(*_: Any) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(smbus2, "SMBus", refuse)
+    read(chip="mpu6050").wait_for_note("`sudo systemctl edit trolley-base`")
 
 
 def test_it_takes_the_place_of_the_board_s_unit(bus: FakeSMBus) -> None:
