@@ -2,8 +2,8 @@
 
     TROLLEY_TEST_DEBIAN=/var/tmp/bookworm python -m pytest tests/process/test_install_debian.py
 
-The folder is made with debootstrap where it is not there, and copied for each run. The Debian
-shares this machine's network, so no router may run here.
+The folder is made with debootstrap where it is not there, of the release that it is named after,
+and copied for each run. The Debian shares this machine's network, so no router may run here.
 """
 
 import contextlib
@@ -43,7 +43,7 @@ pytestmark = [
 
 
 class Debian:
-    """A Debian 12 in a folder, booted by its own systemd."""
+    """A Debian in a folder, booted by its own systemd."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -105,10 +105,10 @@ class Debian:
 
 @pytest.fixture
 def debian(tmp_path: Path) -> Iterator[Debian]:
-    """A fresh Debian 12 with this checkout in `/src`."""
+    """A fresh Debian with this checkout in `/src`."""
     made, root = Path(os.environ.get(VARIABLE, "")), tmp_path / "debian"
     if not (made / "etc").exists():
-        command = ["debootstrap", "--variant=minbase", f"--include={PACKAGES}", "bookworm"]
+        command = ["debootstrap", "--variant=minbase", f"--include={PACKAGES}", made.name]
         subprocess.run([*command, str(made)], check=True)
     subprocess.run(["cp", "-a", str(made), str(root)], check=True)
     # The network of the machine that tests, with the authorities that it trusts.
@@ -138,6 +138,10 @@ def test_a_robot_is_installed_upgraded_and_removed(debian: Debian) -> None:
     for service in SERVICES:
         debian.runs("systemctl", "kill", "--signal=KILL", service)
         wait_until(lambda one=service: is_up_again(debian, one), f"{service} is back")
+    debian.runs("systemctl", "stop", "trolley-tour")
+    wait_until(lambda: not rests(debian), "all that began with the failures has ended", 90.0)
+    assert not is_active(debian, "trolley-tour")
+    debian.runs("systemctl", "start", "trolley-tour")
 
     readme.write_text(readme.read_text() + "\n")
     upgrade = debian.start(INSTALL, "--upgrade")
@@ -162,6 +166,12 @@ def test_a_robot_is_installed_upgraded_and_removed(debian: Debian) -> None:
     debian.runs(INSTALL, "--uninstall")
     assert not (debian.root / "opt/trolley").exists()
     assert (debian.root / "etc/trolley/robot.toml").exists()
+
+
+def rests(debian: Debian) -> str:
+    return debian.asks(
+        "systemctl", "list-units", "--no-legend", "--state=activating", "trolleyretry@*"
+    )
 
 
 def is_active(debian: Debian, service: str) -> bool:

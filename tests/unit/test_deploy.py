@@ -129,10 +129,32 @@ def test_all_units_come_back_for_ever_but_not_in_a_frenzy() -> None:
     assert values(COMMON, "RestartSec") == ["1"]
     (limit,), (burst,) = values(COMMON, "StartLimitIntervalSec"), values(COMMON, "StartLimitBurst")
     assert int(limit) > int(burst)  # a second apart, so many starts fit into the interval
-    rest, *commands = values(RETRY, "ExecStart")
-    assert rest == "/bin/sleep"
-    assert "reset-failed" in commands
+    assert values(RETRY, "ExecStart")[0] == "/bin/sleep"
     assert values(COMMON, "StateDirectory") == ["trolley"]
+
+
+@pytest.mark.parametrize(
+    ("code", "asked"),
+    [(0, ["is-failed", "reset-failed", "start"]), (1, ["is-failed"])],
+    ids=["failed for good", "running again, or stopped meanwhile"],
+)
+def test_only_what_is_still_failed_is_started_after_its_rest(
+    tmp_path: Path, code: int, asked: list[str]
+) -> None:
+    systemctl = tmp_path / "systemctl"
+    systemctl.write_text(f'#!/bin/sh\necho "$1"\n[ "$1" != is-failed ] || exit {code}\n')
+    systemctl.chmod(0o755)
+    found = re.search(r"sh -c '(.*?)'", RETRY.read_text(), re.DOTALL)
+    assert found is not None
+    script = found[1].replace("\\\n", "").replace("%i", "trolley-tour")
+    done = subprocess.run(
+        ["/bin/sh", "-c", script],
+        env={"PATH": f"{tmp_path}:/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == asked
 
 
 def test_base_survives_its_devices_and_may_use_those_that_come_later() -> None:
