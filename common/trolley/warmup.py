@@ -13,11 +13,27 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 SERVICES = "trolley.services"
+COMPILED_AT_ONCE = 100
+"""After so many kernels the process begins anew. Each leaves about 2 MB behind, and all of them
+take more than a Raspberry Pi with 1 GB has."""
+MOST_RUNS = 50
+"""So often at most, should a kernel ever not be found again on the disk."""
+
+
+class Progress(NamedTuple):
+    """What a process that begins anew hands on to the next."""
+
+    part: int = 1
+    """The number of the part that it is at."""
+    part_s: float = 0.0
+    started_s: float = 0.0
+    """When the part and the whole were begun (monotonic [s]); 0: not yet."""
+    run: int = 1
 
 
 def warm_up() -> None:
@@ -57,37 +73,61 @@ def nothing_is_compiled() -> bool:
     )
 
 
-def dots() -> AbstractContextManager[object]:
+def dots(begin_anew: Callable[[], None]) -> AbstractContextManager[object]:
     """Say a dot for each kernel that is compiled: a small computer takes minutes for a part.
 
     A kernel that is read from disk is not an event for numba.
+
+    Args:
+        begin_anew: Called before one more kernel than `COMPILED_AT_ONCE` is compiled.
     """
     events: Any = importlib.import_module("numba.core.event")
 
     class Dots(events.Listener):
+        num_compiled = 0
+
         def on_start(self, event: Any) -> None:
-            pass
+            if self.num_compiled >= COMPILED_AT_ONCE:
+                begin_anew()
 
         def on_end(self, event: Any) -> None:
+            self.num_compiled += 1
             _say(".")
 
     return events.install_listener("numba:compile", Dots())
 
 
-def main() -> None:
-    """Compile everything, a line for each part."""
-    started_s = time.monotonic()
+def main(progress: Progress, begin_anew: Callable[[Progress], None]) -> None:
+    """Compile everything, a line for each part.
+
+    Args:
+        progress: How far the process before came.
+        begin_anew: Goes on in a new process.
+    """
     if importlib.util.find_spec("numba") is None:
         _say("numba is not installed here: no kernels to compile.\n")
         return
-    parts = warm_ups()
-    for number, (name, compile_all) in enumerate(parts.items(), start=1):
-        _say(f"[{number}/{len(parts)}] {name} ...")
-        part_s = time.monotonic()
-        with dots():
+    progress = progress._replace(started_s=progress.started_s or time.monotonic())
+    parts = list(warm_ups().items())
+
+    def go_on() -> None:
+        if progress.run < MOST_RUNS:
+            begin_anew(progress._replace(run=progress.run + 1))
+
+    with dots(go_on):
+        for number, (name, compile_all) in enumerate(parts[progress.part - 1 :], progress.part):
+            if number > progress.part or not progress.part_s:
+                progress = progress._replace(part=number, part_s=time.monotonic())
+                _say(f"[{number}/{len(parts)}] {name} ...")
             compile_all()
-        _say(f" {time.monotonic() - part_s:.1f} s\n")
-    _say(f"All kernels are compiled ({time.monotonic() - started_s:.1f} s).\n")
+            _say(f" {time.monotonic() - progress.part_s:.1f} s\n")
+    _say(f"All kernels are compiled ({time.monotonic() - progress.started_s:.1f} s).\n")
+
+
+def _begin_anew(progress: Progress) -> None:
+    """Become a new process, which reads from disk what is compiled."""
+    arguments = [str(value) for value in progress]
+    os.execv(sys.executable, [sys.executable, "-m", "trolley.warmup", *arguments])
 
 
 def _say(text: str) -> None:
@@ -96,4 +136,5 @@ def _say(text: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    part, part_s, started_s, run = sys.argv[1:] or Progress()
+    main(Progress(int(part), float(part_s), float(started_s), int(run)), _begin_anew)

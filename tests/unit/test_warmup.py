@@ -1,14 +1,56 @@
 """Compiling the kernels at set-up."""
 
+import contextlib
 import importlib.util
+import re
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from trolley import warmup
+from trolley.warmup import Progress
+
+BEGINNING = Progress()
+SQUARES = """
+from trolley.jit import kernel
+
+
+@kernel
+def square(x):
+    return x * x
+
+
+@kernel
+def cube(x):
+    return x * x * x
+
+
+@kernel
+def twice(x):
+    return x + x
+"""
+
+
+def run(progress: Progress = BEGINNING) -> Progress | None:
+    """Compile; how far it came where it would begin anew."""
+
+    class BeginsAnewError(Exception):
+        pass
+
+    handed_on: list[Progress] = []
+
+    def begin_anew(progress: Progress) -> None:
+        handed_on.append(progress)
+        raise BeginsAnewError
+
+    with contextlib.suppress(BeginsAnewError):
+        warmup.main(progress, begin_anew)
+    return handed_on[0] if handed_on else None
 
 
 def test_every_part_is_named_as_it_is_compiled(
@@ -17,7 +59,7 @@ def test_every_part_is_named_as_it_is_compiled(
     called: list[str] = []
     parts = {"common": lambda: called.append("common"), "base": lambda: called.append("base")}
     monkeypatch.setattr(warmup, "warm_ups", lambda: parts)
-    warmup.main()
+    run()
     assert called == ["common", "base"]
     assert "[2/2] base ..." in capsys.readouterr().out
 
@@ -54,23 +96,53 @@ def test_a_new_installation_has_nothing_compiled(
     assert not warmup.nothing_is_compiled()
 
 
-def test_a_kernel_that_is_compiled_shows_as_a_dot(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    module = tmp_path / "squares.py"
-    module.write_text(
-        "from trolley.jit import kernel\n\n\n@kernel\ndef square(x):\n    return x * x\n"
-    )
+def squares_in(folder: Path) -> Any:
+    """Loads a module with three kernels anew, as a new process does."""
+    module = folder / "squares.py"
+    module.write_text(SQUARES)
     spec = importlib.util.spec_from_file_location("squares", module)
     assert spec is not None
     assert spec.loader is not None
     squares = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(squares)
+    return squares
+
+
+def test_a_kernel_that_is_compiled_shows_as_a_dot(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    squares = squares_in(tmp_path)
     monkeypatch.setattr(warmup, "warm_ups", lambda: {"squares": lambda: squares.square(2.0)})
-    warmup.main()
+    run()
     assert "[1/1] squares ...." in capsys.readouterr().out
-    warmup.main()  # compiled already
+    run()  # compiled already
     assert "[1/1] squares ... " in capsys.readouterr().out
+
+
+def test_many_kernels_are_compiled_by_several_processes_so_none_grows_large(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(warmup, "COMPILED_AT_ONCE", 1)
+
+    def warm_ups() -> dict[str, Callable[[], None]]:
+        squares = squares_in(tmp_path)
+
+        def two() -> None:
+            squares.square(2.0)
+            squares.cube(2.0)
+
+        return {"two": two, "one": lambda: squares.twice(2.0)}
+
+    monkeypatch.setattr(warmup, "warm_ups", warm_ups)
+    second = run()
+    assert second is not None
+    third = run(second)
+    assert third is not None
+    assert (second.part, third.part, third.run) == (1, 2, 3)
+    assert run(third) is None
+    said = capsys.readouterr().out
+    lines = r"\[1/2\] two \.+ \S+ s\n\[2/2\] one \.+ \S+ s\nAll kernels are compiled .*\n"
+    assert re.fullmatch(lines, said)
 
 
 # In a process of its own: in that of other tests everything is compiled already.
