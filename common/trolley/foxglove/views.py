@@ -12,6 +12,7 @@ from foxglove import messages as fox
 from trolley import topics
 from trolley.foxglove import convert, scene
 from trolley.messages import Robot as RobotMessage
+from trolley.messages import SavedPoses
 from trolley.runtime.bus import matches
 from trolley.topics import Topic
 
@@ -128,11 +129,12 @@ CHANNELS: dict[str, Channel] = {channel.name: channel for channel in _channels()
 
 
 class Views:
-    """What is seen of one robot; keeps no more than the map's name and the markers' names."""
+    """What is seen of one robot; keeps the map's name, the places and the markers' names."""
 
     def __init__(self, robot: str) -> None:
         self.robot = robot
         self._map_name: str | None = None
+        self._places: SavedPoses | None = None
         self._markers: set[str] = set()
 
     def of(
@@ -144,21 +146,28 @@ class Views:
         """
         if parts in topic.get_only_parts:  # the odometry says it for every moment
             return
-        if topic is topics.MAP:
-            self._map_name = str(message.name)
         for name, (_, rows) in _DRAWN.items():
             if topic in rows:
                 data = rows[topic](self.robot, message)
                 if data is not None:
                     yield name, data
-        if topic is topics.POSES:
-            yield _PLACES, scene.places(self.robot, message, self._map_name)
+        if self._changes_places(topic, message) and self._places is not None:
+            yield _PLACES, scene.places(self.robot, self._places, self._map_name)
         if topic is topics.MARKER:
             self._markers.add("/".join(parts))
             yield MARKERS, scene.marker(self.robot, "/".join(parts), message, now_ns)
         for name, plain_topic in _PLAIN.items():
             if topic is plain_topic:
                 yield name, _plain(topic, parts, message)
+
+    def _changes_places(self, topic: Topic[Any], message: Any) -> bool:
+        """Note the map and the places; whether the places have to be shown again."""
+        if topic is topics.MAP:
+            before, self._map_name = self._map_name, str(message.name)
+            return before != self._map_name
+        if topic is topics.POSES:
+            self._places = message
+        return topic is topics.POSES
 
     def without(self, key: str, now_ns: int) -> Iterator[tuple[str, bytes]]:
         """What is seen when the markers that `key` matches are deleted."""
