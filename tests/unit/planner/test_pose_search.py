@@ -12,7 +12,8 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, FORWARDS, Maneuver
-from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch, Task
+from trolley_planner.paths.hybrid_astar.open_list import USABLE
+from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, PoseSearch, Task
 from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
 
 HOBBY = box(0.35, 0.30, 0.175)
@@ -24,13 +25,14 @@ def search(
     corners: list[tuple[float, float]],
     ends: tuple[Pose2D, Pose2D],
     known: int = IN_SIGHT,
+    most: int = USABLE,
 ) -> Maneuver | None:
     footprint = Footprint.from_polygon(corners)
     fine = fine_grid(grid, footprint)
     shape = fine.mask.shape
     task = Task(*ends, any_heading=False, xy_m=0.03, yaw_rad=0.05, wanted_m=0.05)
     nowhere, behind = np.zeros(shape, np.uint8), np.full(shape, known, dtype=np.uint8)
-    return PoseSearch(footprint).find(fine, behind, nowhere, task)
+    return PoseSearch(footprint).find(fine, behind, nowhere, task, most)
 
 
 def lane(width_m: float) -> GridMap:
@@ -49,6 +51,20 @@ def test_a_door_is_passed_in_its_middle_without_a_stop() -> None:
 
 def test_a_door_narrower_than_the_robot_is_proved_to_be() -> None:
     assert search(two_rooms(0.25), HOBBY, (Pose2D(3.0, 3.0, 0.0), Pose2D(5.0, 3.0, 0.0))) is None
+
+
+@pytest.mark.parametrize(("y", "yaw_deg"), [(3.07, -18.0), (3.08, -18.5)])
+def test_a_robot_that_stands_askew_in_a_door_gets_out(y: float, yaw_deg: float) -> None:
+    askew = Pose2D(3.7, y, math.radians(yaw_deg))
+    assert search(two_rooms(0.45), REAR, (askew, Pose2D(2.5, 2.4, -2.23))) is not None
+
+
+@pytest.mark.parametrize(
+    "start", [Pose2D(3.35, 3.1, 0.0), Pose2D(3.2, 3.0, 1.0), Pose2D(3.45, 2.9, -2.5)]
+)
+def test_a_robot_right_before_a_tight_door_soon_knows_how_to_get_in(start: Pose2D) -> None:
+    ends = start, Pose2D(4.9, 3.0, 0.0)
+    assert search(two_rooms(0.45), REAR, ends, most=POSE_SEARCH.driving_states) is not None
 
 
 def test_a_dead_end_too_narrow_to_turn_in_is_left_backwards() -> None:

@@ -37,6 +37,8 @@ class HeuristicParams(NamedTuple):
     found far sooner."""
     last_greed: float = 3.0
     """Weight of the heuristic where there is no clearance."""
+    hasty_greed: float = 8.0
+    """Weight of the heuristic where that takes too many states."""
 
 
 HEURISTIC = HeuristicParams()

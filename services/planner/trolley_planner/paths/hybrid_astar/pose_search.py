@@ -8,7 +8,7 @@ state stands for all headings: in open floor that leaves a search of the place a
 near the goal a direct drive is tried as well.
 
 It is searched first with two fine cells of clearance, then with one, then with none: what is
-measured errs, and so do wheels.
+measured errs, and so do wheels. Where that takes too many states, it takes a longer path.
 
 Source:
     Dolgov, Thrun, Montemerlo, Diebel, Path Planning for Autonomous Vehicles in Unknown
@@ -77,6 +77,8 @@ class PoseSearchParams(NamedTuple):
     """Number of states searched for a path with more clearance."""
     driving_states: int = 10000
     """Number of states searched for any path while the robot waits for it."""
+    hasty_states: int = 4000
+    """Number of states searched for any path, however long, where these did not suffice."""
     begin_share: float = 0.7
     """Share of the tolerance within which a path that is searched from its end begins."""
     exact_m: float = 0.01
@@ -142,14 +144,12 @@ class PoseSearch:
         start, goal = (own.x, own.y, own.yaw), (end.x - grid.x, end.y - grid.y, end.yaw)
         spans = self._spans_for(grid.fine_m, end.yaw)
         space = make_search_space(grid, unseen, own, self._footprint, spans, task.wanted_m)
-        weights = least_weights(space, closed, heading_of(spans, end.yaw) % 2)
-        tolerances = task.any_heading, task.xy_m, task.yaw_rad
-        query = Query(start, goal, *tolerances, FORWARDS, 0.0)
-        found = None
-        if not task.any_heading and _is_tighter_at_end(space, query):
-            found = self._search(space, weights, _from_end(query), most)
-        if found is None:
-            found = self._search(space, weights, query, most)
+        query = Query(start, goal, task.any_heading, task.xy_m, task.yaw_rad, FORWARDS, 0.0)
+        found = self._find_in(space, closed, query, most)
+        if found is None and _touches(space, start):
+            # Neither heading beside its own may fit where it stands, as askew in a door.
+            space = space._replace(footprint=self._spans_for(grid.fine_m, begin.yaw))
+            found = self._find_in(space, closed, query, most)
         if found is None:
             return None
         poses, motions = found
@@ -159,6 +159,17 @@ class PoseSearch:
         motions[0] = motions[1] if len(motions) > 1 else TURNING
         poses[:, :2] += (grid.x, grid.y)
         return Maneuver(poses, motions)
+
+    def _find_in(
+        self, space: SearchSpace, closed: NDArray[np.uint8], query: Query, most: int
+    ) -> Motions | None:
+        """Search from the end that leaves less room first."""
+        weights = least_weights(space, closed, heading_of(space.footprint, query.goal[2]) % 2)
+        if not query.any_heading and _is_tighter_at_end(space, query):
+            found = self._search(space, weights, _from_end(query), most)
+            if found is not None:
+                return found
+        return self._search(space, weights, query, most)
 
     def _spans_for(self, fine_m: float, yaw: float) -> FootprintSpans:
         """Return the footprint for headings one of which is nearly this one."""
@@ -193,7 +204,12 @@ class PoseSearch:
             if found is not None:
                 return found
         heuristic = make_heuristic(space, weights, goal, HEURISTIC.last_greed)
-        return self._search_once(space, query, heuristic, min(most, USABLE))
+        most = min(most, USABLE)
+        found = self._search_once(space, query, heuristic, most)
+        if found is None and int(self._memory.counts[NUM_STATES]) >= most:
+            hasty = heuristic._replace(greed=HEURISTIC.hasty_greed)
+            found = self._search_once(space, query, hasty, POSE_SEARCH.hasty_states)
+        return found
 
     def _search_once(
         self, space: SearchSpace, query: Query, heuristic: Heuristic, most: int
@@ -212,6 +228,11 @@ class PoseSearch:
         if query.sense == FORWARDS:
             return poses, motions
         return poses[::-1].copy(), np.roll(-motions[::-1], 1)
+
+
+def _touches(space: SearchSpace, pose: PoseXYYaw) -> bool:
+    """Say whether the footprint all but touches something at a pose."""
+    return not is_free(space.touching, space.footprint, pose[:2], nearest_angle(pose[2]))
 
 
 def _is_tighter_at_end(space: SearchSpace, query: Query) -> bool:
