@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -393,6 +394,43 @@ def test_an_edit_whose_map_cannot_be_loaded_can_be_undone(
     assert home.pose.pose is not None
     assert home.pose.pose.distance_to(where) < 0.05
     assert home.maps[-1].cells == flat().cells.tobytes()
+
+
+@pytest.mark.parametrize("is_restarted", [False, True])
+def test_a_map_of_its_own_that_cannot_be_loaded_holds_up_no_other_edit(
+    home: Home, monkeypatch: pytest.MonkeyPatch, is_restarted: bool
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise Refused(codes.BAD_REQUEST, "The map cannot be read.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MapServer, "_read_map", refuse)
+        home.edit(Turn(angle=0.5), as_name="turned")
+        if is_restarted:
+            home.restart_mapper()
+    home.ask(requests.ZONES_PUT, replace(RUG, name="mat"))
+    home.edit(TakeBack(), name="turned")
+    home.edit(Turn(angle=0.2))
+    assert home.maps[-1].name == "flat"
+    wanted = Pose2D(0.0, 0.0, 0.2).transform_points(np.array(RUG.points))
+    for zone in home.newest(home.zones).zones:
+        np.testing.assert_allclose(zone.points, wanted, atol=1e-9)
+    home.restart_mapper()
+    assert home.maps[-1].name == "flat"
+    assert home.newest(home.places).poses[0].map == "flat"
+    assert not list(home.folder.rglob(map_switch.PLAN_FILE))
+
+
+def test_nobody_is_told_to_undo_an_edit_while_the_localizer_does_not_answer(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(MapServer, "_read_map", lambda *_: None)
+    params = EditMap(name="flat", ops=[Turn(angle=0.5)], id="a1")
+    home.ask(requests.MAP_EDIT, params)
+    home.bus.run(map_switch.LOAD_NS * 1e-9 + 3.0)
+    message = home.ask(requests.MAP_EDIT, params).message
+    assert "The localizer has not loaded flat. The robot stays" in message
+    assert "undo" not in message
 
 
 def test_an_edit_that_has_not_reached_zones_and_places_is_not_forgotten_for_the_next(

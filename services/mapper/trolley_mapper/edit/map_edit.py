@@ -172,7 +172,7 @@ class _Edit:
     def _untold(self, number: int) -> SwitchPlan | None:
         """Return the plan that led to a version of the map where nothing followed it."""
         plan = self._situation.untold
-        if plan is None or plan.of != plan.map:
+        if plan is None or plan.is_to_other:
             return None
         return plan if (plan.map, plan.version) == (self._name, number) else None
 
@@ -284,12 +284,15 @@ class _Edit:
     ) -> SwitchPlan | None:
         """Write down what the robot must be told before the map is stored.
 
+        That of an edit before it which led to another map, and was not loaded, is void from now on.
+
         Raises:
             Refused: `busy` while it has not been told of the edit before; `not_saved`.
         """
         state = self._situation.state
-        former = pending_plan(state, self._store)
-        if isinstance(former, SwitchPlan):
+        former, untold = pending_plan(state, self._store), self._situation.untold
+        is_void = untold is not None and untold.is_to_other and former == untold
+        if isinstance(former, SwitchPlan) and not is_void:
             raise Refused(
                 codes.BUSY,
                 f"Zones and places do not know yet of the edit before, of {former.map}: load "
@@ -297,6 +300,8 @@ class _Edit:
                 f"{state / PLAN_FILE}.",
             )
         if not self._situation.is_on:
+            if is_void:
+                forget_plan(state)
             return None
         plan = SwitchPlan(
             map=self._target,

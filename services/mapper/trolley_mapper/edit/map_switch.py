@@ -63,6 +63,11 @@ class SwitchPlan(Struct, frozen=True, kw_only=True):
     tours: list[Tour] = []
     """Tours to store."""
 
+    @property
+    def is_to_other(self) -> bool:
+        """Whether the robot goes to another map; the one that it was on stays as it is."""
+        return self.of != self.map
+
 
 def store_plan(state: Path, plan: SwitchPlan) -> None:
     """Write a plan down before the map is stored, so that it is carried out in any case.
@@ -160,7 +165,7 @@ class MapSwitch:
         """Begin: with where the robot is now, or unknown to us after a restart."""
         plan = self._plan
         pose = None
-        moves = plan.of != plan.map or plan.old_T_new != Pose2D.identity()
+        moves = plan.is_to_other or plan.old_T_new != Pose2D.identity()
         if moves and estimate is not None and estimate.pose and estimate.state in KNOWN:
             pose = plan.old_T_new.inverse() @ estimate.pose
         self._todo += [(requests.ZONES_DELETE, Named(name=name)) for name in plan.zones_gone]
@@ -170,9 +175,14 @@ class MapSwitch:
         self._service.get(topics.ZONES, then=partial(self._load, pose))
 
     def untold(self, zones: Zones | None) -> SwitchPlan | None:
-        """Return the plan if the map was not loaded, nor, by the zones of now, anything since."""
-        is_as_before = self._is_given_up and zones is not None and zones == self._zones_before
-        return self._plan if is_as_before else None
+        """Return the plan if the map was not loaded, nor, by the zones of now, anything since.
+
+        Where the map is another than the robot is on, its zones may have changed meanwhile.
+        """
+        if not self._is_given_up or zones is None:
+            return None
+        is_still_there = self._plan.is_to_other and zones.map == self._plan.of
+        return self._plan if is_still_there or zones == self._zones_before else None
 
     def check_loaded(self) -> None:
         """See whether a map that was long in loading is there; to be called now and then."""
@@ -208,17 +218,17 @@ class MapSwitch:
             self._remark = STANDS_IN_OBSTACLE
             self._ask_to_load(None)
         else:
-            self._give_up(result.message)
+            can_undo = "" if self._plan.is_to_other else f" {CAN_UNDO}"
+            self._give_up(result.message, f"{FOLLOWS}{can_undo}")
 
-    def _give_up(self, why: str) -> None:
+    def _give_up(self, why: str, what_next: str = FOLLOWS) -> None:
         """Leave all as it is: zones would move on the map of before, which the robot is still on.
 
         The plan stays, so that the next run carries it out.
         """
         self._service.log.error("An edited map was not loaded", map=self._plan.map, why=why)
         self._is_given_up = True
-        can_undo = f" {CAN_UNDO}" if self._plan.of == self._plan.map else ""
-        self._done(f"{why} {FOLLOWS}{can_undo}")
+        self._done(f"{why} {what_next}")
 
     def _hear_zones(self, found: dict[tuple[str, ...], Zones]) -> None:
         """A localizer that has loaded the map publishes its zones."""
