@@ -97,6 +97,31 @@ def test_the_last_control_can_be_pressed_while_the_strip_of_the_past_is_open(
     assert below["y"] + below["height"] <= top
 
 
+@pytest.mark.parametrize(("width", "num_rows"), [(844, 1), (740, 2)])
+def test_on_a_phone_on_its_side_what_closes_the_past_is_beside_what_returns_to_now(
+    page: Page, viewer: Viewer, width: int, num_rows: int
+) -> None:
+    page.set_viewport_size({"width": width, "height": 390})
+    controls = Controls()
+    strip = controls.add_strip()
+    with strip:
+        controls.add_timeline("Time of day")
+        for name in ("Play", "Play 8 times as fast"):
+            controls.add_button(name, icon="player-play")
+        controls.add_button("Now", colour="green")
+        controls.add_button("Close the past", icon="x")
+    strip.visible = True
+    viewer.greet()
+    viewer.tell_controls(controls)
+    expect(page.get_by_role("button", name="Now")).to_be_visible()
+    rows = page.locator(".strip > .control").evaluate_all(
+        "all => all.map(one => one.getBoundingClientRect().top)"
+    )
+    assert len(set(rows)) == num_rows
+    assert rows[-1] == rows[-2]
+    assert box_of(page.get_by_role("slider"))["width"] > 100.0
+
+
 def test_the_sheet_is_opened_and_closed_by_who_has_no_finger_on_it(
     page: Page, viewer: Viewer
 ) -> None:
