@@ -18,7 +18,9 @@ class MappingStatus(Struct, frozen=True, kw_only=True):
     `scans` make up the map, and `loops` have been closed. `exploring` says whether the robot is
     exploring by itself or driving home; `area` [m²] is the floor that was known at the last check.
     `loose` scans belong to parts of which it is not known how they lie to the map; they are not
-    part of it, unless `map/join` or what the robot sees joins them to it.
+    part of it, unless `map/join` or what the robot sees joins them to it. `may_discard` says if
+    `map/cancel` is obeyed: not while the map is saved, unless its zones wait for a localizer that
+    is not running.
     """
 
     stamp_ns: StampNs
@@ -32,3 +34,4 @@ class MappingStatus(Struct, frozen=True, kw_only=True):
     exploring: ExploringState = "off"
     area: NonNegative = 0.0
     loose: Count = 0
+    may_discard: bool = False

@@ -202,7 +202,9 @@ class MapSaver:
         elif self._handover is not None:
             self._handover.ask()
             session = self._mapping.session
-            if self._handover is not None and self._handover.is_unheard and session is not None:
+            is_unheard = self._handover is not None and self._handover.is_unheard
+            self._mapping.do_zones_wait = is_unheard
+            if is_unheard and session is not None:
                 self._mapping.announce(
                     f"The map {session.name} is saved; its zones wait for the localizer, which is "
                     "not running. Start it, or discard these zones (`trolley map cancel`)."

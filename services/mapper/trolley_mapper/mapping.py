@@ -56,6 +56,8 @@ class Mapping:
         self.phase: MappingState = "idle"
         self.session: MapSession | None = None
         self.inputs: RobotInputs | None = None
+        self.do_zones_wait = False
+        """Whether a saved map's zones wait for a localizer that is not running."""
         self._service, self._config, self._on_end = service, config, on_end
         self._checkpointer = Checkpointer(service)
         self._is_reading = False
@@ -263,6 +265,7 @@ class Mapping:
     def begin_saving(self) -> None:
         """Let the map rest while it is written and handed over."""
         self.phase, self._note = "saving", "The map is being saved."
+        self.do_zones_wait = False
 
     def saving_failed(self, problem: str) -> MappingStatus:
         """Continue after the map could not be written."""
@@ -408,6 +411,7 @@ class Mapping:
             exploring="off" if explorer is None else explorer.state,
             area=0.0 if explorer is None else round(explorer.area_m2, 1),
             loose=0 if session is None else session.num_loose,
+            may_discard=session is not None and (self.phase != "saving" or self.do_zones_wait),
         )
 
     def _message(self) -> str:

@@ -436,8 +436,10 @@ def test_zones_that_wait_for_a_localizer_can_be_given_up(
         stage.bus.kill("tour")
     stage.ask(requests.MAP_SAVE, SaveMap())
     stage.bus.run(2.0)
+    assert not stage.status.may_discard
     assert stage.refusal(requests.MAP_CANCEL).code == codes.NOT_READY  # one may be starting
     stage.bus.run(20.0)
+    assert stage.status.may_discard
     assert "discard" in stage.refusal(requests.MAP_NEW, MapNamed(name="other")).message
     stage.ask(requests.MAP_CANCEL)
     stage.bus.run(30.0)

@@ -77,14 +77,20 @@ class Mapper(Service):
 
     name = "mapper"
 
-    loose = 0
+    loose, may_discard = 0, True
 
     def start(self) -> None:
         self.joined: list[Pose2D] = []
         self.say("idle")
 
     def say(self, state: Any, name: str | None = None) -> MappingStatus:
-        status = MappingStatus(stamp_ns=self.stamp_ns, state=state, name=name, loose=self.loose)
+        status = MappingStatus(
+            stamp_ns=self.stamp_ns,
+            state=state,
+            name=name,
+            loose=self.loose,
+            may_discard=self.may_discard and state != "idle",
+        )
         self.publish(topics.MAPPING, status)
         return status
 
@@ -135,12 +141,14 @@ def test_a_map_is_begun_paused_and_given_up_at_the_second_press(stage: "Stage") 
     assert page.is_shown("New map")
 
 
-def test_zones_that_wait_to_be_saved_can_be_discarded(stage: "Stage") -> None:
+def test_what_is_being_saved_is_discarded_only_where_the_mapper_obeys(stage: "Stage") -> None:
     stage.browse()
     page = page_of(stage).within("Make a map")
-    stage.runtime.add(Mapper()).say("saving", "flat")
-    stage.runtime.run(0.5)
-    assert page.labels == ["Discard"]
+    mapper = stage.runtime.add(Mapper())
+    for mapper.may_discard, shown in ((False, []), (True, ["Discard"])):
+        mapper.say("saving", "flat")
+        stage.runtime.run(0.5)
+        assert page.labels == shown
 
 
 def test_what_hangs_loose_is_joined_by_pointing_or_removed(stage: "Stage") -> None:

@@ -93,7 +93,7 @@ class MappingPanel:
         )
         self._join.label = LEAVE if self._aiming.armed == SET_POSE else POINT_POSE
         is_asking = self._now_ns < self._sure_until_ns
-        self._cancel.visible = status is not None and not is_idle
+        self._cancel.visible = status is not None and status.may_discard
         self._cancel.label = "Really discard it?" if is_asking else "Discard"
         self._cancel.colour = "amber" if is_asking else "grey"
 
