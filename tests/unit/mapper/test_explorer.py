@@ -80,6 +80,14 @@ def test_a_room_behind_a_narrow_door_is_found(open_at: float, width_m: float) ->
     assert robot.pose.distance_to(START) < 0.2
 
 
+def test_a_robot_whose_room_is_known_at_once_squeezes_out_of_it_at_once() -> None:
+    robot, explorer = PerfectRobot(two_rooms(0.0, 0.3), Pose2D(1.5, 1.5, 0.0)), make_explorer()
+    explorer.begin(None, None)
+    for _ in range(2):
+        advance(explorer, robot.scene(), robot.now_s)
+    assert [type(one) for one in explorer.take_actions()] == [Send]
+
+
 @pytest.mark.parametrize(("size_m", "seed"), [(6.0, 1), (8.0, 2)])
 def test_houses_are_found_with_hardly_a_goal_that_is_near_to_anything(
     size_m: float, seed: int

@@ -431,12 +431,13 @@ class Explorer:
         self._note_growth()
         best = self._best(survey)
         is_shut_in = not report.can_move or (best is None and self._progress.num_sent == 0)
-        if is_shut_in and self._lasts("shut in", now_s) <= PARAMS.start_s:
-            return  # the map has only begun
+        waits = is_shut_in and self._lasts("shut in", now_s) <= PARAMS.start_s
         # Not where mirrors are: behind them there is always more to see.
         if best is None and not survey.clearance.is_squeezed and not self.barriers:
             self.clearance, self._surveyed_s = self._roomy.squeezed, None
             return
+        if waits:
+            return  # the map has only begun
         if is_shut_in:
             # One that came there gets out again: the planner backs up, and home is known.
             is_at_start = self._progress.num_sent == 0
