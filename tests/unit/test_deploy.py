@@ -130,6 +130,7 @@ def test_all_units_come_back_for_ever_but_not_in_a_frenzy() -> None:
     (limit,), (burst,) = values(COMMON, "StartLimitIntervalSec"), values(COMMON, "StartLimitBurst")
     assert int(limit) > int(burst)  # a second apart, so many starts fit into the interval
     assert values(RETRY, "ExecStart")[0] == "/bin/sleep"
+    assert values(RETRY, "SuccessExitStatus") == ["SIGTERM"]
     assert values(COMMON, "StateDirectory") == ["trolley"]
 
 
