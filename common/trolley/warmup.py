@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 SERVICES = "trolley.services"
-COMPILED_AT_ONCE = 100
-"""After so many kernels the process begins anew. Each leaves about 2 MB behind, and all of them
-take more than a Raspberry Pi with 1 GB has."""
+MOST_MB = 400
+"""A process that has more resident memory begins anew. Each kernel that is compiled leaves
+some behind, and all of them take more than a Raspberry Pi with 1 GB has."""
 MOST_RUNS = 50
 """So often at most, should a kernel ever not be found again on the disk."""
 
@@ -79,19 +79,19 @@ def dots(begin_anew: Callable[[], None]) -> AbstractContextManager[object]:
     A kernel that is read from disk is not an event for numba.
 
     Args:
-        begin_anew: Called before one more kernel than `COMPILED_AT_ONCE` is compiled.
+        begin_anew: Called before one more kernel is compiled, where the process has grown large.
     """
     events: Any = importlib.import_module("numba.core.event")
 
     class Dots(events.Listener):
-        num_compiled = 0
+        has_compiled = False
 
         def on_start(self, event: Any) -> None:
-            if self.num_compiled >= COMPILED_AT_ONCE:
+            if self.has_compiled and _resident_mb() > MOST_MB:
                 begin_anew()
 
         def on_end(self, event: Any) -> None:
-            self.num_compiled += 1
+            self.has_compiled = True
             _say(".")
 
     return events.install_listener("numba:compile", Dots())
@@ -122,6 +122,11 @@ def main(progress: Progress, begin_anew: Callable[[Progress], None]) -> None:
             compile_all()
             _say(f" {time.monotonic() - progress.part_s:.1f} s\n")
     _say(f"All kernels are compiled ({time.monotonic() - progress.started_s:.1f} s).\n")
+
+
+def _resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def _begin_anew(progress: Progress) -> None:
