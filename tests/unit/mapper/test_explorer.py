@@ -24,6 +24,7 @@ from trolley_mapper.explore.exploration_goal import Action, Cancel, Limits, Scen
 from trolley_mapper.explore.explorer import PARAMS, Explorer
 from trolley_mapper.explore.frontiers import Clearance, Frontier, FrontierReport
 from trolley_mapper.explore.traversable_area import lay_out_area
+from trolley_mapper.explore.visited_frontiers import SQUEEZED, VisitedFrontiers
 from trolley_mapper.kernels.frontiers import BLOCKED
 
 EDGE = 0.05
@@ -85,7 +86,17 @@ def test_a_robot_whose_room_is_known_at_once_squeezes_out_of_it_at_once() -> Non
     explorer.begin(None, None)
     for _ in range(2):
         advance(explorer, robot.scene(), robot.now_s)
-    assert [type(one) for one in explorer.take_actions()] == [Send]
+    (action,) = explorer.take_actions()
+    assert isinstance(action, Send)
+    assert action.goal.xy_tolerance < 0.1
+
+
+def test_a_goal_a_step_farther_into_a_door_is_another_place() -> None:
+    visited = VisitedFrontiers(SQUEEZED)
+    stood, farther = (Frontier(1.4, 0.0, Pose2D(x, 0.0, 0.0), 0.0, 2.0) for x in (1.0, 1.1))
+    visited.find_or_add(stood).arrivals += 1
+    assert visited.is_given_up(stood)
+    assert not visited.is_given_up(farther)
 
 
 @pytest.mark.parametrize(("size_m", "seed"), [(6.0, 1), (8.0, 2)])

@@ -100,6 +100,8 @@ class ExplorerParams:
     """Time after which an unsure pose pauses exploring [s]."""
     xy_tolerance_m: float = 0.15
     """Position tolerance of the goals [m]."""
+    squeezed_xy_tolerance_m: float = 0.05
+    """The same where it squeezes: a little farther in a door much more is seen [m]."""
     yaw_tolerance_rad: float = 0.3
     """Heading tolerance of the goals, if the lidar must be turned to the frontier [rad]."""
     any_yaw_rad: float = 3.2
@@ -541,13 +543,17 @@ class Explorer:
             id=f"{EXPLORES}{self._run}-{self._progress.num_sent}",
             pose=pose.wrapped(),
             frame="map",
-            xy_tolerance=PARAMS.xy_tolerance_m,
+            xy_tolerance=self._xy_tolerance(frontier),
             yaw_tolerance=self._yaw_tolerance(frontier),
             speed=self._speed_mps,
         )
         limit_s = PARAMS.goal_s + PARAMS.goal_s_per_m * distance_m
         self._goal = ExplorationGoal(goal, frontier, here, now_s, limit_s, self.area_m2, now_s)
         self._actions.append(Send(goal))
+
+    def _xy_tolerance(self, frontier: Frontier | None) -> float:
+        is_exact = frontier is not None and self.clearance.is_squeezed
+        return PARAMS.squeezed_xy_tolerance_m if is_exact else PARAMS.xy_tolerance_m
 
     def _yaw_tolerance(self, frontier: Frontier | None) -> float:
         is_free = frontier is not None and self._sees_all_round

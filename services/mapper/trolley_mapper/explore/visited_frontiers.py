@@ -27,7 +27,7 @@ class Patience:
 
 
 PATIENCE = Patience()
-SQUEEZED = Patience(by_goal=True, same_m=0.15, max_arrivals=1, max_barren=3)
+SQUEEZED = Patience(by_goal=True, same_m=0.08, max_arrivals=1, max_barren=3)
 """Where the robot squeezes: from a little farther in a door much more is seen, and many a goal
 comes to lie in a wall as the map grows."""
 
