@@ -1,5 +1,6 @@
 """What has just happened, for automations and notifications: each once, with its reason."""
 
+import dataclasses
 from collections.abc import Iterator
 from typing import get_args
 
@@ -8,7 +9,7 @@ from msgspec import Struct
 from trolley import codes
 from trolley.config.webhook import EventType
 from trolley_mqtt.robot_view import RobotView
-from trolley_mqtt.sentences import activity_of, reason_of, where
+from trolley_mqtt.sentences import NO_PLANNER, activity_of, reason_of, where
 from trolley_mqtt.state import MAX_TEXT
 
 LOW, NO_LONGER_LOW = 0.2, 0.3
@@ -53,6 +54,7 @@ class Events:
         self._goal: tuple[str | None, str] | None = None
         self._trip: tuple[str | None, str] | None = None
         self._activity = ""
+        self._had_planner = True
         self._is_low = False
         self._stuck_since_ns: int | None = None
         self._stuck_goal: str | None = None
@@ -63,7 +65,8 @@ class Events:
         found = [
             *self._ends(view),
             *self._stuck(view),
-            *self._alarms(view),
+            *self._planner(view),
+            *self._alarms(dataclasses.replace(view, has_planner=True)),
             *self._battery(view),
         ]
         return found if not view.is_away else []
@@ -94,6 +97,13 @@ class Events:
         if is_stuck and goal.id != self._stuck_goal:
             self._stuck_goal = goal.id
             yield _event("stuck", reason_of(goal), goal.reason, view)
+
+    def _planner(self, view: RobotView) -> Iterator[Happened]:
+        # It may be missing for good, as where the robot is only driven by hand: once is enough, and
+        # no other fault is less worth telling for it.
+        had, self._had_planner = self._had_planner, view.has_planner
+        if had and not view.has_planner:
+            yield _event("fault", NO_PLANNER, codes.NO_PLANNER, view)
 
     def _alarms(self, view: RobotView) -> Iterator[Happened]:
         activity, message = activity_of(view)

@@ -85,6 +85,7 @@ class RobotInputs:
         age_s = None
         if estimate is not None and now_ns is not None:
             age_s = (now_ns - estimate.stamp_ns) * 1e-9
+        is_replayed = self.about.latest is not None and self.about.latest.replayed
         heard_ns = max(self.planner.arrived_ns or 0, self._here_since_ns)
         return RobotView(
             is_away=now_ns is None,
@@ -95,7 +96,7 @@ class RobotInputs:
             trip=self.trip.latest,
             places=self._places,
             zones=self.zones.latest,
-            has_planner=self._service.monotonic_ns - heard_ns <= SILENT_NS,
+            has_planner=is_replayed or self._service.monotonic_ns - heard_ns <= SILENT_NS,
         )
 
     @property

@@ -19,6 +19,7 @@ from trolley.messages import (
     GoalStatus,
     Health,
     PoseEstimate,
+    Robot,
     SavedPose,
     SavedPoses,
     Stop,
@@ -70,6 +71,22 @@ class ScriptedRobot(Service):
         self.publish(topics.TOUR, structs.replace(self.trip, stamp_ns=stamp_ns))
         if self.has_planner:
             self.publish(topics.HEALTH, Health(stamp_ns=stamp_ns, state="ok"), "planner")
+
+    def be_replayed(self) -> None:
+        self.publish(
+            topics.ROBOT,
+            Robot(
+                stamp_ns=0,
+                name="robby",
+                title="Robby",
+                footprint=[(0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1)],
+                drive="differential",
+                max_speed=0.5,
+                max_wz=1.0,
+                deceleration=1.0,
+                replayed=True,
+            ),
+        )
 
     def save(self, places: Sequence[str], tours: Sequence[str] = ()) -> None:  # pyrefly: ignore[bad-override]
         poses = [

@@ -75,6 +75,32 @@ def test_a_tour_that_waits_for_somebody_or_is_done_is_told(bridge: "Bridge") -> 
     assert {one["tour"] for one in events(bridge)} == {"evening"}
 
 
+def test_a_planner_that_is_missing_is_told_of_once_and_hides_no_other_alarm(
+    bridge: "Bridge",
+) -> None:
+    bridge.robot.has_planner = False
+    bridge.run(40.0)
+    for base in (
+        BaseState(stamp_ns=0, mode="ok", source="teleop"),
+        BaseState(stamp_ns=0, mode="ok"),
+        BaseState(stamp_ns=0, mode="fault", reason=codes.LINK_LOST),
+        BaseState(stamp_ns=0, mode="ok"),
+    ):
+        bridge.robot.base = base
+        bridge.run(2.0)
+    assert [(one["event_type"], one["reason"]) for one in events(bridge)] == [
+        ("fault", codes.NO_PLANNER),
+        ("fault", codes.LINK_LOST),
+    ]
+
+
+def test_a_recording_that_is_played_needs_no_planner(bridge: "Bridge") -> None:
+    bridge.robot.be_replayed()
+    bridge.robot.has_planner = False
+    bridge.run(40.0)
+    assert (events(bridge), bridge.state["activity"]) == ([], "ready")
+
+
 def test_a_stop_and_a_low_battery_are_told(bridge: "Bridge") -> None:
     bridge.robot.base = BaseState(stamp_ns=0, mode="stopped", reason=codes.BUMPER)
     bridge.run(2.0)
