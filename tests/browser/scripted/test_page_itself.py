@@ -182,3 +182,17 @@ def test_the_viewer_hears_of_a_size_that_the_picture_takes_late_or_while_the_lin
     viewer.greet()
     viewer.tell_state(has_scene=True)
     wait_until(lambda: sizes(viewer)[-1][1] == 99.0, "it is told again")
+
+
+def test_what_kept_the_map_from_being_drawn_is_not_said_of_the_next_wait(
+    page: Page, viewer: Viewer
+) -> None:
+    viewer.greet()
+    viewer.tell()
+    page.evaluate("HTMLCanvasElement.prototype.getContext = () => null")
+    expect(page.get_by_text("it has no WebGL")).to_be_visible()
+    viewer.tell_state(has_scene=True)
+    loading = page.locator("#scene-wait [data-why=loading]")
+    expect(loading).to_have_js_property("hidden", False)
+    viewer.tell_state(has_scene=False)
+    expect(page.locator("#scene-wait")).to_have_text("The map is loading …", use_inner_text=True)

@@ -47,7 +47,11 @@ export class Scene {
     if (this.loadedMs === 0) return this.load();
     if (document.hidden || !this.hasSession || !this.isLost) this.drawnMs = now;
     if (now - this.drawnMs > LOST_MS) return this.load();
-    if (this.hasSession) return this.tellSize();
+    if (this.hasSession) {
+      if (this.failures > 0) this.waits("loading"); // should there be no picture later
+      this.failures = 0;
+      return this.tellSize();
+    }
     const secret = this.frame.contentDocument?.getElementById("trolley-scene")?.dataset.secret;
     if (secret !== undefined && secret !== this.told) {
       this.told = secret;
