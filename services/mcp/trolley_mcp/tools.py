@@ -153,7 +153,7 @@ async def _status(call: Call, _: NoParams) -> Answer:
     said = {"localizer": pose, "planner": goal, "tour": trip}
     silent = [words for name, words in SILENT.items() if base is not None and said[name] is None]
     sentence = robot_sentence(base, pose, goal, trip, is_stale=is_stale)
-    if silent and base is not None and base.mode == "ok":
+    if silent and sentence == "Ready.":
         sentence = "The robot cannot be sent to a place now."
     room = None if is_stale else room_of(pose, zones)
     battery = None if base is None or base.battery is None else base.battery.fraction

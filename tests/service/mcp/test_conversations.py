@@ -507,6 +507,10 @@ def test_the_status_says_which_services_are_silent(converse: Converse) -> None:
         assert "Ready" not in told
         assert all(f"{name} is not running" in told for name in ("localizer", "planner"))
         assert "tour service, which keeps the places, is not running" in told
+        robot.goal = GoalStatus(stamp_ns=0, id="viz-1", state="driving")
+        robot.silent = {topics.TOUR.name, topics.POSES.name}
+        await anyio.sleep(0.05)
+        assert text_of(await talk.call("status")).startswith("Driving to its goal")
         # What needs no places goes on without them.
         assert not (await talk.call("map")).is_error
         robot.silent = {topics.TOUR.name, topics.POSES.name}
