@@ -251,7 +251,7 @@ class MapSaver:
 
     def _finish(self, note: str, wishes: list[_Wish]) -> None:
         """Give the shared topics back, then store what is left of the map."""
-        self._handover = None
+        self._handover, self._mapping.do_zones_wait = None, False
         self._mapping.give_topics_back()
         self._hand_zones_over(wishes, f"{note} {self._doubt}".rstrip())
 

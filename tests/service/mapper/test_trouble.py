@@ -405,7 +405,9 @@ def test_places_that_could_not_go_along_to_a_saved_map_are_told_of(
     assert stage.status.message.endswith(f"Places were not moved along with the map: {why}")
 
 
-def test_zones_of_an_extended_map_wait_for_a_localizer_that_is_not_running(stage: Stage) -> None:
+def test_zones_of_an_extended_map_wait_for_a_localizer_that_is_not_running(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stage.map(seconds=3.0)
     stage.ask(requests.MAP_SAVE, SaveMap())
     stage.bus.run(2.0)
@@ -417,10 +419,18 @@ def test_zones_of_an_extended_map_wait_for_a_localizer_that_is_not_running(stage
     stage.bus.run(20.0)
     assert "its zones wait for the localizer, which is not running." in stage.status.message
     zones = stage.bus.record(topics.ZONES)
+    hand_over, may_discard = MapSaver._hand_zones_over, list[bool]()
+
+    def look(saver: MapSaver, *args: Any) -> None:
+        may_discard.append(saver._mapping.status().may_discard)
+        hand_over(saver, *args)
+
+    monkeypatch.setattr(MapSaver, "_hand_zones_over", look)
     stage.begin("localizer")
     stage.bus.run(10.0)
     assert (stage.status.state, stage.pose.state) == ("idle", "localized")
     assert [zone.name for zone in zones[-1].zones] == ["stairs"]
+    assert not any(may_discard)  # once it takes them, a cancel is refused
 
 
 @pytest.mark.parametrize("is_tour_there", [True, False])
