@@ -184,15 +184,50 @@ def test_the_viewer_hears_of_a_size_that_the_picture_takes_late_or_while_the_lin
     wait_until(lambda: sizes(viewer)[-1][1] == 99.0, "it is told again")
 
 
-def test_what_kept_the_map_from_being_drawn_is_not_said_of_the_next_wait(
+HASTEN = "{ const now = performance.now.bind(performance); performance.now = () => 20 * now() }"
+"""Lets the time of the page pass 20 times as fast."""
+
+
+def test_a_browser_that_cannot_draw_is_asked_again_but_loads_no_scene_for_ever(
     page: Page, viewer: Viewer
 ) -> None:
     viewer.greet()
     viewer.tell()
-    page.evaluate("HTMLCanvasElement.prototype.getContext = () => null")
+    page.frame_locator("#scene").locator("canvas[data-engine]").wait_for()
+    page.evaluate(HASTEN)
+    page.evaluate("""() => {
+      window.asked = window.loads = 0;
+      HTMLCanvasElement.prototype.getContext = () => { asked += 1; return null };
+      document.getElementById("scene").addEventListener("load", () => { loads += 1 });
+    }""")
+    wait_until(lambda: page.evaluate("asked") > 1, "it was asked again")
+    assert page.evaluate("loads") == 0
     expect(page.get_by_text("it has no WebGL")).to_be_visible()
+    # Once there is a picture, the next wait is for another reason.
     viewer.tell_state(has_scene=True)
     loading = page.locator("#scene-wait [data-why=loading]")
     expect(loading).to_have_js_property("hidden", False)
     viewer.tell_state(has_scene=False)
     expect(page.locator("#scene-wait")).to_have_text("The map is loading …", use_inner_text=True)
+
+
+def test_a_scene_whose_picture_is_lost_each_time_is_loaded_once_a_minute(
+    page: Page, viewer: Viewer
+) -> None:
+    """A phone that is short of memory would be kept busy with nothing else."""
+    viewer.greet()
+    viewer.tell()
+    page.frame_locator("#scene").locator("canvas[data-engine]").wait_for()
+    viewer.tell_state(has_scene=True)
+    expect(page.locator("#scene-wait")).to_be_hidden()
+    page.evaluate(HASTEN)
+    page.evaluate("""() => {
+      window.loads = [];
+      new MutationObserver(() => loads.push(performance.now()))
+        .observe(document.getElementById("scene"), { attributeFilter: ["src"] });
+    }""")
+    lose = "WebGL2RenderingContext.prototype.isContextLost = () => true"
+    page.add_init_script(lose)
+    scene(page).evaluate(lose)
+    loads = wait_until(lambda: len(page.evaluate("loads")) > 2 and page.evaluate("loads"), "lost")
+    assert loads[1] - loads[0] > 59_000

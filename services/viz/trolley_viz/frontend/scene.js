@@ -3,6 +3,7 @@
 // alone, while the page has the focus.
 
 const LOOK_MS = 100, LOADING_MS = 180000, GIVEN_UP_MS = 8000, LOST_MS = 3000;
+const LOST_AGAIN_MS = 60000;
 const TAP_PX = 12, TAP_MS = 700, PASSED_ON = ["fixedDpr"];
 const HIDDEN = `
 [data-dock-region], .mantine-Paper-root, .mantine-Notifications-root { display: none !important }`;
@@ -25,6 +26,7 @@ export class Scene {
     this.held = null; // the pointer that presses: its id and kind
     this.failures = 0;
     this.drawnMs = 0;
+    this.redrawnMs = -Infinity; // when it was last loaded anew for a picture that was lost
     this.opened = () => {};
     this.waits = () => {}; // told why there is no picture
     this.tapped = () => {};
@@ -46,7 +48,10 @@ export class Scene {
     const now = performance.now();
     if (this.loadedMs === 0) return this.load();
     if (document.hidden || !this.hasSession || !this.isLost) this.drawnMs = now;
-    if (now - this.drawnMs > LOST_MS) return this.load();
+    if (now - this.drawnMs > LOST_MS && now - this.redrawnMs > LOST_AGAIN_MS) {
+      this.redrawnMs = now;
+      return this.load();
+    }
     if (this.hasSession) {
       if (this.failures > 0) this.waits("loading"); // should there be no picture later
       this.failures = 0;
@@ -61,7 +66,9 @@ export class Scene {
       this.tellSize();
     } else if (now - this.loadedMs > this.patienceMs) {
       this.failures += 1;
-      this.waits(canDraw() ? (this.failures > 1 ? "failing" : "loading") : "no webgl");
+      this.loadedMs = now;
+      if (!canDraw()) return this.waits("no webgl"); // it may be able to later
+      this.waits(this.failures > 1 ? "failing" : "loading");
       this.load();
     }
   }
