@@ -81,17 +81,22 @@ def dots(begin_anew: Callable[[], None]) -> AbstractContextManager[object]:
     Args:
         begin_anew: Called before one more kernel is compiled, where the process has grown large.
     """
+    from trolley.jit import is_kept
+
     events: Any = importlib.import_module("numba.core.event")
 
     class Dots(events.Listener):
-        has_compiled = False
+        last: Any = None
+        """What was compiled last of what is kept: numba's own functions never are."""
 
         def on_start(self, event: Any) -> None:
-            if self.has_compiled and _resident_mb() > MOST_MB:
+            if _resident_mb() > MOST_MB and is_kept(self.last):  # not where the disk is full
                 begin_anew()
 
         def on_end(self, event: Any) -> None:
-            self.has_compiled = True
+            compiled = event.data["dispatcher"]
+            if is_kept(compiled) is not None:
+                self.last = compiled
             _say(".")
 
     return events.install_listener("numba:compile", Dots())

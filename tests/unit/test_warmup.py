@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from trolley import warmup
+from trolley.jit import KernelFiles
 from trolley.warmup import Progress
 
 BEGINNING = Progress()
@@ -143,6 +144,21 @@ def test_many_kernels_are_compiled_by_several_processes_so_none_grows_large(
     said = capsys.readouterr().out
     lines = r"\[1/2\] two \.+ \S+ s\n\[2/2\] one \.+ \S+ s\nAll kernels are compiled .*\n"
     assert re.fullmatch(lines, said)
+
+
+def test_a_process_whose_kernels_cannot_be_kept_compiles_all_of_them_itself(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(warmup, "MOST_MB", 0)
+    monkeypatch.setattr(KernelFiles, "save", lambda *_: None)  # as on a full disk
+    squares = squares_in(tmp_path)
+
+    def two() -> None:
+        squares.square(2.0)
+        squares.cube(2.0)
+
+    monkeypatch.setattr(warmup, "warm_ups", lambda: {"two": two})
+    assert run() is None
 
 
 # In a process of its own: in that of other tests everything is compiled already.
