@@ -129,7 +129,8 @@ def test_all_units_come_back_for_ever_but_not_in_a_frenzy() -> None:
     assert values(COMMON, "RestartSec") == ["1"]
     (limit,), (burst,) = values(COMMON, "StartLimitIntervalSec"), values(COMMON, "StartLimitBurst")
     assert int(limit) > int(burst)  # a second apart, so many starts fit into the interval
-    assert values(RETRY, "ExecStart")[0] == "/bin/sleep"
+    assert values(RETRY, "ExecStart") == ["/bin/sleep", "60"]  # a second would follow a stop
+    assert "%i.service" in values(RETRY, "PartOf")
     assert values(RETRY, "SuccessExitStatus") == ["SIGTERM"]
     assert values(COMMON, "StateDirectory") == ["trolley"]
 
