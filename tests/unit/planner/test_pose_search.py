@@ -11,10 +11,18 @@ from support.flatland import Flatland, empty_room, two_rooms, with_block
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
 from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.paths.hybrid_astar import pose_search
+from trolley_planner.paths.hybrid_astar.heuristic import Heuristic, Query
 from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, FORWARDS, Maneuver
-from trolley_planner.paths.hybrid_astar.open_list import USABLE
+from trolley_planner.paths.hybrid_astar.open_list import USABLE, Memory
 from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, PoseSearch, Task
-from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, NEVER_SEEN, OUT_OF_SIGHT
+from trolley_planner.paths.hybrid_astar.search import search_poses
+from trolley_planner.paths.hybrid_astar.search_space import (
+    IN_SIGHT,
+    NEVER_SEEN,
+    OUT_OF_SIGHT,
+    SearchSpace,
+)
 
 HOBBY = box(0.35, 0.30, 0.175)
 REAR = box(0.60, 0.42, 0.10)
@@ -57,6 +65,22 @@ def test_a_door_narrower_than_the_robot_is_proved_to_be() -> None:
 def test_a_robot_that_stands_askew_in_a_door_gets_out(y: float, yaw_deg: float) -> None:
     askew = Pose2D(3.7, y, math.radians(yaw_deg))
     assert search(two_rooms(0.45), REAR, (askew, Pose2D(2.5, 2.4, -2.23))) is not None
+
+
+def test_nothing_is_searched_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot's own heading and the goal's may be the same one."""
+    searches: list[object] = []
+
+    def search_once(
+        memory: Memory, space: SearchSpace, query: Query, to_go: Heuristic, most: int
+    ) -> tuple[int, int]:
+        searches.append((query, space.footprint.phase, id(space.blocked), to_go.greed))
+        return search_poses(memory, space, query, to_go, most)
+
+    monkeypatch.setattr(pose_search, "search_poses", search_once)
+    ends = Pose2D(3.68, 3.08, 1.09), Pose2D(5.3, 2.9, 1.09 - math.pi)
+    assert search(two_rooms(0.42), REAR, ends, most=POSE_SEARCH.driving_states) is None
+    assert len(searches) == len(set(searches))
 
 
 @pytest.mark.parametrize(

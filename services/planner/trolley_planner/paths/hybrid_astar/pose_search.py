@@ -146,9 +146,10 @@ class PoseSearch:
         space = make_search_space(grid, unseen, own, self._footprint, spans, task.wanted_m)
         query = Query(start, goal, task.any_heading, task.xy_m, task.yaw_rad, FORWARDS, 0.0)
         found = self._find_in(space, closed, query, most)
-        if found is None and _touches(space, start):
+        own_spans = self._spans_for(grid.fine_m, begin.yaw)
+        if found is None and own_spans.phase != spans.phase and _touches(space, start):
             # Neither heading beside its own may fit where it stands, as askew in a door.
-            space = space._replace(footprint=self._spans_for(grid.fine_m, begin.yaw))
+            space = space._replace(footprint=own_spans)
             found = self._find_in(space, closed, query, most)
         if found is None:
             return None
