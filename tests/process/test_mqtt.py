@@ -213,12 +213,12 @@ def test_two_robots_of_one_name_are_reported(
 
 
 @pytest.mark.parametrize(
-    ("last_word", "asks_after"),
-    [(b"", 5), (b"\xe0\x01\x8e", 1)],
+    ("last_word", "asks_after", "why"),
+    [(b"", 5, "within seconds"), (b"\xe0\x01\x8e", 1, "taken over")],
     ids=["hangs up", "says that another took the session over"],
 )
 def test_a_second_robot_is_asked_for_where_a_bad_wifi_cannot_be_the_cause(
-    last_word: bytes, asks_after: int
+    last_word: bytes, asks_after: int, why: str
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(PATIENCE_S)
@@ -227,15 +227,17 @@ def test_a_second_robot_is_asked_for_where_a_bad_wifi_cannot_be_the_cause(
             Broker(host="127.0.0.1", port=port, client_id="trolley-one", will=("gone", b"")), ""
         )
         bridge.start([], lambda: None)
-        said: list[bool] = []
+        loss, said = "", list[bool]()
         for _ in range(asks_after):
             client, _ = server.accept()
             with client:
                 client.recv(4096)
                 client.sendall(b"\x20\x03\x00\x00\x00" + last_word)
-            said.append("another robot with the same name" in next_loss(bridge))
+            loss = next_loss(bridge)
+            said.append("another robot with the same name" in loss)
         bridge.close()
     assert said == [False] * (asks_after - 1) + [True]
+    assert why in loss
 
 
 def next_loss(bridge: BrokerConnection) -> str:

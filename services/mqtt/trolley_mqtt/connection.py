@@ -270,9 +270,14 @@ class BrokerConnection:
             self._num_short = self._num_short + 1 if is_short else 0
             why = f"The connection to the MQTT broker was lost: {reason}."
             if reason == TAKEN_OVER or self._num_short >= MANY_SHORT:
+                what = (
+                    "Another client has taken over the connection to the MQTT broker"
+                    if reason == TAKEN_OVER
+                    else "The MQTT broker ends each connection within seconds"
+                )
                 why = (
-                    "The MQTT broker ends each connection within seconds: is there another robot "
-                    f"with the same name? Only one client may be called {self._broker.client_id}."
+                    f"{what}: is there another robot with the same name? Only one client may be "
+                    f"called {self._broker.client_id}."
                 )
             self._store(Lost(why))
         elif accepted is None:  # else its reason has been said
