@@ -6,6 +6,7 @@ from trolley.messages import (
     GoalStatus,
     Odometry,
     PoseEstimate,
+    Robot,
     SavedPose,
     SavedPoses,
     Scan,
@@ -16,6 +17,20 @@ from trolley.messages import (
 def make_clock(stamp_ns: int, epoch: int = 0, rate: float = 1.0) -> Clock:
     """Robot time."""
     return Clock(stamp_ns=stamp_ns, rate=rate, epoch=epoch)
+
+
+def make_robot(name: str = "one") -> Robot:
+    """A small robot that is driven by two wheels."""
+    return Robot(
+        stamp_ns=0,
+        name=name,
+        title=name,
+        footprint=[(0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1)],
+        drive="differential",
+        max_speed=0.5,
+        max_wz=1.0,
+        deceleration=1.0,
+    )
 
 
 def make_odometry(stamp_ns: int, x: float = 0.0) -> Odometry:

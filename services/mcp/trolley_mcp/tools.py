@@ -415,6 +415,11 @@ async def _cancel_map(call: Call, _: NoParams) -> Answer:
 
 # What several need.
 async def _known_places(call: Call) -> list[SavedPose]:
+    """The same as `_places_here`.
+
+    Raises:
+        Refused: `not_ready` where nobody says.
+    """
     places = await _places_here(call)
     if places is None:
         raise Refused(codes.NOT_READY, SILENT["tour"])

@@ -200,8 +200,9 @@ class BrokerConnection:
 
     def publish(self, topic: str, payload: bytes, *, keep: bool, valid_s: int = 0) -> None:
         """Send a message; without a connection it is gone."""
-        properties = Properties(PacketTypes.PUBLISH)
+        properties = None
         if valid_s:
+            properties = Properties(PacketTypes.PUBLISH)
             properties.MessageExpiryInterval = valid_s
         self._client.publish(topic, payload, qos=0, retain=keep, properties=properties)
 
@@ -268,22 +269,23 @@ class BrokerConnection:
         if accepted:
             is_short = time.monotonic() - self._accepted_s < SHORT_S
             self._num_short = self._num_short + 1 if is_short else 0
-            why = f"The connection to the MQTT broker was lost: {reason}."
-            if reason == TAKEN_OVER or self._num_short >= MANY_SHORT:
-                what = (
-                    "Another client has taken over the connection to the MQTT broker"
-                    if reason == TAKEN_OVER
-                    else "The MQTT broker ends each connection within seconds"
-                )
-                why = (
-                    f"{what}: is there another robot with the same name? Only one client may be "
-                    f"called {self._broker.client_id}."
-                )
-            self._store(Lost(why))
+            self._store(Lost(self._why_lost(reason)))
         elif accepted is None:  # else its reason has been said
             hint = "" if self._broker.tls else "; is it a port for TLS? Then set [mqtt] tls = true"
             why = f"What listens at {self._where} does not answer as an MQTT 5 broker does{hint}."
             self._store(Lost(why))
+
+    def _why_lost(self, reason: ReasonCode) -> str:
+        if reason == TAKEN_OVER:
+            what = "Another client has taken over the connection to the MQTT broker"
+        elif self._num_short >= MANY_SHORT:
+            what = "The MQTT broker ends each connection within seconds"
+        else:
+            return f"The connection to the MQTT broker was lost: {reason}."
+        return (
+            f"{what}: is there another robot with the same name? Only one client may be called "
+            f"{self._broker.client_id}."
+        )
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         try:

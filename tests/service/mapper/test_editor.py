@@ -1,6 +1,8 @@
 """Maps that are changed while the robot is on them: what comes of them, zones, places and pose."""
 
 import math
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -351,14 +353,20 @@ def test_one_that_asks_again_hears_of_the_same_change(home: Home) -> None:
     assert home.refusal(requests.MAP_EDIT, other).code == codes.BAD_REQUEST
 
 
-def test_zones_and_places_stay_where_they_are_while_the_edited_map_cannot_be_loaded(
-    home: Home, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@contextmanager
+def no_map_can_be_read(monkeypatch: pytest.MonkeyPatch) -> Generator[None]:
     def refuse(*_: Any) -> None:
         raise Refused(codes.BAD_REQUEST, "The map cannot be read.")
 
     with monkeypatch.context() as patch:
         patch.setattr(MapServer, "_read_map", refuse)
+        yield
+
+
+def test_zones_and_places_stay_where_they_are_while_the_edited_map_cannot_be_loaded(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with no_map_can_be_read(monkeypatch):
         reply = home.edit(Turn(angle=0.5), as_name="turned")
     assert "The map cannot be read. The robot stays on the map of before" in reply.message
     assert home.poses[-1].map == "flat"
@@ -376,11 +384,7 @@ def test_zones_and_places_stay_where_they_are_while_the_edited_map_cannot_be_loa
 def test_an_edit_whose_map_cannot_be_loaded_can_be_undone(
     home: Home, monkeypatch: pytest.MonkeyPatch, is_restarted: bool
 ) -> None:
-    def refuse(*_: Any) -> None:
-        raise Refused(codes.BAD_REQUEST, "The map cannot be read.")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(MapServer, "_read_map", refuse)
+    with no_map_can_be_read(monkeypatch):
         assert "Or undo the edit." in home.edit(Turn(angle=0.5)).message
         if is_restarted:
             home.restart_mapper()
@@ -400,11 +404,7 @@ def test_an_edit_whose_map_cannot_be_loaded_can_be_undone(
 def test_a_map_of_its_own_that_cannot_be_loaded_holds_up_no_other_edit(
     home: Home, monkeypatch: pytest.MonkeyPatch, is_restarted: bool
 ) -> None:
-    def refuse(*_: Any) -> None:
-        raise Refused(codes.BAD_REQUEST, "The map cannot be read.")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(MapServer, "_read_map", refuse)
+    with no_map_can_be_read(monkeypatch):
         home.edit(Turn(angle=0.5), as_name="turned")
         if is_restarted:
             home.restart_mapper()

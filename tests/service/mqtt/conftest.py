@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from msgspec import structs
+from support.samples import make_robot
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -19,7 +20,6 @@ from trolley.messages import (
     GoalStatus,
     Health,
     PoseEstimate,
-    Robot,
     SavedPose,
     SavedPoses,
     Stop,
@@ -73,20 +73,7 @@ class ScriptedRobot(Service):
             self.publish(topics.HEALTH, Health(stamp_ns=stamp_ns, state="ok"), "planner")
 
     def be_replayed(self) -> None:
-        self.publish(
-            topics.ROBOT,
-            Robot(
-                stamp_ns=0,
-                name="robby",
-                title="Robby",
-                footprint=[(0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1)],
-                drive="differential",
-                max_speed=0.5,
-                max_wz=1.0,
-                deceleration=1.0,
-                replayed=True,
-            ),
-        )
+        self.publish(topics.ROBOT, structs.replace(make_robot("robby"), replayed=True))
 
     def save(self, places: Sequence[str], tours: Sequence[str] = ()) -> None:  # pyrefly: ignore[bad-override]
         poses = [

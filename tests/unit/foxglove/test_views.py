@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 from support.cases import cases
 from support.foxglove_client import fields
-from support.samples import make_odometry, make_place, make_transform
+from support.samples import make_odometry, make_place, make_robot, make_transform
 from support.strategies import instances_of
 
 from trolley import topics
@@ -23,7 +24,6 @@ from trolley.messages import (
     OccupancyGrid,
     Path,
     PoseEstimate,
-    Robot,
     SavedPoses,
     Scan,
     Transform,
@@ -218,17 +218,7 @@ def test_deleted_markers_go() -> None:
 
 
 def test_a_mesh_is_nothing_to_plot() -> None:
-    robot = Robot(
-        stamp_ns=1,
-        name="one",
-        title="",
-        footprint=[(0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1)],
-        drive="differential",
-        max_speed=0.5,
-        max_wz=1.0,
-        deceleration=1.0,
-        mesh=bytes(1 << 20),
-    )
+    robot = structs.replace(make_robot(), mesh=bytes(1 << 20))
     assert len(seen(topics.ROBOT, robot)["robot"]) < 500
 
 

@@ -6,10 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 from support.flatland import BOX, Flatland, empty_room
+from support.samples import make_robot
 
 from trolley import codes
 from trolley.geometry import Pose2D
-from trolley.messages import GoalStatus, Path, PoseEstimate, Robot
+from trolley.messages import GoalStatus, Path, PoseEstimate
 from trolley.messages.types import floats_to_bytes
 from trolley_planner.fleet.neighbours import NEIGHBOURS, Neighbours, outline_discs
 
@@ -73,20 +74,10 @@ def test_only_who_is_sure_heard_of_and_on_this_map_counts(others: Neighbours) ->
 
 
 def test_nobody_waits_for_a_recording_that_is_played(others: Neighbours) -> None:
-    played = Robot(
-        stamp_ns=0,
-        name="b",
-        title="b",
-        footprint=[(0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1)],
-        drive="differential",
-        max_speed=0.5,
-        max_wz=1.0,
-        deceleration=1.0,
-        replayed=True,
-    )
-    others.update_robot(played, "b")
+    robot = make_robot("b")
+    others.update_robot(msgspec.structs.replace(robot, replayed=True), "b")
     assert others.on_map("room", SECOND_NS) == []
-    others.update_robot(msgspec.structs.replace(played, replayed=False), "b")
+    others.update_robot(robot, "b")
     assert len(others.on_map("room", SECOND_NS)) == 1
 
 

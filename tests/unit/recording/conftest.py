@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.samples import make_clock, make_estimate
+from msgspec import structs
+from support.samples import make_clock, make_estimate, make_robot
 
 from trolley import topics
-from trolley.messages import Robot
 from trolley.recording.recorder import Recorder
 from trolley.recording.writer import RecordingWriter
 from trolley.runtime import codec
@@ -18,16 +18,7 @@ from trolley.topics import Topic
 SECOND_NS = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND_NS
 
-ROBOT = Robot(
-    stamp_ns=0,
-    name="one",
-    title="The first",
-    footprint=[(0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1)],
-    drive="differential",
-    max_speed=0.5,
-    max_wz=1.0,
-    deceleration=1.0,
-)
+ROBOT = structs.replace(make_robot(), title="The first")
 
 
 def sample_of(
