@@ -644,6 +644,7 @@ class Robot:
         finally:
             self._awaited.pop(goal.id, None)
         if status.state != "arrived":
+            self._open()  # closing it has canceled the goal, whose status may still come
             code = status.reason or status.state
             raise Refused(code, status.message or None, goal=status.id)
         return status

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -293,6 +293,22 @@ except RobotUnreachable as closed:
     assert scripted.canceled == [scripted.sent[0].id]
     # In the midst of a request it is the connection that says so.
     assert re.fullmatch("(this Robot|the connection to the router) is closed; .*\n", said)
+
+
+def test_a_goal_that_closing_has_canceled_says_that_the_robot_is_closed(
+    add_robot: Callable, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the answer was on its way, it said that the goal was canceled."""
+    add_robot("one", DRIVES_ON)
+    robot = Robot(connect=endpoint)
+
+    def interrupted(goal: str, _: None) -> Iterator[GoalStatus]:
+        robot.close()
+        yield GoalStatus(stamp_ns=0, id=goal, state="canceled")
+
+    monkeypatch.setattr(robot, "follow", interrupted)
+    with pytest.raises(RobotUnreachable, match="this Robot is closed"):
+        robot.go_to("kitchen")
 
 
 def test_a_signal_may_close_the_robot_that_begins_to_listen(
