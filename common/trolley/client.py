@@ -38,6 +38,7 @@ from trolley.connection import (
     ASK_TIMEOUT_S,
     MOST_WAITING,
     Arrival,
+    Closed,
     Connection,
     RobotTime,
     RobotUnreachable,
@@ -105,13 +106,6 @@ LOAD_TIMEOUT_S = 60.0
 """How long a map may take to be read by a small computer."""
 
 
-class _Closed(RobotUnreachable):
-    """This Robot was closed; perhaps by another thread, while something waited."""
-
-    def __init__(self) -> None:
-        super().__init__("this Robot is closed; make a new one")
-
-
 class Robot:
     """One robot; a context manager (or call `close`).
 
@@ -152,11 +146,11 @@ class Robot:
                 if _left(deadline) <= 0.0:
                     raise connection.unknown_robot(found)
                 time.sleep(LOOK_AGAIN_S)
+            self._talk_over(connection, found)
+            # Also where nobody calls `close`, as in a notebook: an open session hangs Python's end.
+            self._end: weakref.finalize[Any, Any] | None
+            self._end = weakref.finalize(self, connection.__exit__, None, None, None)
             undo.pop_all()  # from now on `close` ends the connection
-        self._talk_over(connection, found)
-        # Also where nobody calls `close`, as in a notebook: an open session hangs Python's end.
-        self._end: weakref.finalize[Any, Any] | None
-        self._end = weakref.finalize(self, connection.__exit__, None, None, None)
 
     @classmethod
     def over(cls, connection: Connection, name: str) -> "Robot":
@@ -191,7 +185,8 @@ class Robot:
         self._listen_apart()
 
     def _listen_apart(self) -> None:
-        self._closed = threading.Event()
+        # A plain flag: a signal may not set a threading.Event whose `wait` it interrupts.
+        self._is_closed = False
         self._lock = threading.RLock()  # a signal may close what is just beginning
         self._begun: weakref.WeakSet[Subscription[Any] | Robot] = weakref.WeakSet()
 
@@ -207,7 +202,7 @@ class Robot:
         """Note what has to end with this robot."""
         with self._lock:
             self._begun.add(what)
-            is_late = self._closed.is_set()
+            is_late = self._is_closed
         if is_late:
             what.close()
 
@@ -217,7 +212,7 @@ class Robot:
         Goals that `go_to` waits for are canceled.
         """
         with self._lock:
-            self._closed.set()
+            self._is_closed = True
             begun = list(self._begun)
         for one in begun:
             one.close()
@@ -244,7 +239,7 @@ class Robot:
         self.close()
 
     def __repr__(self) -> str:
-        where = "closed" if self._closed.is_set() else f"at {', '.join(self._connection.endpoints)}"
+        where = "closed" if self._is_closed else f"at {', '.join(self._connection.endpoints)}"
         return f"<Robot {self.name} {where}>"
 
     @property
@@ -349,8 +344,8 @@ class Robot:
         self._open().publish(self.name, topic, message, *parts)
 
     def _open(self) -> Connection:
-        if self._closed.is_set():
-            raise _Closed
+        if self._is_closed:
+            raise Closed
         return self._connection
 
     # Where it is.
@@ -599,8 +594,9 @@ class Robot:
     ) -> GoalStatus:
         """Drive to a place; with `wait` until it is there. `follow` shows how it goes.
 
-        Ctrl-C while it waits cancels the goal. While the goal is paused, since somebody stopped the
-        robot, say, it goes on waiting: `ask(requests.GOAL_RESUME)` continues the goal.
+        Ctrl-C while it waits, or `sys.exit()` in a signal's handler, cancels the goal. While it is
+        paused, since somebody stopped the robot, say, it goes on waiting: continue the goal by
+        `ask(requests.GOAL_RESUME)`.
 
         Args:
             place: a saved place's name, a pose, or x [m], y [m] and perhaps yaw [rad]; without a
@@ -637,7 +633,7 @@ class Robot:
         try:
             self.ask(requests.GOAL_SEND, goal)
             *_, status = self.follow(goal.id, timeout)
-        except (KeyboardInterrupt, _Closed) as error:
+        except (KeyboardInterrupt, SystemExit, Closed) as error:
             if goal.id in self._awaited:
                 self._give_up(goal.id, error)
             raise
@@ -823,7 +819,7 @@ class Robot:
         for _ in range(STOP_TRIES):
             try:
                 return self.ask(requests.BASE_STOP, timeout=STOP_TRY_S)
-            except _Closed:
+            except Closed:
                 raise
             except (Refused, RobotUnreachable):
                 self._pause(STOP_PAUSE_S)
@@ -891,8 +887,8 @@ class Robot:
         return arrival
 
     def _pause(self, seconds: float) -> None:
-        if self._closed.wait(seconds):
-            raise _Closed
+        time.sleep(seconds)
+        self._open()
 
     def _goal_now(self, goal: str | None) -> GoalStatus:
         """The status of a goal, even if a newer one is under way."""

@@ -4,6 +4,7 @@ Scripts want `trolley.Robot`; this is the layer below it, which the command line
 """
 
 import dataclasses
+import math
 import threading
 import time
 from collections import deque
@@ -56,11 +57,19 @@ MOST_WAITING_BYTES = 64 << 20
 TOKENS_S = (1.0, 10.0)
 """How long the router may take to say who is there, and when it is asked once more."""
 CLOCK_PATIENCE_S = 1.0
-CLOSED = "the connection to the router is closed; open another"
+SLICE_S = 0.2
+"""How long a message is waited for at a time."""
 
 
 class RobotUnreachable(Exception):
     """There is no router, no such robot, or it fell silent; the text says which and what to do."""
+
+
+class Closed(RobotUnreachable):
+    """It was closed; perhaps by another thread, or a signal, while something waited."""
+
+    def __init__(self) -> None:
+        super().__init__("this connection to the robot is closed; make a new one")
 
 
 class RouterBusy(RobotUnreachable):
@@ -119,8 +128,14 @@ class Subscription(Generic[M]):
 
     def next(self, timeout_s: float | None = None) -> Arrival[M] | None:
         """The next message, None if none comes in time, or none any more: see `is_closed`."""
+        end_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
         with self._condition:
-            self._condition.wait_for(lambda: self.is_closed or bool(self._waiting), timeout_s)
+            while not self._waiting and not self.is_closed:
+                left_s = end_s - time.monotonic()
+                if left_s <= 0.0:
+                    break
+                # In slices: a signal that closes it just before it waits wakes nobody.
+                self._condition.wait(min(left_s, SLICE_S))
             return self._pop() if self._waiting else None
 
     def __iter__(self) -> Iterator[Arrival[M]]:
@@ -220,7 +235,7 @@ class Connection:
         """The open bus."""
         bus = self._bus  # read once: another thread may close it meanwhile
         if bus is None:
-            raise RobotUnreachable(CLOSED)
+            raise Closed
         if is_forked():
             raise RobotUnreachable(FORKED)
         return bus
@@ -231,7 +246,7 @@ class Connection:
         try:
             yield self.bus
         except ZenohError as error:
-            raise RobotUnreachable(CLOSED) from error
+            raise Closed from error
 
     def ask(
         self, robot: str, request: Request[P, R], params: P, timeout_s: float = ASK_TIMEOUT_S

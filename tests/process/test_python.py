@@ -174,10 +174,10 @@ def test_a_closed_robot_says_so(add_robot: Callable, endpoint: str) -> None:
     next(poses)
     silent = robot.stream(topics.SCAN)
     threading.Timer(0.1, robot.close).start()
-    with pytest.raises(RobotUnreachable, match="this Robot is closed"):
+    with pytest.raises(RobotUnreachable, match="this connection to the robot is closed"):
         next(silent)  # it waits meanwhile
     for use in (robot.pose, robot.stop, robot.places, lambda: next(robot.poses()), robot.now_ns):
-        with pytest.raises(RobotUnreachable, match="this Robot is closed"):
+        with pytest.raises(RobotUnreachable, match="this connection to the robot is closed"):
             use()
     assert "closed" in repr(robot)
 
@@ -192,7 +192,7 @@ def test_a_stream_goes_on_when_the_robot_was_restarted(endpoint: str, tmp_path: 
             pose.stamp_ns > before.stamp_ns + 10**8
             for _, pose in zip(range(10), poses, strict=False)
         )
-    with pytest.raises(RobotUnreachable, match="this Robot is closed"):
+    with pytest.raises(RobotUnreachable, match="this connection to the robot is closed"):
         list(poses)  # what had come before may still be read
 
 
@@ -233,17 +233,18 @@ def test_a_callback_gets_messages_until_it_is_closed(add_robot: Callable, endpoi
     assert isinstance(heard[0].poses[0], SavedPose)
 
 
-def test_ctrl_c_cancels_the_goal(
-    add_robot: Callable, endpoint: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("raised", [KeyboardInterrupt, SystemExit])
+def test_what_a_signal_s_handler_raises_cancels_the_goal(
+    add_robot: Callable, endpoint: str, monkeypatch: pytest.MonkeyPatch, raised: type[BaseException]
 ) -> None:
     scripted = add_robot("one", DRIVES_ON)
     with Robot(connect=endpoint) as robot:
 
         def interrupted(*_: object) -> None:
-            raise KeyboardInterrupt
+            raise raised
 
         monkeypatch.setattr(robot, "_next", interrupted)
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(raised):
             robot.go_to("kitchen")
     assert scripted.canceled == [scripted.sent[0].id]
 
@@ -267,7 +268,7 @@ def test_closing_the_robot_cancels_the_goal_that_a_thread_waits_for(
         wait_until(lambda: bool(scripted.sent), "it drives")
     assert scripted.canceled == [scripted.sent[0].id]
     going.join(PATIENCE_S)
-    assert "this Robot is closed" in str(problems[0])
+    assert "this connection to the robot is closed" in str(problems[0])
     assert not hasattr(problems[0], "__notes__")
 
 
@@ -291,8 +292,7 @@ except RobotUnreachable as closed:
         going.terminate()
         said, _ = going.communicate(timeout=PATIENCE_S)
     assert scripted.canceled == [scripted.sent[0].id]
-    # In the midst of a request it is the connection that says so.
-    assert re.fullmatch("(this Robot|the connection to the router) is closed; .*\n", said)
+    assert re.fullmatch("this connection to the robot is closed; .*\n", said)
 
 
 def test_a_goal_that_closing_has_canceled_says_that_the_robot_is_closed(
@@ -307,7 +307,7 @@ def test_a_goal_that_closing_has_canceled_says_that_the_robot_is_closed(
         yield GoalStatus(stamp_ns=0, id=goal, state="canceled")
 
     monkeypatch.setattr(robot, "follow", interrupted)
-    with pytest.raises(RobotUnreachable, match="this Robot is closed"):
+    with pytest.raises(RobotUnreachable, match="this connection to the robot is closed"):
         robot.go_to("kitchen")
 
 
@@ -333,6 +333,23 @@ def test_a_signal_may_close_the_robot_that_begins_to_listen(
         listening.start()
         listening.join(PATIENCE_S)
     assert not listening.is_alive()
+
+
+def test_a_signal_may_close_the_session_that_is_just_asked_to_listen(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It waited 5 s for calls back that had not begun."""
+    monkeypatch.setattr(zenoh_bus, "CALLBACK_S", 10.0 * PATIENCE_S)
+    as_daemon = zenoh_bus._as_daemon
+
+    def interrupted(declare: Callable) -> Any:
+        bus.close()
+        return as_daemon(declare)
+
+    with open_bus([endpoint], PATIENCE_S) as bus:
+        monkeypatch.setattr(zenoh_bus, "_as_daemon", interrupted)
+        with pytest.raises(zenoh_bus.ZenohError):
+            bus.subscribe("trolley/one/odom", lambda _: None)
 
 
 @pytest.mark.parametrize(
@@ -384,7 +401,7 @@ def test_a_robot_closed_within_its_look_at_the_connection_says_so(
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(connection, "is_forked", closed_meanwhile)
-        with pytest.raises(RobotUnreachable):
+        with pytest.raises(RobotUnreachable, match="this connection to the robot is closed"):
             robot.delete_marker()
 
 
@@ -420,7 +437,7 @@ def test_asyncio_drives_streams_and_stops(add_robot: Callable, endpoint: str) ->
             assert all(isinstance(one, asyncio.CancelledError) for one in ended)
             waiting = asyncio.ensure_future(anext(robot.scans()))
             await robot.pose()
-        with pytest.raises(RobotUnreachable, match="this Robot is closed"):
+        with pytest.raises(RobotUnreachable, match="this connection to the robot is closed"):
             await waiting
         with pytest.raises(RobotUnreachable, match="this AsyncRobot is not open"):
             await robot.pose()

@@ -1,12 +1,18 @@
-"""Which robot is meant, and where it is looked for."""
+"""Which robot is meant, where it is looked for, and signals that close what waits for it."""
 
+import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import pytest
+from support.waiting import PATIENCE_S
 
-from trolley import topics
+from trolley import Robot, RobotUnreachable, connection, topics
 from trolley.config import ConfigError
-from trolley.connection import DEFAULT_ENDPOINT, Subscription, Target, find_target
+from trolley.connection import DEFAULT_ENDPOINT, Connection, Subscription, Target, find_target
 from trolley.messages import Clock
 from trolley.runtime import codec
 from trolley.runtime.bus import Reply
@@ -70,3 +76,54 @@ def test_a_message_to_many_keys_at_once_is_none() -> None:
     assert first is not None
     assert first.robot == "kiwi"
     assert subscription.next(0.0) is None
+
+
+def interrupted(call: Callable[[], object], line: int, handler: Callable[[], object]) -> bool:
+    """Run a call that a signal's handler interrupts before a line; whether it has so many."""
+    num_lines = 0
+
+    def trace(_frame: FrameType, event: str, _: Any) -> Any:
+        nonlocal num_lines
+        num_lines += event == "line"
+        if event == "line" and num_lines == line:
+            sys.settrace(None)
+            handler()
+        return trace
+
+    def run() -> None:
+        sys.settrace(trace)
+        try:
+            call()
+        except RobotUnreachable:
+            pass
+        finally:
+            sys.settrace(None)
+
+    running = threading.Thread(target=run, daemon=True)
+    running.start()
+    running.join(PATIENCE_S)
+    assert not running.is_alive(), f"it hangs where it is interrupted before line {line}"
+    return num_lines >= line
+
+
+def waits_for_a_message() -> tuple[Callable[[], object], Callable[[], object]]:
+    subscription = Subscription(topics.CLOCK)
+    return subscription.next, subscription.close
+
+
+def waits_for_a_service() -> tuple[Callable[[], object], Callable[[], object]]:
+    robot = Robot.over(Connection([]), "one")
+    return lambda: robot._pause(0.01), robot.close
+
+
+@pytest.mark.parametrize("begin", [waits_for_a_message, waits_for_a_service])
+def test_a_signal_may_close_it_before_any_line_of_what_waits(
+    monkeypatch: pytest.MonkeyPatch, begin: Callable
+) -> None:
+    """Where it had just looked, or held the lock, it waited for ever."""
+    monkeypatch.setattr(connection, "SLICE_S", 0.01)
+    for line in range(1, 60):
+        call, close = begin()
+        if not interrupted(call, line, close):
+            break
+        close()  # what ended before

@@ -442,19 +442,23 @@ class ZenohBus:
         if self._puts_directly:
             handler = _handler(receive, None, is_direct=True)
             return _Declared(self._session.declare_subscriber(key_expr, handler).undeclare)
-        self._calling[ended] = 0
 
         def end() -> None:
             self._calling.pop(ended, None)
             ended.set()
 
         handler = _handler(receive, end, is_direct=False)
-        try:
-            subscriber = _as_daemon(lambda: self._session.declare_subscriber(key_expr, handler))
-        except BaseException:
-            end()  # perhaps there never was a thread
-            raise
-        return _Declared(subscriber.undeclare)
+
+        # Noted on the thread that declares: a signal that closes the bus meanwhile waits for that.
+        def declare() -> "zenoh.Subscriber[None]":
+            self._calling[ended] = 0
+            try:
+                return self._session.declare_subscriber(key_expr, handler)
+            except BaseException:
+                end()  # perhaps there never was a thread
+                raise
+
+        return _Declared(_as_daemon(declare).undeclare)
 
     def newest(self, key: str) -> _Newest:
         """Keep the newest of what anybody puts to a key, one's own puts too."""
