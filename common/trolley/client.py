@@ -355,10 +355,10 @@ class Robot:
         Raises:
             Refused: `not_ready` without a localizer, `stale` if the estimate is over 1 s old.
         """
+        now_ns = self._open().robot_now_ns(self.name)  # first: a late answer makes no pose old
         estimate = self._have(
             topics.POSE, "There is no pose: the localizer is not running, or has no map."
         )
-        now_ns = self._open().robot_now_ns(self.name)
         if now_ns is None:
             self._open()
             raise Refused(codes.STALE, "The pose has no age: base is not running.")

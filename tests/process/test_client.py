@@ -57,6 +57,22 @@ def test_the_single_robot_is_found_and_says_where_it_is(add_robot: Callable, end
         assert estimate.pose == Pose2D(1.0, 2.0, 0.5)
 
 
+def test_a_pose_does_not_grow_old_while_the_clock_is_asked_for(
+    add_robot: Callable, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a busy computer, or over a slow link, it was refused as stale."""
+    add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        now_ns = robot.connection.robot_now_ns
+
+        def late(name: str) -> int | None:
+            time.sleep(1.5 * client.STALE_AFTER_S)
+            return now_ns(name)
+
+        monkeypatch.setattr(robot.connection, "robot_now_ns", late)
+        assert robot.pose().state == "localized"
+
+
 @pytest.mark.parametrize(("num_unsure", "state"), [(0, "localized"), (300, "unsure")])
 def test_who_was_found_is_checked_for_a_while(
     add_robot: Callable, endpoint: str, num_unsure: int, state: str

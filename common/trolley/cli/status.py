@@ -83,9 +83,9 @@ def read_status(robot: Robot) -> dict[str, Any]:
     if not runs:
         endpoints = ", ".join(robot.connection.endpoints)
         raise RobotUnreachable(f"no service of a robot called {robot.name} runs at {endpoints}")
+    now_ns = robot.connection.robot_now_ns(robot.name)  # first: late answers make nothing old
     health = {parts[0]: message for parts, message in robot.get(topics.HEALTH).items()}
     pose = robot.latest(topics.POSE)
-    now_ns = robot.connection.robot_now_ns(robot.name)
     unix_ms = time.time_ns() // 1_000_000
     restarts = {unit.service: unit.restarts for unit in read_units(Host()) or []}
     of_robot = robot.latest(topics.ROBOT)

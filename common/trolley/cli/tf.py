@@ -25,6 +25,7 @@ def read_frames(robot: Robot) -> Frames:
     """Ask everybody for the links between frames."""
     tree = FrameTree()
     heights: dict[str, float] = {}
+    now_ns = robot.connection.robot_now_ns(robot.name)  # first: late answers make nothing old
     odometry = robot.latest(topics.ODOM)
     if odometry is not None:
         tree.set(ODOM, BASE, odometry.pose, odometry.stamp_ns)
@@ -39,7 +40,7 @@ def read_frames(robot: Robot) -> Frames:
             say(f"tf/{child} is left out: {error}", err=True)
             continue
         heights[child] = link.z
-    return Frames(tree, heights, robot.connection.robot_now_ns(robot.name))
+    return Frames(tree, heights, now_ns)
 
 
 def _plain(found: Relation) -> dict[str, Any]:
