@@ -419,6 +419,7 @@ def test_what_waited_in_a_stalled_connection_is_not_carried_out(
     bridge = run_bridge(proxy.port)
     wait_until(lambda: home.state.get("activity") == "ready", "a state")
     wait_until(lambda: "trolley/one/echo" in home.heard, "what comes is known to be new")
+    wait_until(lambda: any("go_kitchen" in topic for topic in home.heard), "announcements")
     proxy.is_stalled = True
     home.press("Go to kitchen")
     time.sleep(1.5 * MAX_AGE_S)
