@@ -98,7 +98,7 @@ def supervised(
     Raises:
         ConfigError: The port is taken, or a service cannot run with this configuration.
     """
-    stack = ExitStack()
+    stack, supervisor = ExitStack(), None
     try:
         with interrupts.held():
             if router is not None:
@@ -107,12 +107,11 @@ def supervised(
                 except NotConnected as error:
                     raise ConfigError(str(error)) from error
             supervisor = stack.enter_context(Supervisor(modules, environment, _warn, held))
-        try:
-            yield supervisor
-        except KeyboardInterrupt:
-            if supervisor.failure is not None:
-                raise ConfigError(supervisor.failure) from None
-            raise
+        yield supervisor
+    except KeyboardInterrupt:
+        if supervisor is not None and supervisor.failure is not None:
+            raise ConfigError(supervisor.failure) from None
+        raise
     finally:
         with interrupts.held():
             stack.close()
