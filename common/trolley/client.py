@@ -72,6 +72,7 @@ from trolley.messages.types import floats_from_bytes
 from trolley.picture import MapPicture
 from trolley.requests import Request
 from trolley.runtime import codec
+from trolley.runtime.zenoh_bus import is_forked
 from trolley.topics import Qos, Topic
 
 if TYPE_CHECKING:
@@ -211,6 +212,8 @@ class Robot:
 
         Goals that `go_to` waits for are canceled.
         """
+        if is_forked():
+            return
         with self._lock:
             self._is_closed = True
             begun = list(self._begun)

@@ -127,7 +127,13 @@ class Subscription(Generic[M]):
                 self._store(reply.key, reply.payload, reply.encoding)
 
     def next(self, timeout_s: float | None = None) -> Arrival[M] | None:
-        """The next message, None if none comes in time, or none any more: see `is_closed`."""
+        """The next message, None if none comes in time, or none any more: see `is_closed`.
+
+        Raises:
+            RobotUnreachable: This process was forked from the one that listens.
+        """
+        if is_forked():
+            raise RobotUnreachable(FORKED)
         end_s = math.inf if timeout_s is None else time.monotonic() + timeout_s
         with self._condition:
             while not self._waiting and not self.is_closed:
@@ -144,6 +150,8 @@ class Subscription(Generic[M]):
 
     def close(self) -> None:
         """Stop listening; whoever waits for a message waits no longer."""
+        if is_forked():  # in the midst of a message, perhaps: the lock is never given back then
+            return
         closer, self._closer = self._closer, None
         if closer is not None:
             closer.close()

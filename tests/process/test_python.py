@@ -535,17 +535,29 @@ print(robot.pose(), robot)
 
 
 def test_a_process_that_was_forked_says_so_and_ends(add_robot: Callable, endpoint: str) -> None:
+    """One that was forked just as a message was taken in waited for ever."""
     add_robot("one")
     program = f"""
-import os, sys
+import os, threading
 from trolley import Robot, topics
 robot = Robot(connect={endpoint!r})
-robot.on(topics.ODOM, id)
+heard = robot.on(topics.ODOM, id)
+begun, over = threading.Event(), threading.Event()
+
+def take():
+    with heard._condition:
+        begun.set()
+        over.wait()
+
+threading.Thread(target=take).start()
+begun.wait()
 child = os.fork()
 if child:
+    over.set()
     print("child:", os.waitpid(child, 0)[1])
 else:
-    for what in (robot.latest, robot.subscribe, lambda _: Robot(connect={endpoint!r})):
+    begin = lambda _: Robot(connect={endpoint!r})
+    for what in (robot.latest, robot.subscribe, lambda _: heard.next(), begin):
         try:
             what(topics.POSE)
         except Exception as error:
@@ -555,7 +567,7 @@ robot.close()
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE_S)
     said = "RobotUnreachable this process was forked from one"
-    assert [line[: len(said)] for line in done.stdout.splitlines()] == [said] * 3 + ["child: 0"]
+    assert [line[: len(said)] for line in done.stdout.splitlines()] == [said] * 4 + ["child: 0"]
 
 
 def test_ctrl_c_ends_the_search_for_a_router() -> None:
