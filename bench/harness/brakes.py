@@ -30,9 +30,10 @@ from trolley_base.drivers import LidarScan, MotionSample
 from trolley_base.odometry.track import OdometryTrack
 from trolley_base.safety.motion_limits import MotionLimits
 from trolley_base.safety.near_echoes import NearEchoes
+from trolley_base.safety.own_pauses import OwnPauses
 from trolley_base.safety.sight_distance import SightDistance
 from trolley_base.safety.stop_field import StopField
-from trolley_base.safety.velocity_limiter import VelocityLimiter
+from trolley_base.safety.velocity_limiter import Block, Restriction, VelocityLimiter
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +48,7 @@ TOLD_DELAY_S = LONGEST_DELAY_S + 0.05
 """What base is told: until the odometry shows it [s]."""
 SLOPE = 0.05
 """The steepest floor: metres of height per metre."""
+STANDS = Restriction(Block.ALL, "held", "", "")
 STATE = ("x", "y", "yaw", "v", "wz")
 """What the plant's kernel moves: true pose [m, rad] and velocity of the wheels [m/s, rad/s]."""
 
@@ -434,10 +436,16 @@ def advance(
 
 
 class Run:
-    """One case, driven."""
+    """One case, driven.
 
-    def __init__(self, case: Case, seed: int) -> None:
+    Args:
+        decides_ns: time between two decisions of base, which is longer on a busy computer [ns].
+    """
+
+    def __init__(self, case: Case, seed: int, decides_ns: int = PERIOD_NS) -> None:
         self._case = case
+        self._decides_ns, self._next_ns = decides_ns, 0
+        self._pauses = OwnPauses()
         self._rng = np.random.default_rng([seed, 1])
         self.now_ns = 0
         self.state = np.zeros(len(STATE))
@@ -470,15 +478,21 @@ class Run:
 
     def _step(self) -> float | None:
         """One period of base: senses, decision, motion."""
+        if self.now_ns >= self._next_ns:
+            self._next_ns += self._decides_ns
+            self._decide()
+        return self._move()
+
+    def _decide(self) -> None:
         self._take_reports()
+        restriction = STANDS if self._pauses.note(self.now_ns) else None
         if self._has_scan:
             self._want()
-            decision = self._limiter.decide(self.now_ns, self._points).twist
+            decision = self._limiter.decide(self.now_ns, self._points, restriction).twist
             jitter = self._case.jitter_s * self._rng.random()
             acts_ns = self.now_ns + round((self._case.delay_s + jitter) * 1e9)
             acts_ns = max(acts_ns, self._under_way[-1][0])
             self._under_way.append((acts_ns, decision.vx, decision.wz))
-        return self._move()
 
     def _take_reports(self) -> None:
         while self._reports and self._reports[0][0] <= self.now_ns:
@@ -589,9 +603,9 @@ class Run:
         self._scans.append((next_ns + case.scan_lag_ns, scan))
 
 
-def drive_case(seed: int, seconds: float = 8.0) -> Outcome:
+def drive_case(seed: int, seconds: float = 8.0, decides_ns: int = PERIOD_NS) -> Outcome:
     """Draw a case and drive it."""
     case = draw_case(seed)
-    run = Run(case, seed)
+    run = Run(case, seed, decides_ns)
     closing = run.drive(seconds)
     return Outcome(seed, closing, run.driven, run.turned, run.fastest, run.closest)

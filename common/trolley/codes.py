@@ -68,6 +68,7 @@ CHARGING = "charging"
 BUTTON = "button"
 STOP_FIELD = "stop_field"
 BLIND = "blind"
+OVERLOADED = "overloaded"
 SCAN_LOST = "scan_lost"
 LINK_LOST = "link_lost"
 COMMAND_LOST = "command_lost"
@@ -135,6 +136,7 @@ SENTENCES: dict[str, str] = {
     BUTTON: "The stop button was pressed.",
     STOP_FIELD: "Something is too close in the direction of travel.",
     BLIND: "The lidar does not see where the robot would drive.",
+    OVERLOADED: "The robot's computer is too slow or too busy to look where it drives.",
     SCAN_LOST: "The lidar is silent.",
     LINK_LOST: "The connection to the motor board is down.",
     COMMAND_LOST: "Velocity commands stopped arriving.",

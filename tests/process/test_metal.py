@@ -156,6 +156,22 @@ def test_the_stop_field_stops_in_time(linorobot: Metal, speed: float) -> None:
     assert truth.clearance > 0.02
 
 
+def test_a_base_that_is_held_up_stands_and_blames_no_device(linorobot: Metal) -> None:
+    linorobot.start_driving(SLOWLY)
+    assert linorobot.base is not None
+    num_said = len(linorobot.states)
+    for _ in range(5):
+        linorobot.base.send(signal.SIGSTOP)
+        time.sleep(0.3)
+        linorobot.base.send(signal.SIGCONT)
+        time.sleep(0.03)
+    linorobot.wait_for("held", codes.OVERLOADED)
+    linorobot.wait_for_standing()
+    linorobot.wait_for("ok")
+    said = {(state.mode, state.reason) for state in linorobot.states[num_said:]}
+    assert said == {("ok", ""), ("held", codes.OVERLOADED)}
+
+
 def test_inputs_of_the_board_stop_it(make_metal: Callable[..., Metal]) -> None:
     more = "[base.chassis.inputs]\nbumper_pins = [4]\ncliff_pins = [5]\nbattery_pin = 0\n"
     metal = make_metal("arduino_bridge", more=more)

@@ -19,6 +19,11 @@ def test_no_robot_drives_into_what_one_has_driven_into(seed: int) -> None:
     assert outcome.driven_m > 0.3, "it was not just held"
 
 
+@pytest.mark.parametrize("seed", [1012, 1034])
+def test_one_whose_base_decides_too_seldom_drives_into_nothing(seed: int) -> None:
+    assert drive_case(seed, decides_ns=300_000_000).closing is None
+
+
 @pytest.mark.slow
 def test_no_robot_drives_into_anything() -> None:
     outcomes = [drive_case(seed, seconds=5.0) for seed in range(100, 400)]

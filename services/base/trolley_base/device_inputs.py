@@ -93,10 +93,12 @@ class DeviceInputs:
         """Whether the board reports its stop button."""
         return codes.BUTTON in self._chassis.alarms
 
-    def safety_state(self, now_ns: int, cannot_drive: str, *, is_stopped: bool) -> SafetyState:
+    def safety_state(
+        self, now_ns: int, cannot_drive: str, *, is_stopped: bool, own_pause_ns: int
+    ) -> SafetyState:
         """Return what the devices say about whether the robot may drive."""
         lidar, age_ns = self.sight.judged(self._lidar), self.sight.age_ns(now_ns)
-        return SafetyState(cannot_drive, is_stopped, self._chassis, lidar, age_ns)
+        return SafetyState(cannot_drive, is_stopped, own_pause_ns, self._chassis, lidar, age_ns)
 
     def update(self, now_ns: int) -> None:
         """Bring the devices up to now, and read them."""

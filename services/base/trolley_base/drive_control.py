@@ -12,6 +12,7 @@ from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.robot_clock import RobotClock
 from trolley_base.safety.arbiter import WHY
 from trolley_base.safety.estop_latch import EstopLatch
+from trolley_base.safety.own_pauses import OwnPauses
 from trolley_base.safety.safety_state import find_restriction
 from trolley_base.safety.velocity_limiter import Decision, VelocityLimiter
 from trolley_base.state_reporter import StateReporter
@@ -46,6 +47,7 @@ class DriveControl:
         self._inputs = inputs
         self._watch = watch
         self._estop = EstopLatch(service)
+        self._own_pauses, self._own_pause_ns = OwnPauses(), 0
         self.reporter = StateReporter(service, clock, inputs, watch, self._estop)
         """Publishes what was decided."""
         self.parts = (self, self._estop)
@@ -60,6 +62,10 @@ class DriveControl:
 
     def update(self, now_ns: int) -> None:
         """Decide what is driven until the next period."""
+        self._own_pause_ns = self._own_pauses.note(now_ns)
+        if self._own_pause_ns:
+            seconds = round(self._own_pause_ns * 1e-9, 2)
+            self._service.log.limited("held_up", "base was held up", seconds=seconds)
         self._watch.update(now_ns, self._inputs.measured)
         must_stop = self._inputs.is_button_pressed or self._watch.is_latched
         if must_stop and not self._estop.is_set:
@@ -68,7 +74,12 @@ class DriveControl:
         self._decide(now_ns)
 
     def _decide(self, now_ns: int) -> None:
-        state = self._inputs.safety_state(now_ns, self._cannot_drive, is_stopped=self._estop.is_set)
+        state = self._inputs.safety_state(
+            now_ns,
+            self._cannot_drive,
+            is_stopped=self._estop.is_set,
+            own_pause_ns=self._own_pause_ns,
+        )
         restriction = self._watch.restriction or find_restriction(state)
         self.decision = self._limiter.decide(
             now_ns, self._inputs.echoes, restriction, self._inputs.unseen

@@ -97,7 +97,7 @@ class StateReporter:
             self._service.set_figure(f"lidar/seen/{side.replace(' ', '_')}", round(share, 3))
         # The first scan takes a revolution, which is no trouble yet.
         has_begun = now_ns - self._clock.epoch > SCAN_SILENCE_NS
-        is_lost = decision.reason in (codes.SCAN_LOST, codes.LINK_LOST)
+        is_lost = decision.reason in (codes.SCAN_LOST, codes.LINK_LOST, codes.OVERLOADED)
         if decision.mode == "fault" or (has_begun and is_lost):
             self._service.set_health("degraded", decision.message)
         elif self._estop.problem:

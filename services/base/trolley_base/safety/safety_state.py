@@ -13,6 +13,10 @@ SCAN_SILENCE_NS = 500_000_000
 STOPPED_MESSAGE = "Stopped. `trolley resume` lets it drive."
 UNKNOWN_MESSAGE = "A stop holds, but it is not known whether the robot stands still: {why}"
 FIRST_SCAN_MESSAGE = "The robot is waiting for the lidar's first scan."
+OVERLOADED_MESSAGE = (
+    "The robot's computer is too slow or too busy: for {seconds:.1f} s it did not look where it "
+    "drives."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +26,7 @@ class SafetyState:
     Attributes:
         cannot_drive: why commands go nowhere at all, "" where they drive.
         is_stopped: the emergency-stop latch.
+        own_pause_ns: for how long base itself was held up lately, 0 where it was not.
         chassis: the newest reading.
         lidar: the connection to the lidar.
         scan_age_ns: since the newest scan arrived, None before the first.
@@ -29,6 +34,7 @@ class SafetyState:
 
     cannot_drive: str
     is_stopped: bool
+    own_pause_ns: int
     chassis: ChassisReading
     lidar: Link
     scan_age_ns: int | None
@@ -40,6 +46,10 @@ def find_restriction(now: SafetyState) -> Restriction | None:
         return Restriction(Block.ALL, "ok", "", now.cannot_drive)
     if now.is_stopped:
         return Restriction(Block.ALL, "stopped", codes.BUTTON, _stopped(now.chassis.link))
+    if now.own_pause_ns:
+        # Before the devices: those that were not listened to only seem to be silent.
+        seconds = now.own_pause_ns * 1e-9
+        return _held(Block.ALL, codes.OVERLOADED, OVERLOADED_MESSAGE.format(seconds=seconds))
     if now.chassis.link.state != "up":
         return _held(Block.ALL, codes.LINK_LOST, now.chassis.link.message)
     if now.lidar.state == "down":

@@ -13,14 +13,14 @@ def condition(
     *,
     cannot_drive: str = "",
     stopped: bool = False,
+    own_pause_ns: int = 0,
     chassis: Link = UP,
     alarms: tuple[str, ...] = (),
     lidar: Link = UP,
     scan_age_ns: int | None = 100_000_000,
 ) -> SafetyState:
-    return SafetyState(
-        cannot_drive, stopped, ChassisReading((), chassis, alarms=alarms), lidar, scan_age_ns
-    )
+    reading = ChassisReading((), chassis, alarms=alarms)
+    return SafetyState(cannot_drive, stopped, own_pause_ns, reading, lidar, scan_age_ns)
 
 
 def test_nothing_forbids_to_drive_when_all_is_well() -> None:
@@ -31,6 +31,9 @@ def test_nothing_forbids_to_drive_when_all_is_well() -> None:
     ("now", "mode", "reason"),
     [
         (condition(stopped=True), "stopped", codes.BUTTON),
+        (condition(stopped=True, own_pause_ns=300_000_000), "stopped", codes.BUTTON),
+        (condition(own_pause_ns=300_000_000), "held", codes.OVERLOADED),
+        (condition(own_pause_ns=300_000_000, scan_age_ns=None), "held", codes.OVERLOADED),
         (condition(chassis=Link(name="chassis", state="down")), "held", codes.LINK_LOST),
         (condition(chassis=Link(name="chassis", state="searching")), "held", codes.LINK_LOST),
         (condition(lidar=Link(name="lidar", state="down")), "held", codes.SCAN_LOST),
