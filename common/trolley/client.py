@@ -924,7 +924,7 @@ class _Hand:
 
     def __init__(self, connection: Connection, robot: str) -> None:
         self._connection, self._robot = connection, robot
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a signal may halt the drive that it interrupts
         self._time: RobotTime | None = None
         self._stamp_ns = 0  # of the last command
 

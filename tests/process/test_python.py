@@ -19,7 +19,7 @@ import pytest
 from click.testing import CliRunner
 from support.waiting import PATIENCE_S, wait_until
 
-from trolley import AsyncRobot, Refused, Robot, RobotUnreachable, connection, topics
+from trolley import AsyncRobot, Refused, Robot, RobotUnreachable, connection, teleop, topics
 from trolley.cli import cli
 from trolley.geometry import Pose2D, Twist2D
 from trolley.messages import (
@@ -350,6 +350,35 @@ def test_a_signal_may_close_the_session_that_is_just_asked_to_listen(
         monkeypatch.setattr(zenoh_bus, "_as_daemon", interrupted)
         with pytest.raises(zenoh_bus.ZenohError):
             bus.subscribe("trolley/one/odom", lambda _: None)
+
+
+def test_a_signal_s_handler_may_halt_the_drive_that_it_interrupts(
+    add_robot: Callable, endpoint: str
+) -> None:
+    """It waited for ever for what it had interrupted."""
+    add_robot("one")
+    with Robot(connect=endpoint) as robot, robot.subscribe(topics.COMMAND, teleop.SOURCE) as heard:
+        publish = robot.connection.publish
+
+        def interrupted(*what: Any) -> None:
+            patch.setattr(robot.connection, "publish", publish)
+            robot.drive(Twist2D.zero())
+            publish(*what)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(robot._hand, "_now_ns", time.time_ns)
+            patch.setattr(robot.connection, "publish", interrupted)
+            driving = threading.Thread(
+                target=robot.drive, args=(Twist2D(0.1, 0.0, 0.0),), daemon=True
+            )
+            driving.start()
+            driving.join(PATIENCE_S)
+        assert not driving.is_alive()
+        first, last = heard.next(PATIENCE_S), heard.next(PATIENCE_S)
+        assert first is not None
+        assert last is not None
+        assert first.message.twist.is_zero
+        assert first.message.stamp_ns > last.message.stamp_ns  # so base drops the one after it
 
 
 @pytest.mark.parametrize(
