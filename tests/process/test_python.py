@@ -541,11 +541,21 @@ def test_ask_and_pub_speak_the_wire_from_the_shell(add_robot: Callable, endpoint
     assert run("topic", "pub", "tf/*", "{}")[0] == 2
 
 
-def test_a_robot_that_nobody_closes_does_not_hang_python_s_end(
-    add_robot: Callable, endpoint: str
+@pytest.mark.parametrize("late_s", [0.0, 0.005, 0.01, 0.015])
+def test_a_robot_that_nobody_closes_neither_hangs_nor_aborts_python_s_end(
+    add_robot: Callable, endpoint: str, late_s: float
 ) -> None:
+    """A thread of Zenoh's that had said its last word, and was late to end, crashed it."""
     add_robot("one")
     program = f"""
+import threading, time
+tell = threading.Event.set
+
+def tell_and_be_late(event):
+    tell(event)
+    time.sleep({late_s})
+
+threading.Event.set = tell_and_be_late
 from trolley import Robot, topics
 robot = Robot(connect={endpoint!r})
 robot.on(topics.ODOM, id)

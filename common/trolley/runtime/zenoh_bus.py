@@ -336,6 +336,37 @@ class _Heard:
         return self._began if self._told is None else self._told
 
 
+class _Calls:
+    """Those to a subscriber, on a thread of their own."""
+
+    def __init__(self) -> None:
+        self.are_over = threading.Event()
+        """Whether there will be no more of them; the thread has still to give back what it has."""
+        self._thread: threading.Thread | None = None
+
+    def note_thread(self) -> None:
+        """Note that this is theirs."""
+        if self._thread is None:
+            self._thread = threading.current_thread()
+
+    def end(self) -> None:
+        """Note on their thread that there are no more."""
+        self.note_thread()
+        self.are_over.set()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether their thread has ended."""
+        return self.are_over.is_set() and (self._thread is None or not self._thread.is_alive())
+
+    def wait_until(self, deadline_s: float) -> None:
+        """Wait for the end of their thread, unless it is this one."""
+        if self._thread is not threading.current_thread():
+            self.are_over.wait(max(deadline_s - time.monotonic(), 0.0))
+            if self._thread is not None:
+                self._thread.join(max(deadline_s - time.monotonic(), 0.0))
+
+
 class ZenohBus:
     """A session with the router; use `open_bus`.
 
@@ -359,7 +390,7 @@ class ZenohBus:
         self._heard: dict[tuple[str, str], _Heard] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
         self._is_closed = False
-        self._calling: dict[threading.Event, int] = {}  # a thread for callbacks each, until it ends
+        self._calls: set[_Calls] = set()
         _living.add(self)
 
     @property
@@ -377,9 +408,8 @@ class ZenohBus:
         self._is_closed = True
         self._session.close()
         deadline_s = time.monotonic() + CALLBACK_S
-        for ended, thread in list(self._calling.items()):
-            if thread != threading.get_ident():
-                ended.wait(max(deadline_s - time.monotonic(), 0.0))
+        for one in list(self._calls):
+            one.wait_until(deadline_s)
 
     def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
         """Publish; without a router it is dropped, and a stream that nobody hears stays here."""
@@ -428,13 +458,12 @@ class ZenohBus:
 
     def subscribe(self, key_expr: str, callback: Callable[[Sample], None]) -> _Declared:
         """Call back, on one of Zenoh's threads, for each put and delete that matches."""
-        ended = threading.Event()
+        calls = _Calls()
 
         def receive(sample: zenoh.Sample) -> None:
             if self._is_closed:
                 return  # what still waits then is many, perhaps
-            if ended in self._calling:
-                self._calling[ended] = threading.get_ident()
+            calls.note_thread()
             payload = _read(sample.payload)
             is_delete = not payload and sample.kind == zenoh.SampleKind.DELETE
             callback(Sample(str(sample.key_expr), payload, str(sample.encoding), is_delete))
@@ -442,20 +471,16 @@ class ZenohBus:
         if self._puts_directly:
             handler = _handler(receive, None, is_direct=True)
             return _Declared(self._session.declare_subscriber(key_expr, handler).undeclare)
-
-        def end() -> None:
-            self._calling.pop(ended, None)
-            ended.set()
-
-        handler = _handler(receive, end, is_direct=False)
+        handler = _handler(receive, calls.end, is_direct=False)
 
         # Noted on the thread that declares: a signal that closes the bus meanwhile waits for that.
         def declare() -> "zenoh.Subscriber[None]":
-            self._calling[ended] = 0
+            self._calls.difference_update([one for one in list(self._calls) if one.is_over])
+            self._calls.add(calls)
             try:
                 return self._session.declare_subscriber(key_expr, handler)
             except BaseException:
-                end()  # perhaps there never was a thread
+                calls.are_over.set()  # perhaps there never was a thread
                 raise
 
         return _Declared(_as_daemon(declare).undeclare)
