@@ -194,12 +194,13 @@ def test_a_browser_that_cannot_draw_is_asked_again_but_loads_no_scene_for_ever(
     viewer.greet()
     viewer.tell()
     page.frame_locator("#scene").locator("canvas[data-engine]").wait_for()
-    page.evaluate(HASTEN)
+    scene(page).wait_for_load_state()
     page.evaluate("""() => {
       window.asked = window.loads = 0;
       HTMLCanvasElement.prototype.getContext = () => { asked += 1; return null };
       document.getElementById("scene").addEventListener("load", () => { loads += 1 });
     }""")
+    page.evaluate(HASTEN)  # last: what draws is asked for at once then
     wait_until(lambda: page.evaluate("asked") > 1, "it was asked again")
     assert page.evaluate("loads") == 0
     expect(page.get_by_text("it has no WebGL")).to_be_visible()
