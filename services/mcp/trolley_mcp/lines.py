@@ -75,8 +75,8 @@ class Lines:
         for line in lines:
             text = line.decode("utf-8", "replace")
             if is_stop(line):
-                self._stop()
                 self._waiting.appendleft(text)
+                self._stop()
             else:
                 self._waiting.append(text)
         self._loop.call_soon_threadsafe(self._has_more.set)

@@ -36,7 +36,7 @@ def read(data: bytes, stop: Callable[[], None] = lambda: None) -> list[str]:
 
 def test_a_stop_is_asked_for_behind_a_thousand_calls_while_the_session_is_busy() -> None:
     near, far = os.pipe()
-    stopped = threading.Event()
+    stopped, is_read = threading.Event(), threading.Event()
     flood = (CALL + b"\n") * 1000 + STOP + b"\n"
 
     def write() -> None:
@@ -45,12 +45,17 @@ def test_a_stop_is_asked_for_behind_a_thousand_calls_while_the_session_is_busy()
 
     threading.Thread(target=write, daemon=True).start()
 
+    def stop() -> None:
+        stopped.set()
+        is_read.wait(WAIT_S)
+
     async def session() -> str:
-        come = Lines(file, stopped.set)
+        come = Lines(file, stop)
         assert stopped.wait(WAIT_S)  # the event loop does nothing meanwhile
-        found = [line async for line in come]
-        assert len(found) == 1001
-        return found[0]
+        first = await anext(come)
+        is_read.set()
+        assert len([line async for line in come]) == 1000
+        return first
 
     with FileIO(near) as file:
         assert asyncio.run(session()) == STOP.decode()
