@@ -313,8 +313,8 @@ def test_after_a_router_restart_everything_is_there_again(
     wait_until(lambda: (health := health_of(bus, viewer)) and health.message == expected, "")
     assert keeper.is_running
     assert listener.is_running
-    tokens = {token.split("/")[3] for token in tokens_of(bus)}
-    assert tokens == {"tour", viewer}
+    both = {"tour", viewer}
+    wait_until(lambda: {one.split("/")[3] for one in tokens_of(bus)} == both, "they are shown")
 
 
 def test_what_was_said_while_the_router_was_away_is_read_afterwards(

@@ -272,6 +272,10 @@ def test_a_child_that_never_says_it_is_ready_does_not_keep_others_waiting(
         wait_until(lambda: supervisor.children["two"].pid, "the second is started")
 
 
+def is_stopped(pid: int) -> bool:
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
+
+
 def test_a_child_does_not_wait_for_a_watchdog_that_is_frozen_itself(module: Callable) -> None:
     watchdog = Watchdog(0.9)
     environment = {**os.environ, **module("frozen", FROZEN), **watchdog.environment}
@@ -279,7 +283,7 @@ def test_a_child_does_not_wait_for_a_watchdog_that_is_frozen_itself(module: Call
     try:
         wait_until(lambda: not watchdog.is_silent(0.0) and watchdog.is_ready, "it is ready")
         os.kill(child.pid, signal.SIGSTOP)
-        time.sleep(0.1)
+        wait_until(lambda: is_stopped(child.pid), "it says nothing more")
         watchdog.is_silent(0.0)
         watchdog.pardon(100.0)
         assert not watchdog.is_silent(100.5)
