@@ -85,14 +85,17 @@ def struck(
         folder / "struck.log",
         {MARK: mark, "TROLLEY_STATE": str(folder / "state")},
     )
-    if not counted:
-        wait_until(
-            lambda: not process.is_running or any(word in process.log for word in RUNS),
-            "it runs, or has ended",
-        )
-        if process.is_running:
-            process.send(number)
-    code = process.wait()
+    try:
+        if not counted:
+            wait_until(
+                lambda: not process.is_running or any(word in process.log for word in RUNS),
+                "it runs, or has ended",
+            )
+            if process.is_running:
+                process.send(number)
+        code = process.wait()
+    finally:
+        process.kill()  # should it hang
     assert relatives(mark) == [], "its children have ended before it"
     return code, process.log
 
