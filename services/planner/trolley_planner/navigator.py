@@ -125,7 +125,7 @@ class Navigator:
         now = self._motion_state.control_input(speed, now_ns, elapsed_s)
         if now is None:
             return Twist2D.zero()
-        yielding = self._yielding.command(now)
+        yielding = self._yielding.command(execution, now)
         return self._driver.command(execution, now) if yielding is None else yielding
 
     def maintain(self, now_ns: int) -> None:

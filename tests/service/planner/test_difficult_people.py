@@ -143,10 +143,27 @@ def test_who_stands_in_the_only_door_is_waited_for_at_a_distance(play) -> None:
         return [DOOR]
 
     said = scene.live(15.0, person)
-    assert min(away_m) > 1.2
-    assert away_m[-1] < 1.7  # and not where it set off
+    assert min(away_m) > 0.9  # on the way beside them
+    assert 1.2 < away_m[-1] < 1.7  # and not where it set off
     assert said[-1].state == "recovering"
     assert "waits for it to go" in said[-1].message
+    assert scene.goes_on()
+
+
+def test_who_comes_out_of_the_only_door_finds_the_robot_beside_their_way(play) -> None:
+    """It waited in front of them, and they walked into it."""
+    scene = play(two_rooms(0.9), OTHER_ROOM)
+    away_m: list[float] = []
+
+    def person(time_s: float, robot: Pose2D) -> Places:
+        at = walk([DOOR, (1.0, 3.0), (1.0, 5.0)], 0.8, max(time_s - 9.0, 0.0))
+        away_m.append(math.dist((robot.x, robot.y), at))
+        return [at]
+
+    said = scene.live(14.0, person)
+    assert min(away_m) > BODY_M + 0.25
+    assert says_what_blocks(said)
+    assert "waits for it to go" in {one.message.partition("; the robot ")[2][:-1] for one in said}
     assert scene.goes_on()
 
 

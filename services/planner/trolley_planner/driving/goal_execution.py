@@ -30,6 +30,8 @@ from trolley_planner.paths.path import PlannedPath
 
 BESIDE_ROUTE = Tolerances(0.12, math.pi)
 """How near to a place beside the route is near enough."""
+LOOKS_RAD = 0.5
+"""The same of the direction in which it has to look there."""
 OUT_OF_THE_WAY = Tolerances(0.06, math.pi)
 """The same where people pass within centimetres of it."""
 
@@ -303,7 +305,13 @@ class GoalExecution:
         self._drive_on()
 
     def to_place_beside(
-        self, place: tuple[float, float], here: Pose2D, now_ns: int, *, hurries: bool = False
+        self,
+        place: tuple[float, float],
+        here: Pose2D,
+        now_ns: int,
+        *,
+        hurries: bool = False,
+        looks_at: tuple[float, float] | None = None,
     ) -> "GoalExecution | None":
         """Return how a place beside the route is driven to, None if no path leads there.
 
@@ -312,6 +320,7 @@ class GoalExecution:
             here: where the robot is, in `grid`.
             now_ns: robot time.
             hurries: see above.
+            looks_at: where to look there, x, y in `grid` [m]; None: anywhere.
         """
         context, costmap = self.context, self.context.costmap
         costmap.refresh()
@@ -319,8 +328,11 @@ class GoalExecution:
         path = context.planner.plan(start, [place], weights, costmap.distance_m)
         if path is None:
             return None
-        pose = costmap.frame_T_grid @ Pose2D(*place, 0.0)
-        near = OUT_OF_THE_WAY if hurries else BESIDE_ROUTE
+        near, yaw = OUT_OF_THE_WAY if hurries else BESIDE_ROUTE, 0.0
+        if looks_at is not None:
+            yaw = math.atan2(looks_at[1] - place[1], looks_at[0] - place[0])
+            near = replace(near, yaw=LOOKS_RAD)
+        pose = costmap.frame_T_grid @ Pose2D(*place, yaw)
         goal = Goal(self.goal.id, pose, (), near, self.goal.speed, now_ns)
         return GoalExecution(goal, context, self._config, path, now_ns, hurries=hurries)
 

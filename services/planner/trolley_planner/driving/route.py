@@ -235,16 +235,27 @@ class Route:
         if len(blocked) == 0:
             return math.inf
         there = int(blocked[0])
-        costmap, ((col,), (row,)) = self._context.costmap, self._cells(there, there)
-        reach = math.ceil(costmap.footprint.circumscribed_m / costmap.resolution_m)
-        around = (
-            slice(max(row - reach, 0), row + reach + 1),
-            slice(max(col - reach, 0), col + reach + 1),
-        )
-        stands = costmap.distance_m[around] <= 0.0
-        if not (stands & (costmap.static.distance_m[around] > ROUTE.off_wall_m)).any():
+        if self.what_stands_near(*self.path.points[there].tolist()) is None:
             return math.inf
         return float(self.path.remaining_m[self.index] - self.path.remaining_m[there])
+
+    def what_stands_near(self, x: float, y: float) -> tuple[float, float] | None:
+        """Return the middle of what is seen off the map's walls, None if there is nothing.
+
+        Args:
+            x: within the robot's radius of which place, in `grid` [m].
+            y: the same.
+        """
+        costmap = self._context.costmap
+        reach_m, edge_m = costmap.footprint.circumscribed_m, costmap.resolution_m
+        row, col = (max(math.floor((at - reach_m) / edge_m), 0) for at in (y, x))
+        size = math.ceil(2.0 * reach_m / edge_m) + 1
+        around = np.s_[row : row + size, col : col + size]
+        stands = costmap.distance_m[around] <= 0.0
+        rows, cols = np.nonzero(stands & (costmap.static.distance_m[around] > ROUTE.off_wall_m))
+        if len(rows) == 0:
+            return None
+        return edge_m * (col + float(cols.mean()) + 0.5), edge_m * (row + float(rows.mean()) + 0.5)
 
     def leads_off_map(self, off_m: float) -> bool:
         """Say whether the path leads further off the map, and not back onto it.

@@ -13,6 +13,7 @@ from trolley.geometry import Pose2D
 from trolley.jit import kernel
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import HURRIED_REVERSE
+from trolley_planner.costmap.footprint import NOBODY
 from trolley_planner.costmap.inflation import LETHAL
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.fleet.right_of_way import Passages
@@ -67,9 +68,10 @@ class Surroundings:
     Args:
         context: costmap and people.
         pose: of the robot in `grid`.
+        others: (n, 7) who may come besides those who walk, see `Field.walkers`.
     """
 
-    def __init__(self, context: PlanningContext, pose: Pose2D) -> None:
+    def __init__(self, context: PlanningContext, pose: Pose2D, others: Floats = NOBODY) -> None:
         costmap = context.costmap
         edge = self._edge_m = costmap.resolution_m
         half = math.ceil(REFUGE.half_m / edge)
@@ -79,7 +81,7 @@ class Surroundings:
         self._looks_all_round = costmap.obstacle_layer.looks_all_round
         self._is_free = np.ascontiguousarray(costmap.weights[part] != LETHAL)
         walls_m = np.ascontiguousarray(costmap.static.distance_m[part])
-        walkers = context.local_costmap.walkers_now()
+        walkers = np.concatenate([context.local_costmap.walkers_now(), others])
         walkers[:, :2] -= edge * np.array([self._first[1], self._first[0]])
         self._radii_m = walkers[:, 4]
         self._tracks = np.empty((len(walkers), round(REFUGE.ahead_s / REFUGE.step_s), 2))

@@ -3,7 +3,8 @@
 In open floor and in wide corridors the controller keeps to its side. Where somebody comes along
 the route and there is no room beside them, the robot looks for a place that they will not touch, a
 niche or a room, that it reaches before they are in its way, drives there, and waits until they have
-passed. Who walks is taken to walk on as now, along walls and not into them.
+passed. Who walks is taken to walk on as now, along walls and not into them. It also waits beside
+the only path while something stands on it.
 """
 
 import math
@@ -17,6 +18,7 @@ from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limited_change
 from trolley_planner.driving.goal_execution import GoalExecution
+from trolley_planner.fleet.beside_way import BesideWay
 from trolley_planner.fleet.refuge import REFUGE, Surroundings, find_meeting
 from trolley_planner.fleet.right_of_way import Passages
 
@@ -51,6 +53,7 @@ class SteppingAside:
 
     def __init__(self) -> None:
         self._passages: tuple[NDArray[np.float32], Passages] | None = None
+        self._beside_way = BesideWay()
         self._execution: GoalExecution | None = None
         self._place = (0.0, 0.0)
         self._since_ns: int | None = None
@@ -66,10 +69,16 @@ class SteppingAside:
         """Whether the robot is yielding."""
         return self._since_ns is not None
 
+    @property
+    def waits_beside_way(self) -> bool:
+        """Whether that is for what stands on the only path."""
+        return self.is_active and self._beside_way.there is not None
+
     def forget(self) -> None:
         """Drive on, as with a new goal."""
         self._execution, self._since_ns, self._rests_ns, self._waited_ns = None, None, 0, 0
         self._until_ns = self._came_ns = self._looked_ns = 0
+        self._beside_way.forget()
 
     def pop_waited_ns(self) -> int:
         """Return how long it yielded the last time, only once; 0 if it did not."""
@@ -87,31 +96,67 @@ class SteppingAside:
         """
         if now_ns - self._looked_ns < ASIDE.look_s * 1e9 or now_ns < self._rests_ns:
             return
-        self._looked_ns = now_ns
+        elapsed_s, self._looked_ns = 1e-9 * (now_ns - self._looked_ns), now_ns
         driven.route.update_position(motion.pose)
         passages = self._passages_of(driven.context)
         meeting = find_meeting(driven, motion.pose, speed, passages, now_ns)
-        found = None
+        is_beside_way = self._beside_way.must_wait(driven, motion.pose, elapsed_s)
+        if is_beside_way:
+            self._came_ns = now_ns
         if meeting is None or not meeting.has_room:
             self._narrow_ns = now_ns
-        elif self.is_active and now_ns - self._narrow_ns >= ASIDE.sure_s * 1e9:
+        is_sure = now_ns - self._narrow_ns >= ASIDE.sure_s * 1e9
+        if self.is_active and is_sure and not is_beside_way:
             self._resume(now_ns, ASIDE.sure_s)
-        if meeting is not None and not meeting.has_room:
+        if meeting is None:
+            self._wait_beside_way(driven, motion, speed, now_ns)
+        elif not meeting.has_room:
             found = meeting.find_refuge(driven.context, motion.pose, speed)
-        if found is not None:
-            self._came_ns = now_ns
-            place, passed_s = found
-            moves = self._execution is None or math.dist(place, self._place) > ASIDE.moves_m
-            # Who is on the way to a place that still does goes there.
-            if self._since_ns is None or (moves and not self._still_does(driven, motion, speed)):
-                aside = driven.to_place_beside(place, motion.pose, now_ns, hurries=True)
-                if aside is None:
-                    return
-                self._execution, self._place = aside, place
-                self._since_ns = now_ns if self._since_ns is None else self._since_ns
-                aside.update(motion, now_ns)
-            self._until_ns = max(self._until_ns, now_ns + round(1e9 * (passed_s + ASIDE.late_s)))
+            if found is not None:
+                place, passed_s = found
+                self._yield_at(place, driven, motion, speed, now_ns)
+                until_ns = now_ns + round(1e9 * (passed_s + ASIDE.late_s))
+                self._until_ns = max(self._until_ns, until_ns)
         self._resume_when_passed(now_ns)
+
+    def _yield_at(
+        self,
+        place: tuple[float, float],
+        driven: GoalExecution,
+        motion: Motion,
+        speed: float,
+        now_ns: int,
+    ) -> None:
+        """Hurry to a place, unless it is on its way to one that still does."""
+        self._came_ns = now_ns
+        moves = self._execution is None or math.dist(place, self._place) > ASIDE.moves_m
+        if not self.is_active or (moves and not self._still_does(driven, motion, speed)):
+            aside = driven.to_place_beside(place, motion.pose, now_ns, hurries=True)
+            self._set_off(aside, place, motion, now_ns)
+
+    def _wait_beside_way(
+        self, driven: GoalExecution, motion: Motion, speed: float, now_ns: int
+    ) -> None:
+        """Set off to wait beside the only path, if the robot waits on it."""
+        if self.is_active or not driven.progress.is_waiting_on_way:
+            return
+        place = self._beside_way.find_place(driven, motion.pose, speed)
+        if place is not None:
+            there = self._beside_way.there
+            aside = driven.to_place_beside(place, motion.pose, now_ns, looks_at=there)
+            self._set_off(aside, place, motion, now_ns)
+            if not self.is_active:
+                self._beside_way.forget()
+
+    def _set_off(
+        self, aside: GoalExecution | None, place: tuple[float, float], motion: Motion, now_ns: int
+    ) -> None:
+        """Drive to a place, if a path leads there."""
+        if aside is None:
+            return
+        self._execution, self._place, self._came_ns = aside, place, now_ns
+        self._since_ns = now_ns if self._since_ns is None else self._since_ns
+        aside.update(motion, now_ns)
 
     def _passages_of(self, context: PlanningContext) -> Passages:
         """Return where on the map this robot does not fit beside a person in the middle."""
@@ -126,7 +171,8 @@ class SteppingAside:
         if self._since_ns is None:
             return
         has_passed = now_ns > max(self._until_ns, self._came_ns + ASIDE.passed_s * 1e9)
-        is_enough = now_ns - self._since_ns > ASIDE.most_s * 1e9
+        # The goal's own patience holds for what stands on the only path.
+        is_enough = not self.waits_beside_way and now_ns - self._since_ns > ASIDE.most_s * 1e9
         if has_passed or is_enough:
             self._resume(now_ns, ASIDE.rest_s if is_enough else 0.0)
 
@@ -136,6 +182,7 @@ class SteppingAside:
         if self._since_ns is not None:
             self._waited_ns = now_ns - self._since_ns
         self._since_ns, self._execution, self._until_ns = None, None, 0
+        self._beside_way.forget()
 
     def _still_does(self, driven: GoalExecution, motion: Motion, speed: float) -> bool:
         """Say whether the refuge that it drives to is still in nobody's way."""

@@ -3,6 +3,7 @@
 from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Twist2D
+from trolley_planner import wire
 from trolley_planner.context.motion_state import ControlInput, MotionState
 from trolley_planner.context.planning_context import CostmapManager
 from trolley_planner.control.controller import Motion
@@ -72,12 +73,16 @@ class Yielding:
             motion, now_ns
         )
 
-    def command(self, now: ControlInput) -> Twist2D | None:
+    def command(self, execution: GoalExecution, now: ControlInput) -> Twist2D | None:
         """Return the velocity while it waits, None if it need not."""
         if self._giving_way.wait is not None:
             return self._give_way(now)
         if self._stepping_aside.is_active:
-            self._current.report("recovering", codes.WAITING, now.now_ns, SENTENCE)
+            trouble, why = codes.WAITING, SENTENCE
+            if self._stepping_aside.waits_beside_way:
+                robot = self.blocking_robot(execution)
+                trouble, why = codes.BLOCKED, wire.recovery_sentence(execution, robot)
+            self._current.report("recovering", trouble, now.now_ns, why)
             return self._stepping_aside.command(now)
         return None
 
