@@ -12,9 +12,13 @@ class OwnPausesParams:
     """Which pauses matter; set by hand, with `test_braking.py` as the judge."""
 
     longest_ns: int = 150_000_000
-    """The longest time between two decisions with which the robot drives [ns]."""
+    """The longest time between two decisions that is no pause [ns]."""
+    again_ns: int = 5_000_000_000
+    """A pause so soon after another is no chance: there will be more [ns]."""
+    silent_ns: int = 500_000_000
+    """A pause that is as long counts by itself: devices seem to be silent behind it [ns]."""
     remembered_ns: int = 1_000_000_000
-    """Time after a longer one in which it stands: where there was one, the next is near [ns]."""
+    """Time after the last such pause in which the robot stands [ns]."""
 
 
 PARAMS = OwnPausesParams()
@@ -26,14 +30,18 @@ class OwnPauses:
     def __init__(self) -> None:
         """Nothing was decided yet."""
         self._last_ns: int | None = None
+        self._paused_ns: int | None = None
         self._pause_ns = self._ended_ns = 0
 
     def note(self, now_ns: int) -> int:
         """Note that it decides now; return the pause for which the robot must stand, else 0."""
         pause_ns = 0 if self._last_ns is None else now_ns - self._last_ns
         self._last_ns = now_ns
-        if pause_ns > PARAMS.longest_ns:
-            self._pause_ns, self._ended_ns = pause_ns, now_ns
-        elif now_ns - self._ended_ns > PARAMS.remembered_ns:
+        if now_ns - self._ended_ns > PARAMS.remembered_ns:
             self._pause_ns = 0
+        if pause_ns > PARAMS.longest_ns:
+            before_ns, self._paused_ns = self._paused_ns, now_ns
+            is_again = before_ns is not None and now_ns - before_ns <= PARAMS.again_ns
+            if is_again or pause_ns >= PARAMS.silent_ns:
+                self._pause_ns, self._ended_ns = pause_ns, now_ns
         return self._pause_ns
