@@ -14,7 +14,7 @@ from support.flatland import Flatland, empty_room, two_rooms, with_block
 
 from trolley import codes
 from trolley.geometry import Pose2D
-from trolley.gridmap import OCCUPIED, GridMap
+from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley.messages import GoalStatus
 
 from .conftest import Stage
@@ -165,6 +165,19 @@ def test_who_comes_out_of_the_only_door_finds_the_robot_beside_their_way(play) -
     assert says_what_blocks(said)
     assert "waits for it to go" in {one.message.partition("; the robot ")[2][:-1] for one in said}
     assert scene.goes_on()
+
+
+def test_it_waits_beside_the_way_no_longer_than_until_a_detour_is_worth_it(play) -> None:
+    """It looked for none there, and then went on as if somebody were coming."""
+    room = with_block(two_rooms(0.9), 0.9, 1.2, 6.2, 0.1)
+    room.cells[3:20, 74:86] = FREE  # another door, 9 m further
+    scene = play(room, OTHER_ROOM)
+    said = scene.live(8.0, lambda _time_s, _robot: [DOOR])
+    assert [one.state for one in said if one.message][-1:] == ["recovering"]
+    assert says_what_blocks(said)
+    assert codes.WAITING not in {one.reason for one in said}
+    assert scene.state == "driving"
+    assert scene.live(60.0, lambda _time_s, _robot: [DOOR])[-1].state == "arrived"
 
 
 @pytest.mark.slow

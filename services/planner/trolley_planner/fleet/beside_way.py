@@ -101,9 +101,11 @@ class BesideWay:
         """
         if self.there is None:
             return False
-        context = driven.context
+        context, route = driven.context, driven.route
         near_m = context.footprint.circumscribed_m + PATIENCE.yield_m
-        is_gone = driven.route.what_stands_near(*self.there) is None
+        # Who stands there may step aside: it does not squeeze past them yet.
+        is_led = not route.is_blocked and not route.path.is_tight
+        is_gone = is_led or route.what_stands_near(*self.there) is None
         is_over = is_gone and not context.local_costmap.is_anyone_near(pose, near_m)
         if not driven.progress.wait_on_way(math.inf if is_over else 0.0, elapsed_s):
             self.there = None

@@ -100,9 +100,10 @@ class SteppingAside:
         driven.route.update_position(motion.pose)
         passages = self._passages_of(driven.context)
         meeting = find_meeting(driven, motion.pose, speed, passages, now_ns)
+        was_beside_way = self.waits_beside_way
         is_beside_way = self._beside_way.must_wait(driven, motion.pose, elapsed_s)
-        if is_beside_way:
-            self._came_ns = now_ns
+        if was_beside_way:
+            self._came_ns = now_ns if is_beside_way else 0
         if meeting is None or not meeting.has_room:
             self._narrow_ns = now_ns
         is_sure = now_ns - self._narrow_ns >= ASIDE.sure_s * 1e9

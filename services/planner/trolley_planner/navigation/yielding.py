@@ -92,6 +92,8 @@ class Yielding:
             self._giving_way.maintain(execution.context, now)
         elif self._stepping_aside.is_active:
             self._stepping_aside.maintain(now)
+            if self._stepping_aside.waits_beside_way:
+                execution.replan_if_due(now)  # another way may open, or a detour be worth it
         else:
             return False
         return True
