@@ -929,7 +929,7 @@ class _Hand:
         self._stamp_ns = 0  # of the last command
 
     def now_ns(self) -> int | None:
-        with self._lock:
+        with self._connection.using(), self._lock:  # one that was forked never gets the lock
             return self._now_ns()
 
     def _now_ns(self) -> int | None:
@@ -938,7 +938,7 @@ class _Hand:
         return self._time.now_ns()
 
     def drive(self, twist: Twist2D, valid_for: float) -> None:
-        with self._lock:
+        with self._connection.using(), self._lock:  # one that was forked never gets the lock
             stamp_ns = self._now_ns()
             if stamp_ns is None:
                 raise RobotUnreachable(f"NOT CONNECTED: nothing is received from {self._robot}")

@@ -58,7 +58,7 @@ TOKENS_S = (1.0, 10.0)
 """How long the router may take to say who is there, and when it is asked once more."""
 CLOCK_PATIENCE_S = 1.0
 SLICE_S = 0.2
-"""How long a message is waited for at a time."""
+"""How long a message, or the lock to take one in, is waited for at a time."""
 
 
 class RobotUnreachable(Exception):
@@ -171,9 +171,16 @@ class Subscription(Generic[M]):
         self.close()
 
     def _take(self, sample: Sample) -> None:
-        if not sample.is_delete:
-            with self._condition:
-                self._store(sample.key, sample.payload, sample.encoding)
+        if sample.is_delete:
+            return
+        # In slices: a signal that closes it may have interrupted who has the lock.
+        while not self._condition.acquire(timeout=SLICE_S):
+            if self.is_closed:
+                return
+        try:
+            self._store(sample.key, sample.payload, sample.encoding)
+        finally:
+            self._condition.release()
 
     def _store(self, key: str, payload: bytes, encoding: str) -> None:
         # A put to many keys at once is no message of any of them.

@@ -574,17 +574,18 @@ print(robot.pose(), robot)
 
 
 def test_a_process_that_was_forked_says_so_and_ends(add_robot: Callable, endpoint: str) -> None:
-    """One that was forked just as a message was taken in waited for ever."""
+    """One that was forked just as a message was taken in, or as it drove, waited for ever."""
     add_robot("one")
     program = f"""
 import os, threading
 from trolley import Robot, topics
+from trolley.geometry import Twist2D
 robot = Robot(connect={endpoint!r})
 heard = robot.on(topics.ODOM, id)
 begun, over = threading.Event(), threading.Event()
 
 def take():
-    with heard._condition:
+    with heard._condition, robot._hand._lock:
         begun.set()
         over.wait()
 
@@ -596,7 +597,8 @@ if child:
     print("child:", os.waitpid(child, 0)[1])
 else:
     begin = lambda _: Robot(connect={endpoint!r})
-    for what in (robot.latest, robot.subscribe, lambda _: heard.next(), begin):
+    drive = lambda _: robot.drive(Twist2D.zero())
+    for what in (robot.latest, robot.subscribe, lambda _: heard.next(), drive, begin):
         try:
             what(topics.POSE)
         except Exception as error:
@@ -606,7 +608,7 @@ robot.close()
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE_S)
     said = "RobotUnreachable this process was forked from one"
-    assert [line[: len(said)] for line in done.stdout.splitlines()] == [said] * 4 + ["child: 0"]
+    assert [line[: len(said)] for line in done.stdout.splitlines()] == [said] * 5 + ["child: 0"]
 
 
 def test_ctrl_c_ends_the_search_for_a_router() -> None:

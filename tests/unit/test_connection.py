@@ -15,7 +15,7 @@ from trolley.config import ConfigError
 from trolley.connection import DEFAULT_ENDPOINT, Connection, Subscription, Target, find_target
 from trolley.messages import Clock
 from trolley.runtime import codec
-from trolley.runtime.bus import Reply
+from trolley.runtime.bus import Reply, Sample
 
 
 @pytest.fixture(autouse=True)
@@ -127,3 +127,16 @@ def test_a_signal_may_close_it_before_any_line_of_what_waits(
         if not interrupted(call, line, close):
             break
         close()  # what ended before
+
+
+def test_a_signal_may_close_it_while_a_message_waits_for_what_it_interrupts() -> None:
+    """The session then waited 5 s for the thread that took the message in."""
+    subscription = Subscription(topics.CLOCK)
+    payload = codec.encode(Clock(stamp_ns=1, rate=1.0, epoch=0), "msgpack")
+    sample = Sample(topics.CLOCK.key("kiwi"), payload, codec.MIME["msgpack"])
+    with subscription._condition:  # as `next`
+        taking = threading.Thread(target=subscription._take, args=(sample,), daemon=True)
+        taking.start()
+        subscription.close()
+        taking.join(PATIENCE_S)
+        assert not taking.is_alive()
