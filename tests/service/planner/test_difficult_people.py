@@ -180,6 +180,20 @@ def test_it_waits_beside_the_way_no_longer_than_until_a_detour_is_worth_it(play)
     assert scene.live(60.0, lambda _time_s, _robot: [DOOR])[-1].state == "arrived"
 
 
+def test_a_silent_lidar_takes_nothing_from_the_patience_beside_the_way(play) -> None:
+    scene = play(two_rooms(0.8), OTHER_ROOM)
+    scene.live(8.0, lambda _time_s, _robot: [DOOR])
+    silent = scene.stage.robot.silent
+    silent.add("scan")
+    scene.live(12.0, lambda _time_s, _robot: [DOOR])
+    silent.clear()
+    scene.live(2.0, lambda _time_s, _robot: [DOOR])
+    said = scene.live(3.0, lambda _time_s, _robot: [DOOR])
+    assert {one.state for one in said} == {"recovering"}
+    assert says_what_blocks(said)
+    assert scene.goes_on()
+
+
 @pytest.mark.slow
 def test_it_lets_ten_people_come_through_the_door(play) -> None:
     scene = play(two_rooms(0.9), OTHER_ROOM)

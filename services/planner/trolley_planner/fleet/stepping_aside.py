@@ -96,7 +96,9 @@ class SteppingAside:
         """
         if now_ns - self._looked_ns < ASIDE.look_s * 1e9 or now_ns < self._rests_ns:
             return
-        elapsed_s, self._looked_ns = 1e-9 * (now_ns - self._looked_ns), now_ns
+        # While the lidar was silent it waited for that.
+        elapsed_s = min(1e-9 * (now_ns - self._looked_ns), 2.0 * ASIDE.look_s)
+        self._looked_ns = now_ns
         driven.route.update_position(motion.pose)
         passages = self._passages_of(driven.context)
         meeting = find_meeting(driven, motion.pose, speed, passages, now_ns)
