@@ -32,6 +32,8 @@ class BesideWayParams(NamedTuple):
     away_m: float = 1.2
     """Least distance from what is seen of them; nearer to a stranger is too near: Hall, The Hidden
     Dimension (1966)."""
+    past_m: float = 0.7
+    """A path that comes as near to what is seen of them leads past them."""
     most_s: float = 5.0
     """Longest time to get there."""
     room_m: float = 0.1
@@ -103,9 +105,10 @@ class BesideWay:
             return False
         context, route = driven.context, driven.route
         near_m = context.footprint.circumscribed_m + PATIENCE.yield_m
-        # Who stands there may step aside: it does not squeeze past them yet.
-        is_led = not route.is_blocked and not route.path.is_tight
-        is_gone = is_led or route.what_stands_near(*self.there) is None
+        # From the side half of them is seen: a path that leads past them would not be free.
+        past_m = float(np.hypot(*(route.path.points - self.there).T).min())
+        is_led_round = not route.is_blocked and past_m > BESIDE_WAY.past_m
+        is_gone = is_led_round or route.what_stands_near(*self.there) is None
         is_over = is_gone and not context.local_costmap.is_anyone_near(pose, near_m)
         if not driven.progress.wait_on_way(math.inf if is_over else 0.0, elapsed_s):
             self.there = None
