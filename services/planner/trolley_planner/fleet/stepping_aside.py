@@ -177,7 +177,7 @@ class SteppingAside:
         # The goal's own patience holds for what stands on the only path.
         is_enough = not self.waits_beside_way and now_ns - self._since_ns > ASIDE.most_s * 1e9
         if has_passed or is_enough:
-            self._resume(now_ns, ASIDE.rest_s if is_enough else 0.0)
+            self._resume(now_ns, 0.0 if has_passed else ASIDE.rest_s)
 
     def _resume(self, now_ns: int, rest_s: float) -> None:
         """Drive on, and yield to nobody for a while [s]."""
