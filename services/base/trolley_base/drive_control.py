@@ -47,7 +47,7 @@ class DriveControl:
         self._inputs = inputs
         self._watch = watch
         self._estop = EstopLatch(service)
-        self._own_pauses, self._own_pause_ns = OwnPauses(), 0
+        self._own_pauses = OwnPauses()
         self.reporter = StateReporter(service, clock, inputs, watch, self._estop)
         """Publishes what was decided."""
         self.parts = (self, self._estop)
@@ -62,9 +62,9 @@ class DriveControl:
 
     def update(self, now_ns: int) -> None:
         """Decide what is driven until the next period."""
-        self._own_pause_ns = self._own_pauses.note(now_ns)
-        if self._own_pause_ns:
-            seconds = round(self._own_pause_ns * 1e-9, 2)
+        own_pause_ns = self._own_pauses.note(now_ns)
+        if own_pause_ns:
+            seconds = round(own_pause_ns * 1e-9, 2)
             self._service.log.limited("held_up", "base was held up", seconds=seconds)
         self._watch.update(now_ns, self._inputs.measured)
         must_stop = self._inputs.is_button_pressed or self._watch.is_latched
@@ -78,7 +78,7 @@ class DriveControl:
             now_ns,
             self._cannot_drive,
             is_stopped=self._estop.is_set,
-            own_pause_ns=self._own_pause_ns,
+            own_pause_ns=self._own_pauses.pause_ns,
         )
         restriction = self._watch.restriction or find_restriction(state)
         self.decision = self._limiter.decide(

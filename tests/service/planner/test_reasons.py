@@ -27,15 +27,18 @@ def told(stage: Stage) -> list[tuple[str, str]]:
 
 
 def test_a_blocked_door_is_told_with_its_place_and_all_that_is_tried(tmp_path: Path) -> None:
-    world = Flatland(two_rooms(), START)
-    world.set_truth(with_block(two_rooms(), 3.9, 2.5, 0.2, 1.0))
+    hall = two_rooms()  # in which there is no room beside the way
+    for y in (0.0, 3.7):
+        hall = with_block(hall, 1.6, y, 2.35, 2.3)
+    world = Flatland(hall, START)
+    world.set_truth(with_block(hall, 3.9, 2.5, 0.2, 1.0))
     stage = Stage(tmp_path, world, give_up_s=30.0)
     stage.send(FAR_SIDE)
     ended = stage.until("failed", 150.0)
     assert told(stage)[-3:] == [("driving", ""), ("recovering", "blocked"), ("failed", "blocked")]
     assert math.dist(ended.blocked[0], (3.9, 3.0)) < 0.6
     messages = {goal.message for goal in stage.goals if goal.state == "recovering"}
-    for word in ("waits", "checking its surroundings", "backing up"):
+    for word in ("waits", "checking its surroundings", "backing up", "turns"):
         assert any(word in message for message in messages), word
     assert ended.recoveries >= 4
     assert world.touches == 0

@@ -94,9 +94,12 @@ class ProgressMonitor:
 
     def is_held(self, now: ControlInput) -> bool:
         """Say whether a person may be why the robot stands: they touch it, or move near it."""
+        return self.is_anyone_near(now.motion.pose) or self.must_stand(now.now_ns)
+
+    def is_anyone_near(self, pose: Pose2D) -> bool:
+        """Say whether somebody moves so near to a robot at a pose that it may stand for them."""
         near_m = self._context.footprint.circumscribed_m + PATIENCE.yield_m
-        moves_near = self._context.local_costmap.is_anyone_near(now.motion.pose, near_m)
-        return moves_near or self.must_stand(now.now_ns)
+        return self._context.local_costmap.is_anyone_near(pose, near_m)
 
     def is_excused(self, twist: Twist2D, now: ControlInput) -> bool:
         """Say whether a person holds the robot up, within its patience."""

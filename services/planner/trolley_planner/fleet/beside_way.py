@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, wrap_angles
 from trolley_planner.driving.goal_execution import GoalExecution
-from trolley_planner.driving.progress_monitor import PATIENCE
 from trolley_planner.fleet.refuge import REFUGE, Surroundings
 from trolley_planner.paths.path import SPACING_M, PlannedPath
 
@@ -77,12 +76,11 @@ class BesideWay:
             around = Surroundings(context, pose, who_may_come(there, back_rad, turn_rad))
             closes_s = around.closes_s(circumscribed_m + REFUGE.keep_m)
             arrival_s = around.arrivals(closes_s, pose, speed)
-            cells = np.nonzero(around.is_refuge(closes_s) & np.isfinite(arrival_s))
+            cells = np.nonzero(around.is_refuge(closes_s) & (arrival_s <= BESIDE_WAY.most_s))
             places = around.points_of(*cells)
             cols, rows = np.floor(places / costmap.resolution_m).astype(np.int64).T
             off_x, off_y = (places - there).T
             is_good = np.hypot(off_x, off_y) >= BESIDE_WAY.away_m
-            is_good &= arrival_s[cells] <= BESIDE_WAY.most_s
             is_good &= costmap.distance_m[rows, cols] >= circumscribed_m + BESIDE_WAY.room_m
             if not is_good.any():
                 continue
@@ -103,14 +101,13 @@ class BesideWay:
         """
         if self.there is None:
             return False
-        context, route = driven.context, driven.route
-        near_m = context.footprint.circumscribed_m + PATIENCE.yield_m
+        route, progress = driven.route, driven.progress
         # From the side half of them is seen: a path that leads past them would not be free.
         past_m = float(np.hypot(*(route.path.points - self.there).T).min())
         is_led_round = not route.is_blocked and past_m > BESIDE_WAY.past_m
         is_gone = is_led_round or route.what_stands_near(*self.there) is None
-        is_over = is_gone and not context.local_costmap.is_anyone_near(pose, near_m)
-        if not driven.progress.wait_on_way(math.inf if is_over else 0.0, elapsed_s):
+        is_over = is_gone and not progress.is_anyone_near(pose)
+        if not progress.wait_on_way(math.inf if is_over else 0.0, elapsed_s):
             self.there = None
         return self.there is not None
 

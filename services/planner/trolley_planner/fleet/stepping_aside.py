@@ -105,7 +105,7 @@ class SteppingAside:
         was_beside_way = self.waits_beside_way
         is_beside_way = self._beside_way.must_wait(driven, motion.pose, elapsed_s)
         if was_beside_way:
-            self._came_ns = now_ns if is_beside_way else 0
+            self._came_ns = now_ns if is_beside_way else 0  # then it drives on at once
         if meeting is None or not meeting.has_room:
             self._narrow_ns = now_ns
         is_sure = now_ns - self._narrow_ns >= ASIDE.sure_s * 1e9
