@@ -26,6 +26,8 @@ from typing import Any, Literal, ParamSpec, TypeVar, cast
 
 import numpy as np
 
+from trolley.supervision import Supervision
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -34,6 +36,7 @@ _log = logging.getLogger(__name__)
 _numba: Any = importlib.import_module("numba")
 _caching: Any = importlib.import_module("numba.core.caching")
 _compiler: Any = importlib.import_module("numba.core.compiler")
+_events: Any = importlib.import_module("numba.core.event")
 _llvm: Any = importlib.import_module("llvmlite.binding")
 _memory: Any = importlib.import_module("numba.core.runtime").rtsys
 
@@ -89,6 +92,19 @@ def is_kept(compiled: Callable[..., object]) -> bool | None:
     """Say whether compiled code of a kernel is on disk; None if this is not a kernel."""
     files = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     return files.has_any() if isinstance(files, KernelFiles) else None
+
+
+class _Patience(_events.Listener):
+    """Lets whoever started this process wait for the next kernel: all of them may take minutes."""
+
+    def __init__(self) -> None:
+        self._supervision = Supervision()
+
+    def on_start(self, event: Any) -> None:
+        del event
+        self._supervision.waiting()
+
+    on_end = on_start
 
 
 def _leave_out_blas() -> None:
@@ -292,3 +308,4 @@ def _value_parts(value: object, seen: set[int]) -> Iterator[bytes]:
 
 
 _leave_out_blas()
+_events.register("numba:compile", _Patience())

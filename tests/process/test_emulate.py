@@ -20,7 +20,7 @@ from trolley.config import load_config
 from trolley.connection import Connection
 from trolley.messages import Clock
 from trolley.runtime import codec
-from trolley.runtime.supervision import PARENT_VARIABLE
+from trolley.supervision import PARENT_VARIABLE
 
 TOPICS_PLEASE = bytes.fromhex("fffe0000ff0000ff")
 TROLLEY = str(Path(sys.executable).with_name("trolley"))

@@ -22,8 +22,8 @@ from trolley.cli.demo_robot import Choices, write_settings
 from trolley.config import ZenohSection
 from trolley.connection import Connection, RobotUnreachable
 from trolley.ports import ROUTER_PORT
-from trolley.runtime.supervision import Watchdog
 from trolley.security.keyring import Keyring
+from trolley.supervision import Watchdog
 
 FEW_FILES = 64
 PROGRAM = f"""

@@ -103,7 +103,7 @@ def test_without_a_router_it_waits_and_can_be_ended(
     environment = {"NOTIFY_SOCKET": str(notify_socket.path)}
     process = service_process(KEEPER, config=config, environment=environment)
     # systemd is asked for patience meanwhile.
-    wait_until(lambda: notify_socket.hears("EXTEND_TIMEOUT_USEC=30000000"), "patience")
+    wait_until(lambda: notify_socket.hears("EXTEND_TIMEOUT_USEC=90000000"), "patience")
     assert not notify_socket.hears("READY=1")
     wait_until(lambda: "Waiting for the router; `trolley router` starts one" in process.log, "told")
     process.send(signal.SIGTERM)
@@ -118,7 +118,7 @@ def test_services_may_start_before_their_router(
     config = write_config(tmp_path / "early.toml", f"tcp/127.0.0.1:{port}")
     environment = {"NOTIFY_SOCKET": str(notify_socket.path)}
     service_process(KEEPER, config=config, environment=environment)
-    wait_until(lambda: notify_socket.hears("EXTEND_TIMEOUT_USEC=30000000"), "it tries")
+    wait_until(lambda: notify_socket.hears("EXTEND_TIMEOUT_USEC=90000000"), "it tries")
     router = RouterProcess(port, tmp_path / "late-router.log")
     router.start()
     try:

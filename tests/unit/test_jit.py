@@ -1,8 +1,10 @@
 """Compiled code on disk: shared, never stale, and never in the way."""
 
+import contextlib
 import hashlib
 import os
 import shutil
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -119,6 +121,23 @@ def test_second_process_finds_the_code_of_the_first(
 ) -> None:
     assert first_run[1] == "float 9.0 0\n"
     assert run(compiled_tree) == "float 9.0 1\n"
+
+
+def test_whoever_waits_for_the_process_hears_of_each_kernel_that_is_compiled(tree: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
+        supervisor.bind(str(tree / "notify"))
+        supervisor.setblocking(False)
+
+        def num_heard() -> int:
+            run(tree, NOTIFY_SOCKET=str(tree / "notify"))
+            words: list[bytes] = []
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    words.append(supervisor.recv(4096))
+            return sum(b"EXTEND_TIMEOUT_USEC=" in word for word in words)
+
+        assert num_heard() == 4  # before and after `total`, and `scaled` in it
+        assert num_heard() == 0  # read from the disk
 
 
 def test_code_that_was_read_can_still_be_called_by_what_is_compiled(compiled_tree: Path) -> None:

@@ -22,7 +22,7 @@ from trolley.config.kept_settings import load_with_kept
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.doctor.users import User
 from trolley.runtime.state import state_root
-from trolley.runtime.supervision import PARENT_VARIABLE, end_with_parent
+from trolley.supervision import PARENT_VARIABLE, end_with_parent
 
 SERVICES = "trolley.services"
 MARK = "from trolley.jit import"

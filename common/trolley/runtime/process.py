@@ -28,17 +28,16 @@ from trolley.runtime.memory import give_back
 from trolley.runtime.node import Node
 from trolley.runtime.service import Service
 from trolley.runtime.state import StateFolder, state_root
-from trolley.runtime.supervision import Supervision, end_with_parent
 from trolley.runtime.zenoh_bus import NotConnected, ZenohBus, open_bus_patiently
 from trolley.sanitize import fit
 from trolley.security.host_keys import KeysError, keys_for
 from trolley.start import leave
+from trolley.supervision import START_S, Supervision, end_with_parent
 
 EXIT_CRASHED, EXIT_CONFIG, EXIT_CLASH = 1, 2, 3
 STOPS = signal.SIGTERM, signal.SIGINT, signal.SIGHUP
 CRASH = "The service ends because of an internal error"
 POLL_S = 0.05
-ROUTER_PATIENCE_S = 30.0
 TELLS_AFTER_S = 2.0
 """A service that has waited for so long says so: a router may start at the same time [s]."""
 LONGEST_WAIT_S = 1.0
@@ -172,8 +171,8 @@ class ServiceProcess:
             where = ", ".join(self._config.zenoh.connect)
             self._log.warning("Waiting for the router; `trolley router` starts one", where=where)
         if now_s >= self._patience_until_s:
-            self._supervision.waiting(ROUTER_PATIENCE_S, "waiting for the router")
-            self._patience_until_s = now_s + 0.5 * ROUTER_PATIENCE_S
+            self._supervision.waiting("waiting for the router")
+            self._patience_until_s = now_s + 0.5 * START_S
         return not self._should_stop
 
     def _serve(self, bus: ZenohBus) -> int:

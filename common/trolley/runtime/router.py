@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from trolley.interrupts import Interrupts
 from trolley.runtime.endpoints import is_far
 from trolley.runtime.log import Log, set_up_logging
-from trolley.runtime.supervision import Supervision
 from trolley.runtime.zenoh_bus import open_router, takes_new_sessions
 from trolley.security.access import Security
+from trolley.supervision import Supervision
 
 UNWATCHED_PERIOD_S = 60.0
 """How often new sessions are tried where nobody restarts a router that takes none."""

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
-from trolley.runtime.supervision import PARENT_VARIABLE, WATCHDOG_S, Watchdog
+from trolley.supervision import PARENT_VARIABLE, WATCHDOG_S, Watchdog
 
 EXIT_CONFIG = 2
 """A service's exit code for settings that cannot be used: starting it again would not help."""

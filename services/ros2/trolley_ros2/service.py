@@ -3,7 +3,7 @@
 from trolley.config import Ros2Config
 from trolley.runtime.foreign_bus import ForeignBus
 from trolley.runtime.service import Service, every
-from trolley.runtime.supervision import Supervision
+from trolley.supervision import Supervision
 from trolley_ros2.graph import Graph
 from trolley_ros2.inputs import Inputs
 from trolley_ros2.outputs import Outputs

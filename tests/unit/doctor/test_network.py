@@ -27,10 +27,10 @@ from trolley.doctor.endpoints import (
 from trolley.doctor.finding import Finding, looked_at, note
 from trolley.doctor.trial import Running, Trial, check_trial, try_services
 from trolley.doctor.users import User
-from trolley.runtime.supervision import PARENT_VARIABLE
 from trolley.security.certificates import make_authority, make_certificate
 from trolley.security.host_keys import HostKeys
 from trolley.security.keyring import Keyring
+from trolley.supervision import PARENT_VARIABLE
 
 NOW = datetime(2026, 5, 1, tzinfo=UTC)
 

@@ -14,8 +14,8 @@ from support.files import no_files_left
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley.interrupts import Interrupts
-from trolley.runtime.supervision import Watchdog
 from trolley.runtime.supervisor import Supervisor
+from trolley.supervision import Watchdog
 
 pytestmark = pytest.mark.programs
 
@@ -153,7 +153,7 @@ def test_a_child_that_ignores_sigterm_is_killed(
 def test_children_end_with_a_supervisor_that_is_killed(module: Callable, tmp_path: Path) -> None:
     is_set = tmp_path / "set"
     polite = (
-        "from pathlib import Path\nfrom trolley.runtime.supervision import end_with_parent\n"
+        "from pathlib import Path\nfrom trolley.supervision import end_with_parent\n"
         f"end_with_parent()\nPath({str(is_set)!r}).touch()\n"
     )
     environment = module("polite", polite + OBEDIENT)
@@ -182,7 +182,7 @@ def test_children_end_with_a_supervisor_that_is_killed(module: Callable, tmp_pat
 
 HANGS = """
 import time
-from trolley.runtime.supervision import Supervision
+from trolley.supervision import Supervision
 supervision = Supervision()
 supervision.ready()
 for _ in range(5):
@@ -192,7 +192,7 @@ time.sleep(100.0)
 """
 FROZEN = """
 import os, signal, time
-from trolley.runtime.supervision import Supervision
+from trolley.supervision import Supervision
 supervision = Supervision()
 supervision.ready()
 while True:

@@ -11,7 +11,7 @@ from trolley.runtime.door.admission import Limits
 from trolley.runtime.door.server import Door
 from trolley.runtime.log import set_up_logging
 from trolley.runtime.open_files import allow_many_files
-from trolley.runtime.supervision import end_with_parent
+from trolley.supervision import end_with_parent
 
 
 async def _main() -> None:

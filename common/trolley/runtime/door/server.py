@@ -13,7 +13,7 @@ from typing import cast
 from trolley.runtime.door.admission import Admission, Guest, Limits, Stage, address_of
 from trolley.runtime.door.hello import LONGEST_HELLO, is_hello
 from trolley.runtime.log import Log
-from trolley.runtime.supervision import Supervision
+from trolley.supervision import Supervision
 
 UNANSWERED_ALERT = 64
 """More bytes than TLS needs to send somebody away, once it has answered the hello."""

@@ -19,7 +19,7 @@ from trolley.config import RobotConfig, load_config
 from trolley.connection import Target, find_target
 from trolley.geometry import Pose2D
 from trolley.interrupts import Interrupts
-from trolley.runtime.supervision import Supervision, end_with_parent
+from trolley.supervision import Supervision, end_with_parent
 from trolley_base.description import footprint_of
 from trolley_base.emulators import (
     DeviceError,

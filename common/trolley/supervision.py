@@ -11,6 +11,10 @@ import socket
 import sys
 from collections.abc import Mapping
 
+START_S = 90.0
+"""One that is not ready yet has longer from each sign that it is under way: it waits for its
+router, or compiles one more kernel, which may take a Raspberry Pi half a minute."""
+
 
 class Supervision:
     """Talks to systemd where it started this process; else says nothing.
@@ -34,11 +38,12 @@ class Supervision:
 
     def ready(self) -> None:
         """The service does its work from now on."""
-        self._notify("READY=1")
+        self._notify("READY=1\nSTATUS=")
 
-    def waiting(self, seconds: float, why: str) -> None:
-        """The service is not ready and asks for so many seconds more."""
-        self._notify(f"STATUS={why}\nEXTEND_TIMEOUT_USEC={int(seconds * 1e6)}")
+    def waiting(self, why: str = "") -> None:
+        """The service is not ready and asks for `START_S` more."""
+        text = f"STATUS={why}\nEXTEND_TIMEOUT_USEC={round(START_S * 1e6)}"
+        self._notify(text, socket.MSG_DONTWAIT)
 
     def alive(self) -> None:
         """The service's thread still turns."""
@@ -80,8 +85,6 @@ def end_with_parent() -> None:
 
 WATCHDOG_S = 15.0
 """A service whose handlers have not turned for so long hangs."""
-START_S = 90.0
-"""One that is not ready yet, or waits for its router, has longer to say so."""
 _MAX_BYTES = 4096
 
 
