@@ -103,8 +103,15 @@ class BaseService(Service):
         self.parts = (*own, *shared, *upkeep)
 
     def prepare(self) -> None:
-        """Read what there is to say about the settings, which takes longer than a period."""
+        """Read what there is to say about the settings, and compile what scans call.
+
+        Either takes longer than a period.
+        """
         all_keys()
+        if self._config.base.odometry.source != "wheels":
+            from trolley_base.odometry.warmup import warm_up
+
+            warm_up()
 
     @property
     def hardware(self) -> Hardware:

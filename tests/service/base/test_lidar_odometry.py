@@ -7,6 +7,8 @@ import pytest
 
 from trolley import codes, requests, topics
 from trolley.messages import Health
+from trolley_base.odometry.lidar_odometry import LidarOdometry
+from trolley_base.service import BaseService
 from trolley_base.simulation.simulated_hardware import SimulatedChassis
 from trolley_base.world.faulty_wheels import BOTH, Trouble
 
@@ -48,6 +50,18 @@ def test_a_base_without_encoders_knows_where_it_went(make_rig: Callable[..., Rig
     assert not any(state.mode == "fault" for state in rig.states)
     seconds = (known.stamp_ns - rig.odometry[0].stamp_ns) * 1e-9
     assert 20.0 <= len(rig.odometry) / seconds <= 50.0
+
+
+def test_what_a_scan_calls_is_compiled_before_the_run_begins(
+    make_rig: Callable[..., Rig], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It took 8 s at the first scans, in which base neither decided nor told that it lives."""
+    done: list[str] = []
+    update, start = LidarOdometry.update, BaseService.start
+    monkeypatch.setattr(LidarOdometry, "update", lambda *a: (done.append("scan"), update(*a))[1])
+    monkeypatch.setattr(BaseService, "start", lambda base: (done.append("start"), start(base))[1])
+    rig_with(make_rig, "lidar", Trouble())
+    assert done.index("scan") < done.index("start")
 
 
 def test_with_wheels_alone_such_a_base_would_not(make_rig: Callable[..., Rig]) -> None:
