@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.metal import Metal
-from support.processes import find_free_port
+from support.processes import Process, find_free_port
 from support.waiting import wait_until
 
 from trolley import codes
@@ -161,15 +161,40 @@ def test_a_base_that_is_held_up_stands_and_blames_no_device(linorobot: Metal) ->
     assert linorobot.base is not None
     num_said = len(linorobot.states)
     for _ in range(5):
-        linorobot.base.send(signal.SIGSTOP)
-        time.sleep(0.3)
-        linorobot.base.send(signal.SIGCONT)
-        time.sleep(0.03)
+        hold_up(linorobot.base)
     linorobot.wait_for("held", codes.OVERLOADED)
     linorobot.wait_for_standing()
     linorobot.wait_for("ok")
     said = {state.reason for state in linorobot.states[num_said:]}
     assert said <= {"", codes.OVERLOADED, codes.COMMAND_LOST}  # the command's time may have passed
+
+
+@pytest.mark.parametrize(
+    ("device", "code"), [("ld19", codes.SCAN_LOST), ("linorobot", codes.LINK_LOST)]
+)
+def test_a_base_that_is_held_up_says_so_of_a_device_that_is_unplugged(
+    linorobot: Metal, device: str, code: str
+) -> None:
+    linorobot.emulated.fault(f"{device}:unplug")
+
+    def says_so() -> bool:
+        assert linorobot.base is not None
+        hold_up(linorobot.base)
+        return linorobot.state is not None and linorobot.state.reason == code
+
+    wait_until(says_so, lambda: f"it says what is missing: {linorobot.state}")
+    num_said = len(linorobot.states)
+    for _ in range(10):
+        says_so()
+    assert {state.reason for state in linorobot.states[num_said:]} <= {code}
+
+
+def hold_up(base: Process) -> None:
+    """Let it turn for a moment only."""
+    base.send(signal.SIGSTOP)
+    time.sleep(0.3)
+    base.send(signal.SIGCONT)
+    time.sleep(0.03)
 
 
 def test_inputs_of_the_board_stop_it(make_metal: Callable[..., Metal]) -> None:

@@ -48,6 +48,7 @@ class DeviceInputs:
         """What the lidar sees."""
         self._chassis = ChassisReading((), Link(name=CHASSIS, state="searching"))
         self._lidar = Link(name="lidar", state="searching")
+        self._lidar_is_gone = False
         self._has_moved = True
         self._odometry_beat = Beat(ODOMETRY_S)
         self.battery: Battery | None = None
@@ -98,7 +99,15 @@ class DeviceInputs:
     ) -> SafetyState:
         """Return what the devices say about whether the robot may drive."""
         lidar, age_ns = self.sight.judged(self._lidar), self.sight.age_ns(now_ns)
-        return SafetyState(cannot_drive, is_stopped, own_pause_ns, self._chassis, lidar, age_ns)
+        return SafetyState(
+            cannot_drive,
+            is_stopped,
+            own_pause_ns,
+            self._chassis,
+            lidar,
+            age_ns,
+            self._lidar_is_gone,
+        )
 
     def update(self, now_ns: int) -> None:
         """Bring the devices up to now, and read them."""
@@ -130,7 +139,7 @@ class DeviceInputs:
 
     def _read_lidar(self, now_ns: int) -> None:
         reading = self._hardware.lidar.read()
-        self._lidar = reading.link
+        self._lidar, self._lidar_is_gone = reading.link, reading.is_gone
         self._device_log.add(now_ns, reading.link, reading.notes, reading.counts)
         for scan in reading.scans:
             self._reckoning.add_scan(scan)

@@ -87,6 +87,7 @@ class ChassisReading:
         contacts: what its bumpers and the like feel now, each one's state in every reading.
         ranges: what its range sensors measured; `frame` is the name of the table
             `[base.scans.NAME]`.
+        is_gone: its port has gone or cannot be opened, whatever base itself may have missed.
     """
 
     motions: tuple[MotionSample, ...]
@@ -99,6 +100,7 @@ class ChassisReading:
     num_jumps: int = 0
     contacts: tuple[Contact, ...] = ()
     ranges: tuple[Scan, ...] = ()
+    is_gone: bool = False
 
 
 class Chassis(Protocol):
@@ -160,13 +162,14 @@ class LidarScan:
 class LidarReading:
     """Revolutions that were completed since the last `read`, oldest first, and the link's state.
 
-    `notes` and `counts` are as in `ChassisReading`.
+    `notes`, `counts` and `is_gone` are as in `ChassisReading`.
     """
 
     scans: tuple[LidarScan, ...]
     link: Link
     notes: tuple[Note, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict[str, int])
+    is_gone: bool = False
 
 
 class Lidar(Protocol):

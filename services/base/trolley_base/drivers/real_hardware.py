@@ -54,7 +54,8 @@ class SerialChassis:
         """Hand over what the board reported since the last call."""
         reading = self._conversation.dialogue.take(self._now_ns)
         counts = self._conversation.counts(reading.counts)
-        return replace(reading, link=self._conversation.link(self._now_ns), counts=counts)
+        link, is_gone = self._conversation.link(self._now_ns), self._conversation.is_gone
+        return replace(reading, link=link, counts=counts, is_gone=is_gone)
 
     def restart(self) -> bool:
         """Reopen the port, which restarts an Arduino; False for boards that do not notice."""
@@ -167,13 +168,15 @@ class SerialLidar:
 
     def read(self) -> LidarReading:
         """Hand over the revolutions completed since the last call."""
+        is_gone = self._conversation.is_gone
         if self._link is not None and self._heard_ns < self._now_ns:
-            return LidarReading((), self._link)
+            return LidarReading((), self._link, is_gone=is_gone)
         reading = self._conversation.dialogue.take(self._now_ns)
         if reading.scans:
             self._complete_ns = earliest_end_ns(reading.scans[-1])
         self._link = self._conversation.link(self._now_ns)
-        return replace(reading, link=self._link, counts=self._conversation.counts(reading.counts))
+        counts = self._conversation.counts(reading.counts)
+        return replace(reading, link=self._link, counts=counts, is_gone=is_gone)
 
     def advance(self, now_ns: int) -> None:
         """Hear what has arrived up to now, and answer."""

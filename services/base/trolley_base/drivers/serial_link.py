@@ -48,6 +48,8 @@ class SerialLink(Generic[D]):
         self._robot_ns = robot_ns
         self._is_stream = is_stream
         self._is_open = False
+        self.is_gone = False
+        """Whether the port has gone or cannot be opened, which is no matter of time."""
         self._trouble = ""
         self._reopen_after_ns = 0
         self._refused_writes = 0
@@ -65,12 +67,12 @@ class SerialLink(Generic[D]):
                 case Arrived(data, monotonic_ns):
                     self.dialogue.receive(data, min(now_ns, self._robot_ns(monotonic_ns)))
                 case Opened():
-                    self._is_open, self._trouble = True, ""
+                    self._is_open, self.is_gone, self._trouble = True, False, ""
                     self._refused_since_ns = None
                     self._reopen_after_ns = now_ns + REOPEN_EVERY_NS
                     self.dialogue.begin(now_ns)
                 case Lost(why):
-                    self._is_open, self._trouble = False, why
+                    self._is_open, self.is_gone, self._trouble = False, True, why
 
     def speak(self, now_ns: int) -> None:
         """Send what the dialogue has to say."""

@@ -30,6 +30,7 @@ class SafetyState:
         chassis: the newest reading.
         lidar: the connection to the lidar.
         scan_age_ns: since the newest scan arrived, None before the first.
+        lidar_is_gone: its port has gone or cannot be opened.
     """
 
     cannot_drive: str
@@ -38,6 +39,7 @@ class SafetyState:
     chassis: ChassisReading
     lidar: Link
     scan_age_ns: int | None
+    lidar_is_gone: bool = False
 
 
 def find_restriction(now: SafetyState) -> Restriction | None:
@@ -46,8 +48,12 @@ def find_restriction(now: SafetyState) -> Restriction | None:
         return Restriction(Block.ALL, "ok", "", now.cannot_drive)
     if now.is_stopped:
         return Restriction(Block.ALL, "stopped", codes.BUTTON, _stopped(now.chassis.link))
+    if now.chassis.is_gone:
+        return _held(Block.ALL, codes.LINK_LOST, now.chassis.link.message)
+    if now.lidar_is_gone:
+        return _held(Block.ALL, codes.SCAN_LOST, now.lidar.message)
     if now.own_pause_ns:
-        # Before the devices: those that were not listened to only seem to be silent.
+        # Before what else is with the devices: one not listened to only seems silent or damaged.
         seconds = now.own_pause_ns * 1e-9
         return _held(Block.ALL, codes.OVERLOADED, OVERLOADED_MESSAGE.format(seconds=seconds))
     if now.chassis.link.state != "up":

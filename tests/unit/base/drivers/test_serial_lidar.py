@@ -25,6 +25,8 @@ class StreamLink:
         title: of its record.
     """
 
+    is_gone = False
+
     def __init__(self, title: str) -> None:
         record = RECORDS[title]
         self.dialogue = make_lidar(LidarConfig(model=record.model, mode=record.mode))

@@ -18,9 +18,12 @@ def condition(
     alarms: tuple[str, ...] = (),
     lidar: Link = UP,
     scan_age_ns: int | None = 100_000_000,
+    gone: str = "",
 ) -> SafetyState:
-    reading = ChassisReading((), chassis, alarms=alarms)
-    return SafetyState(cannot_drive, stopped, own_pause_ns, reading, lidar, scan_age_ns)
+    reading = ChassisReading((), chassis, alarms=alarms, is_gone=gone == "chassis")
+    return SafetyState(
+        cannot_drive, stopped, own_pause_ns, reading, lidar, scan_age_ns, gone == "lidar"
+    )
 
 
 def test_nothing_forbids_to_drive_when_all_is_well() -> None:
@@ -34,6 +37,8 @@ def test_nothing_forbids_to_drive_when_all_is_well() -> None:
         (condition(stopped=True, own_pause_ns=300_000_000), "stopped", codes.BUTTON),
         (condition(own_pause_ns=300_000_000), "held", codes.OVERLOADED),
         (condition(own_pause_ns=300_000_000, scan_age_ns=None), "held", codes.OVERLOADED),
+        (condition(own_pause_ns=300_000_000, gone="chassis"), "held", codes.LINK_LOST),
+        (condition(own_pause_ns=300_000_000, gone="lidar"), "held", codes.SCAN_LOST),
         (condition(chassis=Link(name="chassis", state="down")), "held", codes.LINK_LOST),
         (condition(chassis=Link(name="chassis", state="searching")), "held", codes.LINK_LOST),
         (condition(lidar=Link(name="lidar", state="down")), "held", codes.SCAN_LOST),
