@@ -45,6 +45,7 @@ FREE_M = 1.2
 MOVER_M = 0.5
 BLIND_S = 0.05
 DOOR_S, CHASED_S = 15.0, 15.0
+CLOSE_M = 0.7
 CROSSING_S = 40.0
 FIELD_M = 10.0
 """Half of the edge of the movers' square."""
@@ -117,17 +118,23 @@ def ahead(seed: int) -> Scene:
     return replace(corridor(width), crowd=crowd, least_s=(7.5 + 0.6 - begin) / AHEAD_MPS)
 
 
-def in_the_door(seed: int) -> Scene:
-    """Somebody stands in the only door, 0.9 m wide, for 15 s, and comes in."""
+def in_the_door(seed: int, before_m: float | None = None) -> Scene:
+    """Somebody stands in the only door, 0.9 m wide, for 15 s, and comes in.
+
+    The robot begins anywhere in the room, or so far before them.
+    """
     scene = door(seed, 0.9)
     x, y = door_of(scene)
+    start = scene.start if before_m is None else Pose2D(x - before_m, y, scene.start.yaw)
     way = Route.at_speed(((x, y), (x - 0.8, y), (x - 1.0, 2.7 if y < 1.5 else 0.3)), 0.8, DOOR_S)
 
     def crowd() -> Crowd:
         return Crowd(Paths((way,)), PERSON_M, legs=seed % 2 == 1)
 
     least = DOOR_S + scene.goals[0].distance_to(Pose2D(x, y, 0.0)) / SPEED_MPS
-    return replace(scene, goals=scene.goals[:1], crowd=crowd, forgives="standing", least_s=least)
+    return replace(
+        scene, start=start, goals=scene.goals[:1], crowd=crowd, forgives="standing", least_s=least
+    )
 
 
 def ten_in_the_door(seed: int) -> Scene:
@@ -372,6 +379,7 @@ PEOPLE = (
     Row("polite oncoming", "polite", polite, 1.3),
     Row("ahead at 0.25 m/s", "ahead", ahead, 1.3),
     Row("stands in the door, 15 s", "odd", in_the_door, 1.5),
+    Row("stands there close before it", "odd", partial(in_the_door, before_m=CLOSE_M), 1.5),
     Row("ten come through the door", "odd", ten_in_the_door, 1.5),
     Row("walks up to the robot", "odd", chased),
     *crowd_rows(),

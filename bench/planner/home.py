@@ -55,6 +55,8 @@ People (`among_people.py`), 0.2 m in radius, as discs or as two swinging legs:
     odd       goal in a door +20 cm       to its middle, and back (a place)
               arm ahead, door +15 cm      robot 0.65 x 0.30 m, axle 0.175 m from its back (a place)
               stands in the door, 15 s    the only one, 0.9 m wide
+              stands there close before   the robot begins 0.7 m before them
+              it
               ten come through the door   the same, one after the other
               walks up to the robot       wherever it goes, for 15 s; a room of 5 x 5 m
 

@@ -72,11 +72,14 @@ class BesideWay:
             return None
         circumscribed_m, costmap = context.footprint.circumscribed_m, context.costmap
         back_rad = direction_back(route.path, there)
+        keep_m = circumscribed_m + REFUGE.keep_m
+        # They stand yet: the way to the place leads past nobody but those who walk now.
+        now = Surroundings(context, pose)
+        arrival_s = now.arrivals(now.closes_s(keep_m), pose, speed)
         for turn_rad in BESIDE_WAY.turns_rad:
             around = Surroundings(context, pose, who_may_come(there, back_rad, turn_rad))
-            closes_s = around.closes_s(circumscribed_m + REFUGE.keep_m)
-            arrival_s = around.arrivals(closes_s, pose, speed)
-            cells = np.nonzero(around.is_refuge(closes_s) & (arrival_s <= BESIDE_WAY.most_s))
+            is_refuge = around.is_refuge(around.closes_s(keep_m))
+            cells = np.nonzero(is_refuge & (arrival_s <= BESIDE_WAY.most_s))
             places = around.points_of(*cells)
             cols, rows = np.floor(places / costmap.resolution_m).astype(np.int64).T
             off_x, off_y = (places - there).T
@@ -104,9 +107,8 @@ class BesideWay:
         route, progress = driven.route, driven.progress
         # From the side half of them is seen: a path that leads past them would not be free.
         past_m = float(np.hypot(*(route.path.points - self.there).T).min())
-        is_led_round = not route.is_blocked and past_m > BESIDE_WAY.past_m
-        is_gone = is_led_round or route.what_stands_near(*self.there) is None
-        is_over = is_gone and not progress.is_anyone_near(pose)
+        is_gone = past_m > BESIDE_WAY.past_m or route.what_stands_near(*self.there) is None
+        is_over = is_gone and not route.is_blocked and not progress.is_anyone_near(pose)
         if not progress.wait_on_way(math.inf if is_over else 0.0, elapsed_s):
             self.there = None
         return self.there is not None
