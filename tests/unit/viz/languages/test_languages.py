@@ -350,6 +350,8 @@ def test_languages_are_known_by_their_tags(tag: str, code: str) -> None:
         ),
         ("There is no saved pose 'hall'.", "Es gibt keinen Ort 'hall'."),  # release 0.2.0
         ("Remove 08:30 Mon–Wed, Fri", "08:30 Mo–Mi, Fr entfernen"),
+        ("Stale · 4 s ago", "Veraltet · vor 4 s"),
+        ("Stale · 2 min ago", "Veraltet · vor 2 min"),
         ("The robot cannot drive: zorp.", "Der Roboter kann nicht fahren: zorp."),
         ("Nobody has ever said so.", "Nobody has ever said so."),
         ("", ""),
