@@ -3,6 +3,7 @@
 import pytest
 from playwright.sync_api import Page, expect
 
+from trolley_viz.controls.controls import Controls
 from trolley_viz.joystick.teleop import PadState
 from trolley_viz.robots.stop_presses import StopLine
 from trolley_viz.server.messages import Told
@@ -60,3 +61,27 @@ def test_stop_and_what_became_of_it_are_in_sight_beside_the_joystick(
                 wrong[name].append("it moves under the thumb")
             page.locator(".hand-close").press("Enter")
     assert {name: those for name, those in wrong.items() if those} == {}
+
+
+def test_the_past_that_is_opened_on_a_phone_is_not_behind_the_joystick(
+    page: Page, viewer: Viewer
+) -> None:
+    width, height = SCREENS["phone, upright"]
+    page.set_viewport_size({"width": width, "height": height})
+    controls = Controls()
+    strip = controls.add_strip()
+    with strip:
+        controls.add_timeline("Time of day")
+        controls.add_button("Now", colour="green")
+    strip.visible = False
+    viewer.greet()
+    viewer.tell()
+    viewer.tell_controls(controls)
+    page.locator(".hand-open").press("Enter")
+    expect(page.locator(".hand-pad")).to_be_visible()
+    strip.visible = True
+    viewer.tell_controls(controls)
+    expect(page.locator(".strip")).to_be_visible()
+    assert page.evaluate(UNSEEN, [*BAR, ".strip"]) == []
+    page.locator(".hand-open").press("Enter")  # who drives after all sees the pad
+    assert page.evaluate(UNSEEN, [*BAR, *JOYSTICK]) == []

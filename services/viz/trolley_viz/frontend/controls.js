@@ -16,6 +16,7 @@ export class Controls {
     this.all = new Map(); // by id: what is drawn
     this.told = new Map(); // by id: how the viewer said last that it looks
     this.unsent = new Map(); // by id: what was typed and not said yet, and its timer
+    this.opened = () => {}; // is given what has opened over the map
   }
 
   // The next changes bring everything anew.
@@ -34,8 +35,11 @@ export class Controls {
       this.isNew = false;
     }
     for (const id of gone) this.drop(String(id));
+    const opening = Object.keys(looks).filter((id) => OVER_MAP.includes(looks[id].kind)
+      && !looks[id].is_hidden && (this.all.get(id)?.look.is_hidden ?? true));
     for (const [id, look] of Object.entries(looks)) this.put(id, look);
     for (const [id, look] of Object.entries(looks)) this.place(id, look);
+    for (const id of opening) this.opened(this.all.get(id).element);
   }
 
   drop(id) {

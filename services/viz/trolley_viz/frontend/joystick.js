@@ -76,6 +76,14 @@ export class Joystick {
     (wanted ? this.pad : this.button).focus({ preventScroll: true });
   }
 
+  // What opens where the pad is, as on a phone, is what its person wants to see now.
+  giveWay(opened) {
+    const [pad, other] = [this.card, opened].map((one) => one.getBoundingClientRect());
+    const isApart = other.right <= pad.left || pad.right <= other.left
+      || other.bottom <= pad.top || pad.bottom <= other.top;
+    if (!this.card.hidden && !isApart) this.setOpen(false);
+  }
+
   take(told) {
     this.can = told.can;
     this.isMine = told.mine;

@@ -20,6 +20,7 @@ const controls = new Controls(
 );
 const scene = new Scene(document.getElementById("scene"), line);
 const joystick = new Joystick(document.getElementById("hand"), line);
+controls.opened = (element) => joystick.giveWay(element);
 const overlays = new Overlays(document.getElementById("overlays"), line);
 const keys = new Keys(status, controls, joystick);
 new Sheet(document.getElementById("panel"), document.getElementById("handle"));
