@@ -13,7 +13,7 @@ import time
 import weakref
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Future, wait
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -55,6 +55,10 @@ ENDING_S = 1.0
 
 CALLBACK_S = 5.0
 """How long a callback may go on after the session has ended."""
+INSIDE_S = 0.5
+"""How long what is being asked or told may go on before the session is ended."""
+LOOK_S = 0.002
+"""How often it is looked whether they are over."""
 
 SOCKET_MODE = 0o660
 """A Unix socket is for its owner and its group; Zenoh leaves it to its owner alone."""
@@ -266,13 +270,14 @@ os.register_at_fork(after_in_child=_keep_after_fork)
 class _Declared:
     """A subscriber, queryable or token that can be taken back."""
 
-    def __init__(self, undeclare: Callable[[], object]) -> None:
-        self._undeclare = undeclare
+    def __init__(self, undeclare: Callable[[], object], inside: "_Inside") -> None:
+        self._undeclare, self._inside = undeclare, inside
         _living.add(self)
 
     def close(self) -> None:
         if not is_forked():
-            self._undeclare()
+            with suppress(ZenohError), self._inside:
+                self._undeclare()
 
 
 class _Served:
@@ -337,10 +342,11 @@ class _Heard:
 
 
 class _Calls:
-    """Those to a subscriber, on a thread of their own."""
+    """Those to a subscriber or asker, on a thread of their own."""
 
     def __init__(self) -> None:
-        self.are_over = threading.Event()
+        # A plain flag: a signal may not wait for a threading.Event whose `wait` it interrupts.
+        self.are_over = False
         """Whether there will be no more of them; the thread has still to give back what it has."""
         self._thread: threading.Thread | None = None
 
@@ -352,19 +358,39 @@ class _Calls:
     def end(self) -> None:
         """Note on their thread that there are no more."""
         self.note_thread()
-        self.are_over.set()
+        self.are_over = True
 
     @property
     def is_over(self) -> bool:
         """Whether their thread has ended."""
-        return self.are_over.is_set() and (self._thread is None or not self._thread.is_alive())
+        return self.are_over and (self._thread is None or not self._thread.is_alive())
 
-    def wait_until(self, deadline_s: float) -> None:
-        """Wait for the end of their thread, unless it is this one."""
-        if self._thread is not threading.current_thread():
-            self.are_over.wait(max(deadline_s - time.monotonic(), 0.0))
-            if self._thread is not None:
-                self._thread.join(max(deadline_s - time.monotonic(), 0.0))
+    @property
+    def are_mine(self) -> bool:
+        """Whether this is their thread."""
+        return self._thread is threading.current_thread()
+
+
+class _Inside:
+    """The threads that are inside Zenoh; none gets in once the session has been closed."""
+
+    def __init__(self) -> None:
+        self.is_closed = False
+        self._threads: list[int] = []
+
+    def __enter__(self) -> None:
+        self._threads.append(threading.get_ident())
+        if self.is_closed:
+            self.__exit__()
+            raise ZenohError("the session is closed")
+
+    def __exit__(self, *_: object) -> None:
+        self._threads.remove(threading.get_ident())
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether none is there but this one."""
+        return set(self._threads) <= {threading.get_ident()}
 
 
 class ZenohBus:
@@ -389,7 +415,7 @@ class ZenohBus:
         self._publishers: dict[tuple[str, str], zenoh.Publisher] = {}
         self._heard: dict[tuple[str, str], _Heard] = {}
         self._kept: list[object] = []  # a token or listener whose handle is lost is taken back
-        self._is_closed = False
+        self._inside = _Inside()
         self._calls: set[_Calls] = set()
         _living.add(self)
 
@@ -399,20 +425,25 @@ class ZenohBus:
         return self._session
 
     def close(self) -> None:
-        """End the session, and wait for the other threads that call back.
+        """End the session, and wait for the other threads that call back or are still inside.
 
-        They are daemons: one that is still inside Zenoh when Python ends would abort the process.
+        A daemon that comes back from Zenoh while Python ends would abort the process.
         """
         if is_forked():
             return
-        self._is_closed = True
+        self._inside.is_closed = True
+        # First: a question that the closing makes fail leaves a thread behind that nobody knows.
+        _wait_for(lambda: self._inside.is_empty, INSIDE_S)
         self._session.close()
-        deadline_s = time.monotonic() + CALLBACK_S
-        for one in list(self._calls):
-            one.wait_until(deadline_s)
+        others = [one for one in list(self._calls) if not one.are_mine]
+        _wait_for(lambda: self._inside.is_empty and all(one.is_over for one in others), CALLBACK_S)
 
     def put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
         """Publish; without a router it is dropped, and a stream that nobody hears stays here."""
+        with self._inside:
+            self._put(key, payload, encoding, qos)
+
+    def _put(self, key: str, payload: bytes, encoding: str, qos: Qos) -> None:
         publisher = self._publisher(key, encoding) if qos is Qos.SENSOR else None
         if publisher is not None:
             publisher.put(payload)
@@ -454,14 +485,17 @@ class ZenohBus:
     def delete(self, key: str) -> None:
         """Publish a deletion."""
         priority, congestion, express = _PRIORITIES[Qos.STATE]
-        self._session.delete(key, priority=priority, congestion_control=congestion, express=express)
+        with self._inside:
+            self._session.delete(
+                key, priority=priority, congestion_control=congestion, express=express
+            )
 
     def subscribe(self, key_expr: str, callback: Callable[[Sample], None]) -> _Declared:
         """Call back, on one of Zenoh's threads, for each put and delete that matches."""
         calls = _Calls()
 
         def receive(sample: zenoh.Sample) -> None:
-            if self._is_closed:
+            if self._inside.is_closed:
                 return  # what still waits then is many, perhaps
             calls.note_thread()
             payload = _read(sample.payload)
@@ -470,20 +504,27 @@ class ZenohBus:
 
         if self._puts_directly:
             handler = _handler(receive, None, is_direct=True)
-            return _Declared(self._session.declare_subscriber(key_expr, handler).undeclare)
+            subscriber = self._session.declare_subscriber(key_expr, handler)
+            return _Declared(subscriber.undeclare, self._inside)
         handler = _handler(receive, calls.end, is_direct=False)
 
         # Noted on the thread that declares: a signal that closes the bus meanwhile waits for that.
         def declare() -> "zenoh.Subscriber[None]":
-            self._calls.difference_update([one for one in list(self._calls) if one.is_over])
-            self._calls.add(calls)
-            try:
+            with self._inside, self._noted(calls):
                 return self._session.declare_subscriber(key_expr, handler)
-            except BaseException:
-                calls.are_over.set()  # perhaps there never was a thread
-                raise
 
-        return _Declared(_as_daemon(declare).undeclare)
+        return _Declared(_as_daemon(declare).undeclare, self._inside)
+
+    @contextmanager
+    def _noted(self, calls: _Calls) -> Generator[None]:
+        """Note who is to be waited for, once it is begun."""
+        self._calls.difference_update([one for one in list(self._calls) if one.is_over])
+        self._calls.add(calls)
+        try:
+            yield
+        except BaseException:
+            calls.are_over = True  # perhaps there never was a thread
+            raise
 
     def newest(self, key: str) -> _Newest:
         """Keep the newest of what anybody puts to a key, one's own puts too."""
@@ -511,6 +552,11 @@ class ZenohBus:
         on_done: Callable[[], None],
     ) -> None:
         """Ask everybody who serves the key; replies come on Zenoh's threads."""
+        calls = _Calls()
+
+        def end() -> None:
+            on_done()
+            calls.end()
 
         def receive(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
@@ -521,30 +567,34 @@ class ZenohBus:
                 on_reply(Reply(selector, _read(error.payload), str(error.encoding), is_error=True))
 
         priority, _, express = _PRIORITIES[Qos.COMMAND]
-        self._session.get(
-            selector,
-            self._handler(receive, on_done),
-            payload=payload or None,
-            encoding=encoding or None,
-            timeout=timeout_s,
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            priority=priority,
-            express=express,
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        )
+        # Python itself waits for those of others than daemons.
+        is_noted = not self._calls_directly and threading.current_thread().daemon
+        with self._inside, self._noted(calls) if is_noted else nullcontext():
+            self._session.get(
+                selector,
+                self._handler(receive, end if is_noted else on_done),
+                payload=payload or None,
+                encoding=encoding or None,
+                timeout=timeout_s,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                priority=priority,
+                express=express,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
 
     # Beyond the `Bus`: liveliness and connection.
     def declare_token(self, key: str) -> _Declared:
         """Show a liveliness token while this session lives."""
         token = self._session.liveliness().declare_token(key)
         self._kept.append(token)
-        return _Declared(token.undeclare)
+        return _Declared(token.undeclare, self._inside)
 
     def alive(self, key_expr: str, timeout_s: float = 1.0) -> list[str]:
         """The liveliness tokens that are shown now (waits for the answer)."""
-        replies = self._session.liveliness().get(key_expr, timeout=timeout_s)
-        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        with self._inside:
+            replies = self._session.liveliness().get(key_expr, timeout=timeout_s)
+            return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
     def watch_tokens(self, key_expr: str, callback: Callable[[str, bool], None]) -> _Declared:
         """Call back with key and whether it appeared (else vanished), for present tokens too."""
@@ -556,7 +606,7 @@ class ZenohBus:
             key_expr, self._handler(receive), history=True
         )
         self._kept.append(subscriber)
-        return _Declared(subscriber.undeclare)
+        return _Declared(subscriber.undeclare, self._inside)
 
     def on_connection(self, callback: Callable[[bool], None]) -> None:
         """Call back when the router is there (True) or lost (False)."""
@@ -696,6 +746,13 @@ def _handler(
     if is_direct:
         callback = _known_threads(callback)
     return zenoh.handlers.Callback(callback, on_end, indirect=not is_direct)
+
+
+def _wait_for(is_so: Callable[[], bool], timeout_s: float) -> None:
+    """Wait, without a lock: a signal that closes the session again may interrupt it."""
+    deadline_s = time.monotonic() + timeout_s
+    while not is_so() and time.monotonic() < deadline_s:
+        time.sleep(LOOK_S)
 
 
 def _as_daemon(declare: Callable[[], T]) -> T:
