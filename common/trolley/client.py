@@ -20,6 +20,7 @@ cannot be used), and ValueError for what could never be sent, such as a pose tha
 import copy
 import math
 import secrets
+import sys
 import threading
 import time
 import weakref
@@ -633,14 +634,17 @@ class Robot:
             return self.ask(requests.GOAL_SEND, goal)
         self._open()
         self._awaited[goal.id] = threading.get_ident()
+        is_left = True  # a signal's handler may raise anything
         try:
             self.ask(requests.GOAL_SEND, goal)
             *_, status = self.follow(goal.id, timeout)
-        except (KeyboardInterrupt, SystemExit, Closed) as error:
-            if goal.id in self._awaited:
-                self._give_up(goal.id, error)
+            is_left = False
+        except (Refused, RobotUnreachable) as problem:
+            is_left = isinstance(problem, Closed)
             raise
         finally:
+            if is_left and goal.id in self._awaited:
+                self._give_up(goal.id, sys.exc_info()[1])
             self._awaited.pop(goal.id, None)
         if status.state != "arrived":
             self._open()  # closing it has canceled the goal, whose status may still come

@@ -233,7 +233,11 @@ def test_a_callback_gets_messages_until_it_is_closed(add_robot: Callable, endpoi
     assert isinstance(heard[0].poses[0], SavedPose)
 
 
-@pytest.mark.parametrize("raised", [KeyboardInterrupt, SystemExit])
+class ShiftIsOver(Exception):
+    """What only the program knows."""
+
+
+@pytest.mark.parametrize("raised", [KeyboardInterrupt, SystemExit, ShiftIsOver])
 def test_what_a_signal_s_handler_raises_cancels_the_goal(
     add_robot: Callable, endpoint: str, monkeypatch: pytest.MonkeyPatch, raised: type[BaseException]
 ) -> None:
@@ -571,6 +575,42 @@ print(robot.pose(), robot)
         timeout=PATIENCE_S,
     )
     assert "Robot one" in done.stdout
+
+
+@pytest.mark.parametrize("late_s", [0.005, 0.02, 0.06])
+def test_daemons_that_go_on_asking_do_not_abort_python_s_end(
+    add_robot: Callable, endpoint: str, late_s: float
+) -> None:
+    add_robot("one")
+    program = f"""
+import threading, time
+tell = threading.Event.set
+
+def tell_and_be_late(event):
+    tell(event)
+    time.sleep({late_s})
+
+threading.Event.set = tell_and_be_late
+from trolley import Robot, topics
+robot = Robot(connect={endpoint!r})
+asked = threading.Barrier(6)
+
+def ask():
+    robot.latest(topics.POSE)
+    asked.wait()
+    while True:
+        robot.latest(topics.POSE)
+        robot.subscribe(topics.POSE).close()
+        robot.connection.services()
+
+threading.excepthook = lambda _: None  # it is closed
+for _ in range(5):
+    threading.Thread(target=ask, daemon=True).start()
+asked.wait()
+"""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_process_that_was_forked_says_so_and_ends(add_robot: Callable, endpoint: str) -> None:
