@@ -71,6 +71,22 @@ async def follow_goal(robot: RobotLink, goal: SendGoal, name: str, tell: Progres
     return status
 
 
+async def start_trip(robot: RobotLink, start: StartTour) -> TourStatus:
+    """Start a tour without waiting for its end; one whose answer does not come is ended.
+
+    Raises:
+        Refused: It was refused.
+    """
+    before = await robot.latest(topics.TOUR)
+    known = None if before is None else before.trip
+
+    def is_it(now: TourStatus) -> bool:
+        return now.name == start.name and now.trip not in (None, known)
+
+    async with _ended_where_nobody_waits(robot, lambda: _end_trip(robot, is_it)):
+        return await robot.ask(requests.TOUR_START, start)
+
+
 async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> TourStatus:
     """Start a tour and wait until it has ended or stands still, paused, or has taken too long.
 
@@ -80,15 +96,16 @@ async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> Tou
         Refused: It was refused, replaced or forgotten.
     """
     until_s = robot.monotonic_s + LONGEST_WAIT_S
-    trip: str | None = None
+    status = await start_trip(robot, start)
+    trip, sent_ns = status.trip, status.stamp_ns
 
-    async def end() -> None:
-        if trip is not None:
-            await _end_trip(robot, trip)
+    def is_it(now: TourStatus) -> bool:
+        return now.trip == trip  # not somebody else's
 
-    async with robot.heard(topics.TOUR) as statuses, _ended_where_nobody_waits(robot, end):
-        status = await _started(robot, start)
-        trip, sent_ns = status.trip, status.stamp_ns
+    async with (
+        robot.heard(topics.TOUR) as statuses,
+        _ended_where_nobody_waits(robot, lambda: _end_trip(robot, is_it)),
+    ):
         while status.state in TRIP_GOES and robot.monotonic_s < until_s:
             stops = None if status.tour is None else float(len(status.tour.stops))
             await tell(float(status.num_ended), stops, status.message)
@@ -97,17 +114,10 @@ async def follow_trip(robot: RobotLink, start: StartTour, tell: Progress) -> Tou
                 raise Refused(codes.NOT_READY, SILENT.format("The tour service", "tour"))
             if heard.trip == trip:
                 status = heard
+            elif heard.stamp_ns > sent_ns and heard.trip is None:
+                raise Refused(codes.RESTARTED, "The tour service no longer knows the tour.")
             elif heard.stamp_ns > sent_ns:
                 raise Refused(codes.REPLACED, "Another tour took its place.")
-    return status
-
-
-async def _started(robot: RobotLink, start: StartTour) -> TourStatus:
-    """Start a tour, even if the call is canceled now: else nobody knew which one to end."""
-    status: TourStatus | None = None
-    with anyio.CancelScope(shield=True):
-        status = await robot.ask(requests.TOUR_START, start)
-    assert status is not None
     return status
 
 
@@ -145,11 +155,11 @@ async def _cancel(robot: RobotLink, goal: SendGoal) -> None:
     await robot.ask(requests.GOAL_CANCEL, WhichGoal(id=goal.id))
 
 
-async def _end_trip(robot: RobotLink, trip: str) -> None:
+async def _end_trip(robot: RobotLink, is_it: Callable[[TourStatus], bool]) -> None:
     now = await robot.latest(topics.TOUR)
     if now is None:
         raise Refused(codes.NOT_READY)
-    if now.trip == trip:  # not somebody else's
+    if is_it(now):
         await robot.ask(requests.TOUR_STOP, Nothing())
 
 

@@ -33,7 +33,14 @@ from trolley.picture import MapPicture
 from trolley.under_way import GOAL_GOES, TRIP_GOES, TRIP_UNDER_WAY, what_is_under_way
 from trolley.zones import room_at, room_of
 from trolley_mcp.answers import NOT_ALLOWED, NOT_STOPPED, Answer
-from trolley_mcp.drives import Progress, follow_goal, follow_trip, goal_text, send_goal
+from trolley_mcp.drives import (
+    Progress,
+    follow_goal,
+    follow_trip,
+    goal_text,
+    send_goal,
+    start_trip,
+)
 from trolley_mcp.robot_link import RobotLink
 
 Role = Literal["viewer", "operator"]
@@ -352,7 +359,7 @@ async def _start_tour(call: Call, params: TourParams) -> Answer:
         raise Refused(codes.STOPPED)
     start = StartTour(name=params.tour, speed=_speed(call, params.speed))
     if not params.wait:
-        await call.robot.ask(requests.TOUR_START, start)
+        await start_trip(call.robot, start)
         return Answer(f"The tour {params.tour} has begun. {GOES_ON}")
     status = await follow_trip(call.robot, start, call.progress)
     data = {

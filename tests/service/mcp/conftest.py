@@ -182,14 +182,14 @@ class ScriptedRobot(Service):
         return self.goal
 
     @answers(requests.TOUR_START)
-    def start_tour(self, params: StartTour) -> TourStatus:
+    def start_tour(self, params: StartTour) -> TourStatus | Later[TourStatus]:
         self._note("tour/start", params)
         if params.name != "evening":
             raise Refused(codes.UNKNOWN_NAME, "There is no such tour.")
         self._ends_ns = self.monotonic_ns + int(self.drive_s * 1e9)
         now_ns = self.monotonic_ns
         self.trip = TourStatus(stamp_ns=now_ns, name=params.name, trip="t1", state="driving")
-        return self.trip
+        return self.trip if self.answers_goals else Later()
 
     @answers(requests.TOUR_STOP)
     def stop_tour(self, params: Nothing) -> TourStatus:

@@ -337,6 +337,33 @@ def test_a_drive_whose_start_is_not_answered_is_canceled(converse: Converse, wai
     converse(script)
 
 
+@pytest.mark.parametrize("wait", [True, False])
+def test_a_tour_whose_start_is_not_answered_is_ended(converse: Converse, wait: bool) -> None:
+    async def script(talk: "Talk") -> None:
+        talk.robot.answers_goals = False
+        result = await talk.call("start_tour", tour="evening", wait=wait)
+        assert code_of(result) == codes.TIMEOUT
+        await talk.until(lambda: talk.robot.trip.state == "stopped")
+
+    converse(script)
+
+
+def test_a_tour_that_a_restarted_service_has_forgotten_is_said_to_be(converse: Converse) -> None:
+    async def script(talk: "Talk") -> None:
+        results: list[Any] = []
+
+        async def drive() -> None:
+            results.append(await talk.call("start_tour", tour="evening", wait=True))
+
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(drive)
+            await talk.until(lambda: talk.told)
+            talk.robot.trip = TourStatus(stamp_ns=0, name=None, trip=None, state="idle")
+        assert code_of(results[0]) == codes.RESTARTED
+
+    converse(script)
+
+
 def test_two_sessions_do_not_fight(converse: Converse) -> None:
     async def script(talk: "Talk") -> None:
         (other,) = talk.others
