@@ -86,6 +86,8 @@ class RobotInputs:
         if estimate is not None and now_ns is not None:
             age_s = (now_ns - estimate.stamp_ns) * 1e-9
         is_replayed = self.about.latest is not None and self.about.latest.replayed
+        # A robot without either is driven by hand alone.
+        drives_itself = estimate is not None or self.planner.latest is not None
         heard_ns = max(self.planner.arrived_ns or 0, self._here_since_ns)
         return RobotView(
             is_away=now_ns is None,
@@ -96,7 +98,9 @@ class RobotInputs:
             trip=self.trip.latest,
             places=self._places,
             zones=self.zones.latest,
-            has_planner=is_replayed or self._service.monotonic_ns - heard_ns <= SILENT_NS,
+            has_planner=is_replayed
+            or not drives_itself
+            or self._service.monotonic_ns - heard_ns <= SILENT_NS,
         )
 
     @property

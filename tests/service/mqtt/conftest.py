@@ -50,7 +50,7 @@ class ScriptedRobot(Service):
         self.map = "home"
         self.refuse: Refused | None = None
         self.is_deaf = False
-        self.has_planner = True
+        self.has_planner = self.has_localizer = True
 
     @every(0.1, clock="local")
     def tick(self) -> None:
@@ -65,7 +65,8 @@ class ScriptedRobot(Service):
             match=0.9,
             spread=0.0,
         )
-        self.publish(topics.POSE, estimate)
+        if self.has_localizer:
+            self.publish(topics.POSE, estimate)
         self.publish(topics.BASE, structs.replace(self.base, stamp_ns=stamp_ns))
         self.publish(topics.GOAL, structs.replace(self.goal, stamp_ns=stamp_ns))
         self.publish(topics.TOUR, structs.replace(self.trip, stamp_ns=stamp_ns))
@@ -268,6 +269,7 @@ def make_bridge(tmp_path: Path) -> Iterator[Callable[..., Bridge]]:
         forbidden: str = "-",
         webhook: WebhookConfig | None = None,
         broker: str = "broker.home",
+        drives_itself: bool = True,
         **mqtt: Any,
     ) -> Bridge:
         lockstep = Lockstep(robot="robby", state=tmp_path)
@@ -284,7 +286,9 @@ def make_bridge(tmp_path: Path) -> Iterator[Callable[..., Bridge]]:
             mqtt=MqttConfig(broker=broker, **mqtt),
             webhook=webhook or WebhookConfig(),
         )
-        robot = lockstep.add(ScriptedRobot())
+        robot = ScriptedRobot()
+        robot.has_planner = robot.has_localizer = drives_itself
+        lockstep.add(robot)
         robot.save(["kitchen", "hall"], ["evening"])
         service = lockstep.add(MqttService(config, connect))
         lockstep.run(2.5)

@@ -25,6 +25,8 @@ from trolley.messages import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from .conftest import Bridge
 
 BASE = "trolley/robby"
@@ -99,6 +101,15 @@ def test_a_recording_that_is_played_needs_no_planner(bridge: "Bridge") -> None:
     bridge.robot.has_planner = False
     bridge.run(40.0)
     assert (events(bridge), bridge.state["activity"]) == ([], "ready")
+
+
+def test_a_robot_that_is_only_driven_by_hand_needs_no_planner(
+    make_bridge: "Callable[..., Bridge]",
+) -> None:
+    bridge = make_bridge(drives_itself=False)
+    bridge.run(40.0)
+    assert (events(bridge), bridge.state["activity"]) == ([], "waiting")
+    assert bridge.state["message"] == ("The robot has no map yet, or its localizer is not running.")
 
 
 def test_a_stop_and_a_low_battery_are_told(bridge: "Bridge") -> None:
