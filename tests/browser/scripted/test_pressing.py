@@ -6,7 +6,7 @@ from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
 from trolley_viz.controls.markup import details, lead, note
-from trolley_viz.server.messages import Answer, Press, Told
+from trolley_viz.server.messages import Told
 from trolley_viz.words.sentences import StatusLine
 
 from .viewer import Viewer
@@ -29,12 +29,8 @@ def test_what_is_written_anew_between_press_and_release_is_pressed(
     expect(page.get_by_text("Written later")).to_be_visible()  # so the first is known, too
     page.mouse.up()
     expect(page.get_by_text("2 trips")).to_be_visible()
-
-    def pressed() -> list[Press]:
-        return [said.press for _, said in viewer.said if said.press is not None]
-
-    wait_until(pressed, "it is pressed")
-    assert [(one.control, one.value) for one in pressed()] == [(listed.id, "t1")]
+    wait_until(viewer.presses, "it is pressed")
+    assert [(one.control, one.value) for one in viewer.presses()] == [(listed.id, "t1")]
     assert other.id != listed.id
 
 
@@ -47,21 +43,39 @@ def test_what_is_refused_shows_again_what_was_taken_last(page: Page, viewer: Vie
 
     def press(number: int, *, is_done: bool) -> None:
         box.click()
-        presses: list[Press] = []
-
-        def is_heard() -> bool:
-            presses[:] = [said.press for _, said in viewer.said if said.press is not None]
-            return len(presses) == number
-
-        wait_until(is_heard, "it is pressed")
-        answer = Answer(id=presses[-1].id, is_done=is_done, text="It was pressed 3 s ago.")
-        viewer.lines[-1].send(Told(answer=answer))
+        wait_until(lambda: len(viewer.presses()) == number, "it is pressed")
+        viewer.answer(is_done=is_done, text="It was pressed 3 s ago.")
 
     press(1, is_done=True)
     expect(box).to_be_checked()
     press(2, is_done=False)
     expect(page.get_by_text("It was pressed 3 s ago.")).to_be_visible()
     expect(box).to_be_checked()  # as the viewer has it
+
+
+def test_a_press_holds_against_what_was_said_before_it_was_heard(
+    page: Page, viewer: Viewer
+) -> None:
+    controls = Controls()
+    check = controls.add_check("Particles", False)
+    viewer.greet()
+    viewer.tell_controls(controls)
+    box = page.get_by_label("Particles")
+    box.click()
+    wait_until(viewer.presses, "it is pressed")
+    check.label = "Particles · now"
+    viewer.lines[-1].send(Told(controls=controls.take_changes()))
+    expect(page.get_by_text("Particles · now")).to_be_visible()
+    expect(box).to_be_checked()
+    viewer.answer(is_done=True)
+    check.handle(True)
+    check.label = "Particles"
+    viewer.lines[-1].send(Told(controls=controls.take_changes()))
+    expect(page.get_by_text("Particles", exact=True)).to_be_visible()
+    expect(box).to_be_checked()
+    check.value = False  # somebody else
+    viewer.lines[-1].send(Told(controls=controls.take_changes()))
+    expect(box).not_to_be_checked()
 
 
 def test_what_is_written_anew_keeps_the_focus_and_what_was_opened(

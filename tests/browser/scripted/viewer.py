@@ -16,7 +16,7 @@ from trolley.config import VizConfig
 from trolley_viz.controls.controls import Controls
 from trolley_viz.server.access import AccessControl, AccessTokens
 from trolley_viz.server.lines import Line, Lines
-from trolley_viz.server.messages import PROTOCOL, Hello, PageState, Said, Told
+from trolley_viz.server.messages import PROTOCOL, Answer, Hello, PageState, Press, Said, Told
 from trolley_viz.server.web_server import BUILD, WebServer, close_scene, open_scene
 from trolley_viz.words.sentences import StatusLine
 
@@ -70,8 +70,16 @@ class Viewer:
         """Whether the page has answered on the newest line."""
         return any(line is self.lines[-1] for line, _ in self.said)
 
+    def presses(self) -> list[Press]:
+        return [said.press for _, said in self.said if said.press is not None]
+
     def pressed(self) -> list[int]:
-        return [said.press.control for _, said in self.said if said.press is not None]
+        return [press.control for press in self.presses()]
+
+    def answer(self, *, is_done: bool, text: str = "") -> None:
+        """Answer the newest press."""
+        answer = Answer(id=self.presses()[-1].id, is_done=is_done, text=text)
+        self.lines[-1].send(Told(answer=answer))
 
     def beat(self, is_over: threading.Event) -> None:
         """Let the page know all the time that it lives."""

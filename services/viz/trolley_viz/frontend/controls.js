@@ -66,8 +66,10 @@ export class Controls {
       this.all.set(id, drawn);
     }
     const before = drawn.look || {};
-    drawn.look = look;
     this.told.set(id, look);
+    // What comes before its answer was said before the press was heard, which holds against it.
+    if (drawn.numAsked > 0) look = { ...look, value: before.value };
+    drawn.look = look;
     drawn.element.hidden = Boolean(look.is_hidden);
     drawn.show(look, before);
   }
@@ -91,8 +93,13 @@ export class Controls {
     this.sendTyped();
     const drawn = this.all.get(String(id));
     // What is there from now on: what is told later is compared with it.
-    if (drawn !== undefined && "value" in drawn.look) drawn.look = { ...drawn.look, value };
+    const holdsValue = drawn !== undefined && "value" in drawn.look;
+    if (holdsValue) {
+      drawn.look = { ...drawn.look, value };
+      drawn.numAsked = (drawn.numAsked || 0) + 1;
+    }
     const answer = await this.line.ask("press", { control: Number(id), value });
+    if (holdsValue) drawn.numAsked -= 1;
     if (answer.is_done) {
       // What it has taken holds until it tells something else.
       const told = this.told.get(String(id));
