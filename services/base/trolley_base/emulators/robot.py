@@ -150,6 +150,7 @@ class EmulatedRobot:
             self._began_ns = time.monotonic_ns()
             for device in self.devices.values():
                 device.restart(self._began_ns)
+                device.take_frames()  # it was switched on before anybody could open its port
             self._thread.start()
             self._undo = undo.pop_all()
         return self

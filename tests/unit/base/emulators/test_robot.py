@@ -6,6 +6,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -139,6 +140,16 @@ def test_the_arduino_reboots_when_its_port_is_opened(make: Make):
                 lambda times=times: sum("closed the port" in one for one in lines) == times,
                 "it has noticed",
             )
+
+
+def test_who_opens_a_port_at_once_finds_a_device_that_was_switched_on_before(make: Make):
+    with ExitStack() as stack:
+        robot = make("create2")
+        with robot._lock:  # its world waits meanwhile
+            stack.enter_context(robot)
+            link = str(robot.ports["create2"])
+            port = stack.enter_context(serial.Serial(link, 115200, timeout=0.02))
+        assert collect(port, 0.3) == b""
 
 
 def test_faults_begin_and_end(make: Make):
