@@ -52,6 +52,8 @@ People (`among_people.py`), 0.2 m in radius, as discs or as two swinging legs:
     recorded  `--recording FILE`          people as recorded, discs and legs: a line `t id x y` for
                                           each sight of somebody, as ETH's and UCY's recordings
                                           are passed on; t grows by `--per-second` (ETH, UCY: 25)
+    strangers two rooms, corridor, flat,  people by JuPedSim who see the robot and go from place to
+              hall                        place for ever; if it is installed (see `strangers.py`)
     odd       goal in a door +20 cm       to its middle, and back (a place)
               arm ahead, door +15 cm      robot 0.65 x 0.30 m, axle 0.175 m from its back (a place)
               stands in the door, 15 s    the only one, 0.9 m wide
@@ -87,6 +89,7 @@ import multiprocessing
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
@@ -96,6 +99,7 @@ from bench.planner.among_people import PEOPLE, is_free_blindly, recorded_rows
 from bench.planner.draw_visit import draw
 from bench.planner.known_people import Knows
 from bench.planner.situations import CELL_M, SPEED_MPS, STATIC, Row, Scene
+from bench.planner.strangers import STRANGERS
 from bench.planner.visit import LIDARS, Setting, Visit, drive
 
 OUT = Path(__file__).resolve().parents[2] / "out" / "home"
@@ -106,7 +110,9 @@ STANDS_MPS, TURNS_RADPS = 0.05, 0.1
 
 def rows_of(given: argparse.Namespace) -> list[Row]:
     """The rows that are asked for."""
-    rows = (*STATIC, *PEOPLE, *recorded_rows(given.recording, given.per_second))
+    strangers = STRANGERS if find_spec("jupedsim") else ()
+    recorded = recorded_rows(given.recording, given.per_second)
+    rows = (*STATIC, *PEOPLE, *strangers, *recorded)
     return [row for row in rows if not given.row or row.group in given.row]
 
 
@@ -188,7 +194,10 @@ def arguments() -> argparse.Namespace:
     )
     groups = list(dict.fromkeys(row.group for row in (*STATIC, *PEOPLE)))
     parser.add_argument(
-        "--row", nargs="*", choices=[*groups, "recorded"], help="groups of rows; all if not given"
+        "--row",
+        nargs="*",
+        choices=[*groups, "strangers", "recorded"],
+        help="groups of rows; all if not given",
     )
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=0)
@@ -204,7 +213,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--draw-all", action="store_true", help="pictures of successes, too")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--each", action="store_true", help="a line for each drive")
-    return parser.parse_args()
+    given = parser.parse_args()
+    if given.row == ["strangers"] and not find_spec("jupedsim"):
+        parser.error("--row strangers needs JuPedSim: pip install 'jupedsim>=1.4,<2'")
+    return given
 
 
 COMMON_HEADS = ("", "reached", "time/ideal", "worst", "wanted", "", "recoveries", "closest m")
