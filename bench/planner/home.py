@@ -28,6 +28,8 @@ Places (`situations.py`):
     dead-end  dead end 0.55, facing out   1.2 m deep: in, looking out at its end; and out
               dead end 0.55, from its end looking in; to a goal outside, looking away
               dead end 0.40, out again    too narrow to turn: in, looking in; and out
+    behind    goal behind it in a         0.8 to 2.0 m wide, 7 to 10 m long; there and back
+              corridor
     bend      L, Z, axle at the rear      a corridor 0.60, 0.65 or 0.70 m wide with one bend or two,
                                           robot 0.60 x 0.42 m, axle 0.10 m from its back; in and
                                           back. Only where an exhaustive search keeps 3 cm

@@ -275,6 +275,16 @@ def out_of_dead_end(seed: int) -> Scene:
     return replace(there, start=end, goals=(outside,))
 
 
+def behind(seed: int) -> Scene:
+    """A corridor 7 to 10 m long; a goal behind the robot, looking as it does, and back."""
+    rng = np.random.default_rng((18, seed))
+    half = 0.5 * float(rng.choice([0.8, 1.0, 1.5, 2.0]))
+    long = on_cells(float(rng.uniform(7.0, 10.0)))
+    y, yaw = rng.choice([0.0, 1.0]) * rng.uniform(-0.1, 0.1, 2)
+    start, goal = Pose2D(2.0, float(y), math.pi + float(yaw)), Pose2D(long - 0.6, 0.0, math.pi)
+    return Scene("behind", room((0.0, -half), (long, half)), start, (goal, start))
+
+
 def bend(seed: int, *, is_z: bool) -> Scene:
     """A corridor 0.60 to 0.70 m wide with one bend or two, between two rooms.
 
@@ -333,6 +343,7 @@ STATIC = (
     Row("dead end 0.55, from its end", "dead-end", out_of_dead_end, 2.5),
     Row("dead end 0.40, out again", "dead-end",
         lambda seed: dead_end(seed, 0.40, faces_out=False), 2.5),
+    Row("goal behind it in a corridor", "behind", behind, 1.5),
     Row("L, axle at the rear", "bend", lambda seed: bend(seed, is_z=False), 2.5),
     Row("Z, axle at the rear", "bend", lambda seed: bend(seed, is_z=True), 2.5),
 )  # fmt: skip

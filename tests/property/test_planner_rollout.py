@@ -102,7 +102,7 @@ def plain_rollout(controls: np.ndarray, start: np.ndarray, scene: Scene) -> floa
         if (target.x - x) ** 2 + (target.y - y) ** 2 < target.radius**2:
             left = (steps - 1 - step) * limits.dt
             return cost - (left * limits.max_speed if target.goes_on else 0.0)
-    return cost + terminal_cost(field, (x, y), turned, target)
+    return cost + terminal_cost(field, (x, y), turned, target, limits)
 
 
 @settings(max_examples=cases(25), deadline=None)

@@ -1,6 +1,7 @@
 """The planner service on the bus: goals, commands, and what interrupts them."""
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import msgspec
@@ -49,6 +50,24 @@ def test_a_goal_is_driven_to(stage: Stage, far_side: Pose2D) -> None:
     before = len(stage.commands)
     stage.lockstep.run(3.0)
     assert len(stage.commands) == before, "with no goal it is silent"
+
+
+def test_it_turns_round_to_a_goal_behind_it(tmp_path) -> None:
+    """It backed along the whole corridor, at half the speed: turning did not pay so soon."""
+    world = Flatland(empty_room(12.0, 1.7), Pose2D(3.0, 0.85, math.pi))
+    stage = Stage(tmp_path, world)
+    stage.send(Pose2D(10.0, 0.85, math.pi))
+    poses = [world.pose]
+
+    def has_arrived() -> bool:
+        poses.append(world.pose)
+        return stage.goals[-1].state == "arrived"
+
+    assert stage.lockstep.run_until(has_arrived, 60.0)
+    stage.lockstep.close()
+    moves_m = [(before.inverse() @ after).x for before, after in pairwise(poses)]
+    assert sum(move_m for move_m in moves_m if move_m < 0.0) > -1.0
+    assert world.touches == 0
 
 
 def test_commands_come_evenly_stamped_and_name_their_scan(stage: Stage, far_side: Pose2D) -> None:

@@ -79,7 +79,7 @@ def test_half_blind_it_turns_exactly_on_the_spot_to_what_lies_behind_it(ride) ->
     drive = ride(HalfBlind(empty_room(), Pose2D(4.0, 3.0, 0.2), footprint=HOBBY))
     drive.send(Pose2D(2.0, 3.0, 0.0))
     first = len(drive.commands)
-    drive.step(14)
+    drive.step(16)
     turning = [twist for twist in drive.commands[first:] if abs(twist.wz) > 0.4]
     assert len(turning) > 8
     assert {twist.vx for twist in turning} == {0.0}

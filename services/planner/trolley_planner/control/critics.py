@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from trolley.gridmap.kernels import interpolate
 from trolley.jit import kernel
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.costmap.footprint import Field
 
 
@@ -135,14 +136,34 @@ def terminal_cost(
     place: tuple[float, float],
     turned: tuple[float, float],
     target: Target,
+    limits: Limits,
 ) -> float:
     """Return the cost from a rollout's end on; `turned`: cosine and sine of its heading."""
     x, y = place
-    cost = cost_at(field, x, y)
+    cost = left_m = cost_at(field, x, y)
     # Beside the target the heading is the final approach's business.
     if math.hypot(target.x - x, target.y - y) > CRITIC_PARAMS.heading_matters_m:
         ahead_x, ahead_y = downhill_point(field, x, y, CRITIC_PARAMS.heading_ahead_m)
         length = math.hypot(ahead_x - x, ahead_y - y)
         along = turned[0] * (ahead_x - x) + turned[1] * (ahead_y - y)
-        cost += CRITICS.heading * (1.0 - along / length) if length > 0.0 else 0.0
+        ahead = along / length if length > 0.0 else 1.0
+        cost += CRITICS.heading * (1.0 - ahead)
+        # Among people it is more important to get out of their way.
+        if ahead < 0.0 and field.walkers.shape[0] == 0:
+            cost -= ahead * cost_of_turning_round(math.inf if target.goes_on else left_m, limits)
     return cost
+
+
+@kernel
+def cost_of_turning_round(left_m: float, limits: Limits) -> float:
+    """Return what it costs to look away from a path: to turn round, or to back all the way.
+
+    Args:
+        left_m: length of the path.
+        limits: of the robot.
+    """
+    turn = math.pi * limits.max_speed / limits.max_turn
+    if limits.max_reverse <= 0.0:
+        return turn
+    slower = limits.max_speed / limits.max_reverse - 1.0
+    return min(turn, (slower + CRITICS.reverse) * left_m)

@@ -163,7 +163,7 @@ def rollouts_into(
             count = end_lanes(out_costs, lanes, count, (step, steps), floor, scene)
         for lane in range(count):
             place, turned = (lanes.x[lane], lanes.y[lane]), (lanes.cos[lane], lanes.sin[lane])
-            end = terminal_cost(field, place, turned, scene.target)
+            end = terminal_cost(field, place, turned, scene.target, limits)
             out_costs[lanes.sequence[lane]] = lanes.cost[lane] + end
 
 
