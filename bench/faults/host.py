@@ -133,6 +133,7 @@ def _on_bad_disk(
                 "comes back with all its data",
                 kill,
                 stands_s=HOW_IT_STANDS[one][1],
+                until_found=one == "localizer",
                 restarts=one,
             ),
         )
@@ -309,6 +310,7 @@ def starving() -> list[Fault]:
             f"is killed and restarted; {words}",
             partial(_starve, service),
             stands_s=stands_s,
+            until_found=service == "localizer",
             asks=asks,
             restarts=service,
         )

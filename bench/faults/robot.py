@@ -7,6 +7,7 @@ the observer still sees it.
 
 import contextlib
 import json
+import math
 import os
 import signal
 import socket
@@ -102,6 +103,7 @@ class Rig:
         self.tour: TourStatus | None = None
         self.base: BaseState | None = None
         self.pose: PoseEstimate | None = None
+        self._found_s = -math.inf
         self.reports: list[str] = []
         self._ports = [_free_port() for _ in range(4)]
         self.endpoint, self.judge, self.cut_endpoint = (
@@ -164,6 +166,7 @@ class Rig:
         self.connection = self._stack.enter_context(Connection([self.endpoint], 20.0))
         for topic, name in ((topics.TOUR, "tour"), (topics.BASE, "base"), (topics.POSE, "pose")):
             self._follow(topic, name)
+        self.connection.listen(topics.POSE.key(ROBOT), self._note_pose)
 
     def _start_emulator(self, config: Path) -> None:
         command = [*TROLLEY, "emulate", *DEVICES, "--quiet", "--robot", ROBOT]
@@ -237,6 +240,16 @@ class Rig:
                 return  # somebody else's rubbish, in the tests of that
 
         self.connection.listen(topic.key(ROBOT), take)
+
+    def _note_pose(self, sample: Sample) -> None:
+        with contextlib.suppress(codec.BadPayload):
+            pose = codec.decode(PoseEstimate, sample.payload, sample.encoding)
+            if pose.state == "localized":
+                self._found_s = time.monotonic()
+
+    def is_found_since(self, since_s: float) -> bool:
+        """Whether it has known where it is after that moment of local monotonic time."""
+        return self._found_s > since_s
 
     @property
     def speed(self) -> float:

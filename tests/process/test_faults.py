@@ -5,7 +5,7 @@ import signal
 from collections.abc import Generator
 
 import pytest
-from bench.faults.cases import COMMAND_LOST_S, FAULTS, Fault, disturb
+from bench.faults.cases import COMMAND_LOST_S, FAULTS, POSE_LOST_S, Fault, disturb
 from bench.faults.robot import Rig
 from bench.faults.saved import lost
 
@@ -38,6 +38,13 @@ def test_a_frozen_planner_is_started_again(rig: Rig) -> None:
     outcome = disturb(rig, fault)
     assert outcome.wrong == []
     assert "planner hangs; killing it" in rig.reports
+
+
+def test_a_robot_that_has_found_itself_again_need_not_have_stood(rig: Rig) -> None:
+    fault = Fault("a moment", "", lambda _: None, stands_s=POSE_LOST_S, until_found=True)
+    outcome = disturb(rig, fault)
+    assert outcome.wrong == []
+    assert outcome.stood_s is None
 
 
 def test_what_is_lost_is_seen(rig: Rig) -> None:
