@@ -63,7 +63,7 @@ class Target:
 
 
 def targets(robot: str) -> list[Target]:
-    """All of them: nothing of the tables is left out."""
+    """All of them but what `trolley setup` answers, which runs only where no service does."""
     found: list[Target] = []
     for topic in topics.TOPICS:
         if topic.kind is Kind.TOKEN:
@@ -72,6 +72,8 @@ def targets(robot: str) -> list[Target]:
         is_stored = topic.kind is Kind.STORED
         found.append(Target(topic.key(robot, *parts), topic.message, False, is_stored))
     for request in requests.REQUESTS:
+        if request.owner == "setup":
+            continue
         key = request.key(robot)
         found.append(Target(key, request.params, True, always=request.always))
     return found

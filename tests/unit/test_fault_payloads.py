@@ -2,6 +2,7 @@
 
 import pytest
 from bench.faults.payloads import Target, broken, targets, valid
+from bench.faults.robot import SERVICES
 
 from trolley import requests, topics
 from trolley.topics import Kind
@@ -9,9 +10,11 @@ from trolley.topics import Kind
 TARGETS = targets("robot")
 
 
-def test_no_row_of_the_tables_is_left_out() -> None:
+def test_no_row_of_the_tables_that_a_running_robot_answers_is_left_out() -> None:
     rows = [topic for topic in topics.TOPICS if topic.kind is not Kind.TOKEN]
-    assert len(TARGETS) == len(rows) + len(requests.REQUESTS)
+    asked = {target.key for target in TARGETS if target.is_request}
+    assert asked == {one.key("robot") for one in requests.REQUESTS if one.owner in SERVICES}
+    assert len(TARGETS) == len(rows) + len(asked)
     for topic in rows:
         assert any(topic.match(target.key) for target in TARGETS), topic.name
 
