@@ -58,8 +58,8 @@ class Supervision:
             return
         try:
             self._channel.sendto(text.encode(), flags, self._address)
-        except (ConnectionRefusedError, FileNotFoundError):
-            return  # whoever listened has gone; there is nobody left to tell
+        except (ConnectionRefusedError, FileNotFoundError, PermissionError):
+            return  # whoever listened has gone, or is another user's; there is nobody to tell
         except BlockingIOError:
             return  # whoever listens is stopped itself, and this thread must not wait for it
 

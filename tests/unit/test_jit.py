@@ -140,6 +140,16 @@ def test_whoever_waits_for_the_process_hears_of_each_kernel_that_is_compiled(tre
         assert num_heard() == 0  # read from the disk
 
 
+def test_it_compiles_where_it_may_not_tell_the_one_whose_environment_it_has(tree: Path) -> None:
+    """As another user's program, by `su` in a shell of systemd's."""
+    listener, other = (socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) for _ in range(2))
+    with listener, other:
+        listener.bind(str(tree / "notify"))
+        other.bind(str(tree / "other"))
+        listener.connect(str(tree / "other"))  # so that nobody else may send
+        assert run(tree, NOTIFY_SOCKET=str(tree / "notify")) == "float 9.0 0\n"
+
+
 def test_code_that_was_read_can_still_be_called_by_what_is_compiled(compiled_tree: Path) -> None:
     source = (compiled_tree / "outer.py").read_text()
     reads_first = "print(scaled(1.0), sum(scaled.stats.cache_hits.values()))\n    kinds = sys"
