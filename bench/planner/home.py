@@ -216,7 +216,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--each", action="store_true", help="a line for each drive")
     given = parser.parse_args()
-    if given.row == ["strangers"] and not find_spec("jupedsim"):
+    if "strangers" in (given.row or ()) and not find_spec("jupedsim"):
         parser.error("--row strangers needs JuPedSim: pip install 'jupedsim>=1.4,<2'")
     return given
 
