@@ -598,9 +598,9 @@ class Robot:
     ) -> GoalStatus:
         """Drive to a place; with `wait` until it is there. `follow` shows how it goes.
 
-        Ctrl-C while it waits, or `sys.exit()` in a signal's handler, cancels the goal. While it is
-        paused, since somebody stopped the robot, say, it goes on waiting: continue the goal by
-        `ask(requests.GOAL_RESUME)`.
+        Ctrl-C while it waits, or whatever else a signal's handler raises, cancels the goal. While
+        it is paused, since somebody stopped the robot, say, it goes on waiting: continue the goal
+        by `ask(requests.GOAL_RESUME)`.
 
         Args:
             place: a saved place's name, a pose, or x [m], y [m] and perhaps yaw [rad]; without a
