@@ -12,7 +12,7 @@ from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley.gridmap import GridMap
 from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.controller import Motion, limits_of
-from trolley_planner.control.critics import Target
+from trolley_planner.control.critics import Target, cost_of_turning_round
 from trolley_planner.control.mppi import Mppi
 from trolley_planner.costmap.footprint import Footprint
 
@@ -84,3 +84,10 @@ def test_a_straight_path_at_an_angle_to_the_cells_is_kept(yaw: float) -> None:
         away = driver.pose.as_array()[:2] - start
         off_m.append(abs(ahead[0] * away[1] - ahead[1] * away[0]))
     assert max(off_m) < 0.035
+
+
+def test_out_of_people_s_way_it_need_not_turn_round_first() -> None:
+    """In a corridor it turned, and was 1.6 s later at a place 1.5 m behind it."""
+    hurried = LIMITS._replace(max_reverse=LIMITS.max_speed)
+    assert cost_of_turning_round(1.5, LIMITS) > 0.0
+    assert cost_of_turning_round(1.5, hurried) == cost_of_turning_round(math.inf, hurried) == 0.0

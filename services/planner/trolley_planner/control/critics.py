@@ -166,4 +166,5 @@ def cost_of_turning_round(left_m: float, limits: Limits) -> float:
     if limits.max_reverse <= 0.0:
         return turn
     slower = limits.max_speed / limits.max_reverse - 1.0
-    return min(turn, (slower + CRITICS.reverse) * left_m)
+    # Nothing where it backs as fast, as out of people's way.
+    return min(turn, slower * left_m) if slower > 0.0 else 0.0
