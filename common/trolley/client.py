@@ -985,15 +985,14 @@ def goal_to(
     name, pose = (place, None) if isinstance(place, str) else (None, as_pose(place))
     if not isinstance(place, str | Pose2D) and len(place) == 2 and yaw_tolerance is None:
         yaw_tolerance = ANY_HEADING
-    given = {"xy_tolerance": xy_tolerance, "yaw_tolerance": yaw_tolerance}
+    given = {"speed": speed, "xy_tolerance": xy_tolerance, "yaw_tolerance": yaw_tolerance}
     return request_params.SendGoal(
         id=_new_id(),
         name=name,
         pose=pose,
-        speed=speed,
         via=list(via),
         frame=frame,
-        **_without_none(given),
+        **_numbers(given),
     )
 
 
@@ -1015,9 +1014,8 @@ def person_at(
     return request_params.FollowPerson(
         id=_new_id(),
         point=None if at is None else (at.x, at.y),
-        speed=speed,
         frame=frame,
-        **_without_none({"distance": distance}),
+        **_numbers({"distance": distance, "speed": speed}),
     )
 
 
@@ -1025,9 +1023,9 @@ def _new_id() -> str:
     return f"py-{secrets.token_hex(6)}"
 
 
-def _without_none(values: dict[str, Any]) -> dict[str, Any]:
-    """What was given; the rest is left to the request's own defaults."""
-    return {name: value for name, value in values.items() if value is not None}
+def _numbers(given: dict[str, float | None]) -> dict[str, Any]:
+    """What was given, NumPy's numbers too; the rest is left to the request's own defaults."""
+    return {name: float(number) for name, number in given.items() if number is not None}
 
 
 def _deadline(timeout: float | None) -> float | None:

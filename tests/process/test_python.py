@@ -130,6 +130,17 @@ def test_a_robot_that_does_not_measure_its_battery_says_so(
         assert robot.battery() == Battery(fraction=None, voltage=None, charging=None)
 
 
+def test_a_number_of_numpy_is_sent_as_any_other(add_robot: Callable, endpoint: str) -> None:
+    """What could not be sent was canceled as if it had been."""
+    scripted = add_robot("one")
+    with Robot(connect=endpoint) as robot:
+        robot.go_to("kitchen", wait=False, speed=np.float64(0.3), xy_tolerance=np.float64(0.25))
+        with pytest.raises(TypeError):
+            robot.go_to("kitchen", speed=object())  # pyrefly: ignore[bad-argument-type]
+    assert [(goal.speed, goal.xy_tolerance) for goal in scripted.sent] == [(0.3, 0.25)]
+    assert scripted.canceled == []
+
+
 def test_what_could_be_no_place_is_never_sent(add_robot: Callable, endpoint: str) -> None:
     scripted = add_robot("one")
     nan = math.nan
