@@ -27,6 +27,7 @@ class TalkLink:
 
     def __init__(self, talk: EmulatedTalk) -> None:
         self.dialogue = talk.dialogue
+        self.is_gone = False
         self._talk = talk
 
     def listen(self, now_ns: int) -> None:
