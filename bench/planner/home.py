@@ -91,7 +91,6 @@ import multiprocessing
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
@@ -112,9 +111,8 @@ STANDS_MPS, TURNS_RADPS = 0.05, 0.1
 
 def rows_of(given: argparse.Namespace) -> list[Row]:
     """The rows that are asked for."""
-    strangers = STRANGERS if find_spec("jupedsim") else ()
     recorded = recorded_rows(given.recording, given.per_second)
-    rows = (*STATIC, *PEOPLE, *strangers, *recorded)
+    rows = (*STATIC, *PEOPLE, *STRANGERS, *recorded)
     return [row for row in rows if not given.row or row.group in given.row]
 
 
@@ -216,7 +214,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--each", action="store_true", help="a line for each drive")
     given = parser.parse_args()
-    if "strangers" in (given.row or ()) and not find_spec("jupedsim"):
+    if "strangers" in (given.row or ()) and not STRANGERS:
         parser.error("--row strangers needs JuPedSim: pip install 'jupedsim>=1.4,<2'")
     return given
 

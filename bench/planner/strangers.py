@@ -13,6 +13,7 @@ Source:
 import importlib
 import math
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -233,9 +234,10 @@ def hall(seed: int) -> Scene:
     return peopled(scene, floor, 12, draw, rng, seed)
 
 
-STRANGERS = (
+STRANGERS: tuple[Row, ...] = (
     Row("strangers in two rooms", "strangers", two_rooms, 1.4),
     Row("strangers in a corridor", "strangers", corridor, 1.4),
     Row("strangers in a flat", "strangers", flat, 1.4),
     Row("strangers in a hall", "strangers", hall, 1.4),
-)
+) if find_spec("jupedsim") else ()  # fmt: skip
+"""None where JuPedSim is missing."""

@@ -556,13 +556,9 @@ def test_ask_and_pub_speak_the_wire_from_the_shell(add_robot: Callable, endpoint
     assert run("topic", "pub", "tf/*", "{}")[0] == 2
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.005, 0.01, 0.015])
-def test_a_robot_that_nobody_closes_neither_hangs_nor_aborts_python_s_end(
-    add_robot: Callable, endpoint: str, late_s: float
-) -> None:
-    """A thread of Zenoh's that had said its last word, and was late to end, crashed it."""
-    add_robot("one")
-    program = f"""
+def robot_of_a_late_thread(late_s: float, endpoint: str) -> str:
+    """How a program begins whose threads go on a while after they told that they are over."""
+    return f"""
 import threading, time
 tell = threading.Event.set
 
@@ -573,7 +569,16 @@ def tell_and_be_late(event):
 threading.Event.set = tell_and_be_late
 from trolley import Robot, topics
 robot = Robot(connect={endpoint!r})
-robot.on(topics.ODOM, id)
+"""
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.005, 0.01, 0.015])
+def test_a_robot_that_nobody_closes_neither_hangs_nor_aborts_python_s_end(
+    add_robot: Callable, endpoint: str, late_s: float
+) -> None:
+    """A thread of Zenoh's that had said its last word, and was late to end, crashed it."""
+    add_robot("one")
+    program = f"""{robot_of_a_late_thread(late_s, endpoint)}robot.on(topics.ODOM, id)
 waits = robot.subscribe(topics.POSE)
 robot.now_ns()
 print(robot.pose(), robot)
@@ -593,18 +598,7 @@ def test_daemons_that_go_on_asking_do_not_abort_python_s_end(
     add_robot: Callable, endpoint: str, late_s: float
 ) -> None:
     add_robot("one")
-    program = f"""
-import threading, time
-tell = threading.Event.set
-
-def tell_and_be_late(event):
-    tell(event)
-    time.sleep({late_s})
-
-threading.Event.set = tell_and_be_late
-from trolley import Robot, topics
-robot = Robot(connect={endpoint!r})
-asked = threading.Barrier(6)
+    program = f"""{robot_of_a_late_thread(late_s, endpoint)}asked = threading.Barrier(6)
 
 def ask():
     robot.latest(topics.POSE)

@@ -150,8 +150,10 @@ def test_who_stands_in_the_only_door_is_waited_for_at_a_distance(play) -> None:
     assert scene.goes_on()
 
 
-@pytest.mark.parametrize("before_m", [3.0, 0.7])
-def test_who_comes_out_of_the_only_door_finds_the_robot_beside_their_way(play, before_m) -> None:
+@pytest.mark.parametrize(("before_m", "apart_from_s"), [(3.0, 0.0), (0.7, 8.5)])
+def test_who_comes_out_of_the_only_door_finds_the_robot_beside_their_way(
+    play, before_m, apart_from_s
+) -> None:
     """It waited in front of them, and they walked into it."""
     start = Pose2D(DOOR[0] - before_m, DOOR[1], 0.0)
     scene = play(two_rooms(0.9), OTHER_ROOM, start)
@@ -159,7 +161,7 @@ def test_who_comes_out_of_the_only_door_finds_the_robot_beside_their_way(play, b
 
     def person(time_s: float, robot: Pose2D) -> Places:
         at = walk([DOOR, (1.0, 3.0), (1.0, 5.0)], 0.8, max(time_s - 9.0, 0.0))
-        if time_s > 8.5:
+        if time_s >= apart_from_s:
             away_m.append(math.dist((robot.x, robot.y), at))
         return [at]
 
