@@ -37,6 +37,7 @@ from trolley_viz.languages.catalogue import ENGLISH, catalogues, known_language
 from trolley_viz.languages.translator import translator_of
 from trolley_viz.server.access import AccessControl, AccessDecision, AccessRequest
 from trolley_viz.server.lines import Line, Lines
+from trolley_viz.server.scene_buffer import SceneBuffer
 from trolley_viz.server.scene_link import SceneLink
 from trolley_viz.server.sending import wait_for_room
 
@@ -108,13 +109,10 @@ class PortTaken(RuntimeError):
 class SceneServer(viser.ViserServer):
     """A viser server that sends at once and never opens a tunnel to the outside."""
 
-    def send_at_once(self) -> None:
-        """Send what is drawn without waiting for more; `atomic` keeps together what belongs so.
-
-        viser would wait until 17 ms are over or it is told to flush, before it sends and after it:
-        its thread would wake three times for each picture.
-        """
-        self._websock_server.get_message_buffer().window_duration_sec = 0.0
+    def __init__(self, host: str, port: int) -> None:
+        """Open it, and say nothing of it."""
+        super().__init__(host, port, verbose=False)
+        self._websock_server.get_message_buffer().__class__ = SceneBuffer
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: a public address would let strangers drive the robot."""
@@ -134,8 +132,7 @@ def open_scene() -> SceneServer:
         port = probe.getsockname()[1]
     # viser prints a banner whatever it is told; what people need to know stands in the log.
     with contextlib.redirect_stdout(io.StringIO()):
-        scene = SceneServer(host=host, port=port, verbose=False)
-    scene.send_at_once()
+        scene = SceneServer(host, port)
     scene.gui.configure_theme(show_logo=False, show_share_button=False)
     # Drawing the shadows would be most of the work for each picture, and nothing here needs one.
     scene.scene.configure_default_lights(cast_shadow=False)
