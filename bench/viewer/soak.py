@@ -126,11 +126,12 @@ def main() -> None:
         try:
             wait_until(
                 lambda: (
-                    robot.latest(topics.POSES) is not None
+                    (saved := robot.latest(topics.POSES)) is not None
+                    and len(saved.poses) > 0
                     and (pose := robot.latest(topics.POSE)) is not None
                     and pose.state == "localized"
                 ),
-                "the robot is localized",
+                "the robot is localized and has places to go to",
             )
             start_endless(robot)
             readings = watch(demo, f"http://127.0.0.1:{port}", minutes)
