@@ -56,6 +56,7 @@ def open_folders(page: Page) -> None:
         closed[0].click()
 
 
+@pytest.mark.slow
 def test_axe_finds_nothing_on_a_card_and_beside_the_joystick(page: Page) -> None:
     card = page.get_by_role("heading", name="kitchen")
     stick = page.locator(".hand-card")

@@ -63,7 +63,12 @@ def close(page: Page) -> None:
 
 
 @pytest.mark.parametrize(
-    ("width", "height", "spots"), [(1024, 768, SPOTS), (390, 844, SPOTS), (844, 390, FREE)]
+    ("width", "height", "spots"),
+    [
+        (1024, 768, SPOTS),
+        (390, 844, SPOTS),
+        pytest.param(844, 390, FREE, marks=pytest.mark.slow),
+    ],
 )
 def test_a_card_leaves_the_touched_spot_in_sight(
     shown: "Shown", browser: Browser, width: int, height: int, spots: list[tuple[float, float]]

@@ -151,6 +151,7 @@ def test_a_drive_backwards_stays_as_it_was_searched() -> None:
 def test_what_lies_out_of_the_local_costmap_stays(first: int) -> None:
     drive, field = straight(0.015).poses[first:], field_of(two_rooms(0.35))
     cols = round((DOOR[0] + 0.3) / field.fine_m)
-    found = recentered(drive, field._replace(distance_m=field.distance_m[:, :cols]), HOBBY.body)
+    distance_m = np.ascontiguousarray(field.distance_m[:, :cols])
+    found = recentered(drive, field._replace(distance_m=distance_m), HOBBY.body)
     is_out = drive[:, 0] > cols * field.fine_m - HOBBY.circumscribed_m
     assert np.allclose(found[is_out], drive[is_out])

@@ -17,7 +17,7 @@ BACK = np.array([(4.0, 3.0, 0.0), (1.0, 3.0, 0.0)])
 
 
 @pytest.mark.parametrize("own_name", ["z", "0"])
-@pytest.mark.parametrize("names", ["a", "ab"])
+@pytest.mark.parametrize("names", [pytest.param("a", marks=pytest.mark.slow), "ab"])
 def test_the_goal_ends_while_robots_with_goals_stand_in_the_door_for_ever(
     ride, own_name: str, names: str
 ) -> None:

@@ -67,7 +67,7 @@ def test_a_blocked_way_fails_after_bounded_tries(ride) -> None:
     assert world.twist.is_zero
 
 
-@pytest.mark.parametrize("changes", ["zones", "map"])
+@pytest.mark.parametrize("changes", [pytest.param("zones", marks=pytest.mark.slow), "map"])
 def test_a_blocked_way_fails_though_map_or_zones_change_again_and_again(ride, changes) -> None:
     drive = ride(Flatland(two_rooms(), START), PlannerConfig(give_up_s=10.0))
     drive.send(Pose2D(6.5, 4.5, 1.5))
