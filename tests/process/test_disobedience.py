@@ -72,7 +72,7 @@ def test_a_linorobot_that_does_not_obey_is_told_of(make_metal: Callable[..., Met
         # With a gyro it is known what of a wheel is broken.
         for fault, word in (
             ("motor=left", "left wheel does not turn: look at the motor"),
-            ("encoder=right", "right encoder counts nothing, though"),
+            ("encoder=right", "right encoder counts nothing, or"),
         ):
             metal.start_driving(AHEAD)
             metal.emulated.fault(f"linorobot:{fault}")

@@ -28,6 +28,8 @@ class MotionDiagnosisParams:
     witness_wz: float = 0.2
     """The gyro decides between two explanations whose turn rates differ by at least this
     [rad/s]."""
+    witness_share: float = 0.3
+    """Share of that difference within which it is near to one of them."""
 
 
 PARAMS = MotionDiagnosisParams()
@@ -110,8 +112,8 @@ def drives_otherwise(
         detail = (
             "it turns, but its encoders count nothing: look at their cables"
             if as_told
-            else "its wheels do not turn: look at the motors' power, at what may block the wheels, "
-            "and at the encoders' cables"
+            else "its wheels do not turn: look at what may hold the robot or block its wheels, at "
+            "the motors' power, and at the encoders' cables"
         )
     elif any(stands):
         side = ("left", "right")[stands.index(True)]
@@ -120,8 +122,13 @@ def drives_otherwise(
             detail = (
                 f"its {side} wheel does not turn: look at the motor there, and at what may block it"
             )
-        if as_told:
+        if as_told and abs(told.wz) >= PARAMS.witness_wz:
             detail = f"its {side} encoder counts nothing, though the wheel turns: look at its cable"
+        elif as_told:  # it drives straight on, or stands: neither is a turn
+            detail = (
+                f"its {side} encoder counts nothing, or that wheel is held and the other one "
+                "slips: look at the encoder's cable, and at what may hold the robot"
+            )
     elif turns_back and abs(wheels.vx - told.vx) < PARAMS.told_speed + 0.5 * abs(told.vx):
         detail = "it turns the wrong way: motors or encoders of left and right are swapped"
         if as_wheels:
@@ -154,4 +161,5 @@ def is_standing(speed: float, wanted: float) -> bool:
 def _is_nearer(gyro: float | None, one: float, other: float) -> bool:
     """Whether the gyro says `one` rather than `other`; what is near to neither is no witness."""
     apart = abs(one - other)
-    return gyro is not None and apart >= PARAMS.witness_wz and abs(gyro - one) < 0.5 * apart
+    is_near = gyro is not None and abs(gyro - one) < PARAMS.witness_share * apart
+    return is_near and apart >= PARAMS.witness_wz
