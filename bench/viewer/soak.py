@@ -126,12 +126,12 @@ def main() -> None:
         try:
             wait_until(
                 lambda: (
-                    (saved := robot.latest(topics.POSES)) is not None
-                    and len(saved.poses) > 0
+                    (stored := robot.latest(topics.TOURS)) is not None
+                    and len(stored.tours) > 0
                     and (pose := robot.latest(topics.POSE)) is not None
                     and pose.state == "localized"
                 ),
-                "the robot is localized and has places to go to",
+                "the robot is localized, and its places and tour are stored",
             )
             start_endless(robot)
             readings = watch(demo, f"http://127.0.0.1:{port}", minutes)

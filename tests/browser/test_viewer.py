@@ -17,7 +17,7 @@ from trolley.geometry import wrap_angle
 from trolley.messages import SavedPose
 
 from .conftest import open_page, open_viewer
-from .seeing import pixel_of, press, undrawn, wait_for_frames
+from .seeing import canvas, pixel_of, press, undrawn, wait_for_frames
 
 if TYPE_CHECKING:
     from .conftest import Shown
@@ -135,6 +135,26 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     expect(hint).to_have_text(re.compile(r"\d+\.\d m, about [\d.]+ s"))
     context.close()
     assert goal_state(shown) == "canceled"
+
+
+COUNT_LINKS = """async (canvas) => {
+  const gl = canvas.getContext("webgl2");
+  let links = 0, colours = 0;
+  for (const name of ["bufferData", "bufferSubData", "linkProgram"]) {
+    gl[name] = function (...given) {
+      if (name === "linkProgram") links++;
+      else if (given.some((one) => one instanceof Uint8Array)) colours++;
+      return WebGL2RenderingContext.prototype[name].apply(gl, given);
+    };
+  }
+  while (colours < 12) await new Promise((done) => setTimeout(done, 50));
+  return links;
+}"""
+"""How many programs are linked while the colours of twelve scans are drawn."""
+
+
+def test_the_browser_links_no_program_anew_for_each_scan(page: Page) -> None:
+    assert canvas(page).evaluate(COUNT_LINKS) < 4
 
 
 def test_tools_are_taken_and_left_by_keys_and_by_buttons(page: Page) -> None:

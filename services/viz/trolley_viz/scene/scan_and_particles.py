@@ -16,6 +16,8 @@ BEAM_COLOURS = np.array(
 )
 """By class: on the map, not on the map, behind a mirror or glass, suspected, unused."""
 PLAIN_SCAN = BEAM_COLOURS[0]
+OUT_OF_SIGHT = np.full((2, 3), -1e6, np.float32)
+"""Farther away than cameras see [m]."""
 
 MAX_PARTICLES = 500
 """More say nothing more to the eye, and fill a phone's radio."""
@@ -65,21 +67,29 @@ class ScanLayer(Layer):
 
     def _show(self, points: NDArray[np.float32], colours: NDArray[np.uint8]) -> None:
         if self._points is None:
-            self._points = self.scene.add_point_cloud(
-                self.path("points"),
-                points,
-                colours,
-                point_size=0.024,
-                point_shape="circle",
-                point_shading="flat",
-                precision="float32",
-            )
+            # For other colours viser makes another material, and browsers link a program for each
+            # unless something else uses the same one.
+            self._add("program", OUT_OF_SIGHT, BEAM_COLOURS[:2])
+            self._points = self._add("points", points, colours)
             return
         with self.server.atomic():
             if len(points):
                 self._points.points = points
                 self._points.colors = colours
             self._points.visible = len(points) > 0
+
+    def _add(
+        self, name: str, points: NDArray[np.float32], colours: NDArray[np.uint8]
+    ) -> viser.PointCloudHandle:
+        return self.scene.add_point_cloud(
+            self.path(name),
+            points,
+            colours,
+            point_size=0.024,
+            point_shape="circle",
+            point_shading="flat",
+            precision="float32",
+        )
 
 
 class ParticleLayer(Layer):
