@@ -150,6 +150,24 @@ def test_who_stands_in_the_only_door_is_waited_for_at_a_distance(play) -> None:
     assert scene.goes_on()
 
 
+def test_who_walked_into_the_only_door_and_stays_is_not_come_closer_to(play) -> None:
+    """It came up to their legs, and turned there to look around."""
+    scene = play(two_rooms(0.8), OTHER_ROOM)
+    away_m: list[float] = []
+
+    def person(time_s: float, robot: Pose2D) -> Places:
+        x, y = walk([(6.0, 3.0), DOOR], 0.8, max(time_s - 1.0, 0.0))
+        at = x + 0.05 * math.sin(1.3 * time_s), y + 0.05 * math.sin(0.7 * time_s)
+        away_m.append(math.dist((robot.x, robot.y), at))
+        return [at]
+
+    said = scene.live(70.0, person)
+    assert min(away_m) > 0.9  # on the way beside them
+    assert (said[-1].state, said[-1].reason) == ("failed", codes.BLOCKED)
+    assert scene.world.touches == 0
+    assert away_m[-1] > 1.1
+
+
 @pytest.mark.parametrize(("before_m", "apart_from_s"), [(3.0, 0.0), (0.7, 8.5)])
 def test_who_comes_out_of_the_only_door_finds_the_robot_beside_their_way(
     play, before_m, apart_from_s

@@ -24,7 +24,7 @@ from trolley_planner.driving.goal_approach import GoalApproach
 from trolley_planner.driving.maneuvering import Maneuvering
 from trolley_planner.driving.progress_monitor import ProgressMonitor
 from trolley_planner.driving.recovery_driver import RecoveryDriver
-from trolley_planner.driving.route import PASS_M, Route
+from trolley_planner.driving.route import PASS_M, Blockage, Route
 from trolley_planner.goals import Goal, Tolerances
 from trolley_planner.paths.path import PlannedPath
 
@@ -298,6 +298,19 @@ class GoalExecution:
         self._approach.let_go()
         self.context.controller.reset()
 
+    def wait_on_way(self, blockage: Blockage | None, elapsed_s: float) -> bool:
+        """Say whether to wait for what stands on the only path; fail if somebody stays there.
+
+        Args:
+            blockage: what does; None where the path is free.
+            elapsed_s: since the last time.
+        """
+        if not self.progress.wait_on_way(blockage, elapsed_s):
+            self.outcome = "failed"
+        if self.progress.is_waiting_on_way or self.outcome == "failed":
+            self.trouble = codes.BLOCKED
+        return self.progress.is_waiting_on_way
+
     def resume_after_wait(self, waited_ns: int) -> None:
         """Continue after giving way: that time does not count, and another path may be better."""
         self.recovery.sequence.excuse(waited_ns)
@@ -354,11 +367,7 @@ class GoalExecution:
     def _waits_on_way(self, now: ControlInput) -> bool:
         """Say whether to wait, at a distance, for what stands on the only path."""
         is_led = self._hurries or self._maneuvering.is_active
-        free_m = math.inf if is_led else self.route.free_m
-        waits = self.progress.wait_on_way(free_m, now.elapsed_s)
-        if waits:
-            self.trouble = codes.BLOCKED
-        return waits
+        return self.wait_on_way(None if is_led else self.route.blockage, now.elapsed_s)
 
     def _check_progress(self, now: ControlInput) -> None:
         """Begin recovery when there is no path, or the robot does not get nearer."""

@@ -10,6 +10,7 @@ from trolley_planner.context.planning_context import PlanningContext
 from trolley_planner.control.proximity import PROXIMITY
 from trolley_planner.driving.contact_hold import ContactHold
 from trolley_planner.driving.progress_checker import ProgressChecker
+from trolley_planner.driving.route import Blockage
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,8 @@ class PatienceParams:
     only path. With the path's clearance that is the 1.2 m beyond which a stranger is not too near:
     Hall, The Hidden Dimension (1966)."""
     way_patience: float = 3.0
-    """It waits there for this many times the usual patience, then comes closer."""
+    """It waits there for this many times the usual patience, then comes closer. Nobody is come
+    closer to: for who was seen to walk there it waits until it gives up."""
     yield_m: float = 0.8
     """Distance from the outline within which a moving person may be why the robot stands."""
 
@@ -38,14 +40,18 @@ PATIENCE = PatienceParams()
 
 
 class Patience:
-    """How long something was waited for; it comes back slowly while nothing is."""
+    """How long something was waited for; it comes back while nothing is, slowly with things."""
 
     def __init__(self) -> None:
         self._waited_s = 0.0
+        self.is_with_somebody = False
+        """Whether it is somebody who is waited for."""
 
     def lasts(self, elapsed_s: float, most_s: float, *, waits: bool) -> bool:
         """Record whether the robot waits; say whether it has not yet waited for too long."""
-        self._waited_s = max(0.0, self._waited_s + (elapsed_s if waits else -0.2 * elapsed_s))
+        back = 1.0 if self.is_with_somebody else 0.2
+        self._waited_s = max(0.0, self._waited_s + (elapsed_s if waits else -back * elapsed_s))
+        self.is_with_somebody &= self._waited_s > 0.0
         return self._waited_s <= most_s
 
 
@@ -59,7 +65,7 @@ class ProgressMonitor:
 
     def __init__(self, context: PlanningContext, config: PlannerConfig) -> None:
         self._context = context
-        self._patience_s = config.patience_s
+        self._patience_s, self._give_up_s = config.patience_s, config.give_up_s
         self._checker = ProgressChecker(config)
         self._contact_hold = ContactHold(context.footprint, config.patience_s)
         self._no_path_s = 0.0
@@ -144,16 +150,25 @@ class ProgressMonitor:
             self._checker.reset()
         return is_patient
 
-    def wait_on_way(self, free_m: float, elapsed_s: float) -> bool:
-        """Say whether to wait, at a distance, for what stands on the only path.
+    def wait_on_way(self, blockage: Blockage | None, elapsed_s: float) -> bool:
+        """Record whether to wait, at a distance, for what stands on the only path.
 
         Args:
-            free_m: length of the path up to there, infinite where it is free.
+            blockage: what does; None where the path is free.
             elapsed_s: since the last time.
+
+        Returns:
+            False when it has waited for somebody for long enough.
         """
         reach_m = self._context.footprint.circumscribed_m + PATIENCE.wait_on_way_m
-        waits, most_s = free_m < reach_m, PATIENCE.way_patience * self._patience_s
-        self.is_waiting_on_way = self.on_way.lasts(elapsed_s, most_s, waits=waits) and waits
+        near = blockage if blockage is not None and blockage.free_m < reach_m else None
+        waits, patience = near is not None, self.on_way
+        if near is not None and self._context.costmap.moving.is_somebody_at(*near.place):
+            patience.is_with_somebody = True
+        is_with_somebody = waits and patience.is_with_somebody
+        most_s = self._give_up_s if is_with_somebody else PATIENCE.way_patience * self._patience_s
+        is_patient = patience.lasts(elapsed_s, most_s, waits=waits)
+        self.is_waiting_on_way = is_patient and waits
         if self.is_waiting_on_way:
             self._checker.reset()
-        return self.is_waiting_on_way
+        return is_patient or not is_with_somebody

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,15 @@ class Stretch:
     last: int
     target: Pose2D
     is_goal: bool
+
+
+class Blockage(NamedTuple):
+    """What stands on the only path."""
+
+    place: tuple[float, float]
+    """Its middle, x, y in `grid` [m]."""
+    free_m: float
+    """Length of the path up to there [m]."""
 
 
 class Route:
@@ -225,19 +235,21 @@ class Route:
         return first + np.flatnonzero(lethal)
 
     @property
-    def free_m(self) -> float:
-        """Length of the path up to something that stands on it, and on any other [m].
+    def blockage(self) -> Blockage | None:
+        """What stands on the path, and on any other.
 
-        Infinite where nothing stands off the map's walls: from close by, the edges of a narrow door
-        may leave room.
+        None where nothing stands off the map's walls: from close by, the edges of a narrow door may
+        leave room.
         """
         blocked = self._blocked() if self.is_blocked else ()
         if len(blocked) == 0:
-            return math.inf
+            return None
         there = int(blocked[0])
-        if self.what_stands_near(*self.path.points[there].tolist()) is None:
-            return math.inf
-        return float(self.path.remaining_m[self.index] - self.path.remaining_m[there])
+        place = self.what_stands_near(*self.path.points[there].tolist())
+        if place is None:
+            return None
+        left_m = self.path.remaining_m
+        return Blockage(place, float(left_m[self.index] - left_m[there]))
 
     def what_stands_near(self, x: float, y: float) -> tuple[float, float] | None:
         """Return the middle of what is seen off the map's walls, None if there is nothing.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D, wrap_angles
 from trolley_planner.driving.goal_execution import GoalExecution
+from trolley_planner.driving.route import Blockage
 from trolley_planner.fleet.refuge import REFUGE, Surroundings
 from trolley_planner.paths.path import SPACING_M, PlannedPath
 
@@ -66,10 +67,10 @@ class BesideWay:
             speed: that it may have [m/s].
         """
         context, route = driven.context, driven.route
-        blocked = route.blocked_points(1)
-        there = route.what_stands_near(*blocked[0]) if blocked else None
-        if there is None:
+        blockage = route.blockage
+        if blockage is None:
             return None
+        there = blockage.place
         circumscribed_m, costmap = context.footprint.circumscribed_m, context.costmap
         back_rad = direction_back(route.path, there)
         keep_m = circumscribed_m + REFUGE.keep_m
@@ -109,7 +110,8 @@ class BesideWay:
         past_m = float(np.hypot(*(route.path.points - self.there).T).min())
         is_gone = past_m > BESIDE_WAY.past_m or route.what_stands_near(*self.there) is None
         is_over = is_gone and not route.is_blocked and not progress.is_anyone_near(pose)
-        if not progress.wait_on_way(math.inf if is_over else 0.0, elapsed_s):
+        blockage = None if is_over else Blockage(self.there, 0.0)
+        if not driven.wait_on_way(blockage, elapsed_s):
             self.there = None
         return self.there is not None
 

@@ -12,6 +12,8 @@ from trolley_planner.people.walls import walk_along_walls
 Floats = NDArray[np.float64]
 SAME_M = 0.15
 """Distance from a robot's reported position within which a tracked person is that robot [m]."""
+SOMEBODY_M = 0.5
+"""Distance from what is seen of somebody, or of two side by side, to their middle at most [m]."""
 GROWTH_MPS = 0.02, 0.15
 """Least and greatest rate at which the discs that stand for people grow [m/s]."""
 MAX_AGE_S = 0.5
@@ -54,6 +56,12 @@ class MovingObstacles:
         """Objects of a person's size in the newest scan; see `PeopleTracker.tracks`."""
         return self._tracker.tracks()
 
+    def is_somebody_at(self, x: float, y: float) -> bool:
+        """Say whether somebody who was seen to walk, and no robot, stands at a place [m]."""
+        places = self._tracker.standing()
+        places = places[~self._are_robots(places)] - (x, y)
+        return bool((np.hypot(places[:, 0], places[:, 1]) < SOMEBODY_M).any())
+
     def set_robots(self, places: Floats, tracks: Sequence[Floats], now_ns: int) -> None:
         """Replace what is known of the other robots.
 
@@ -86,7 +94,7 @@ class MovingObstacles:
         return np.ascontiguousarray(self._robots[:, passed:]) if len(self._robots) else NO_ROBOTS
 
     def _are_robots(self, walkers: Floats) -> NDArray[np.bool_]:
-        """Say for discs (n, 7) whether each is a robot, which knows better where it will be."""
+        """Say for discs (n, 2 or more) whether each is a robot, which knows where it will be."""
         gaps = walkers[:, None, :2] - self._robots_now[None, :, :2]
         near = self._robots_now[None, :, 2] + SAME_M
         return np.asarray((np.hypot(gaps[..., 0], gaps[..., 1]) < near).any(axis=1))

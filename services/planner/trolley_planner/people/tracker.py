@@ -145,6 +145,8 @@ class Trail(NamedTuple):
     """Who it is; None if it stands, or may have been hidden before."""
     is_body: bool
     """Whether it was ever seen whole, and wider than a leg."""
+    has_walked: bool
+    """Whether it was ever seen to walk."""
 
     def expected(self, stamp_ns: int) -> tuple[float, float]:
         """Return the predicted centre."""
@@ -221,6 +223,11 @@ class PeopleTracker:
                 found.append(Track(trail.identity, place, size_m, velocity, person is not None))
         return found
 
+    def standing(self) -> Floats:
+        """Return (n, 2) where those stand now who were seen to walk [m]."""
+        places = [one.place for one in self._trails if one.has_walked and one.person is None]
+        return np.array(places).reshape(-1, 2)
+
     def _bodies(self, stamp_ns: int) -> Floats:
         """Return (n, 3) where the bodies must be by now that were seen whole, and their radii."""
         return np.array(
@@ -247,10 +254,10 @@ class PeopleTracker:
     ) -> Trail:
         """Return the trail of a segment, which goes on from one before."""
         if before is None:
-            identity, is_known, is_body = object(), False, False
+            identity, is_known, is_body, has_walked = object(), False, False, False
             track, elapsed_s, width_m = NO_TRACK, 0.0, SIGHTS.width_m
         else:
-            identity, is_body = before.identity, before.is_body
+            identity, is_body, has_walked = before.identity, before.is_body, before.has_walked
             is_known = before.person is not None
             track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
             width_m = before.width_m
@@ -263,9 +270,9 @@ class PeopleTracker:
         stamp_ns, points, sight = view.stamp_ns, segment.points, segment.sight
         shows_body = sight[HIDDEN] == 0.0 and width_seen(sight) > SEGMENTS.leg_m
         is_body = is_body or bool(shows_body)
-        return Trail(
-            identity, stamp_ns, points, place, track, width_m, velocity, std, person, is_body
-        )
+        has_walked = has_walked or person is not None
+        seen = identity, stamp_ns, points, place, track, width_m, velocity, std
+        return Trail(*seen, person, is_body, has_walked)
 
     def _now_hidden(self, taken: set[int], view: View) -> list[Trail]:
         """Return the trails of people who are hidden from the newest scan."""
