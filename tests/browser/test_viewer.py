@@ -157,6 +157,26 @@ def test_the_browser_links_no_program_anew_for_each_scan(page: Page) -> None:
     assert canvas(page).evaluate(COUNT_LINKS) < 4
 
 
+LOADS = """async () => {
+  const { Scene } = await import("/page/scene.js");
+  const loads = [], frame = { addEventListener() {}, set src(url) { loads.push(url); } };
+  const seen = [];
+  for (const hidden of [true, false]) {
+    Object.defineProperty(document, "hidden", { configurable: true, get: () => hidden });
+    new Scene(frame, { isOpen: true }).look();
+    seen.push(loads.length > 0);
+  }
+  delete document.hidden;
+  return seen;
+}"""
+"""Whether a picture is loaded by a page that is out of sight, and by one that is seen."""
+
+
+def test_a_page_loads_the_picture_only_while_it_is_seen(page: Page) -> None:
+    """Out of sight nothing is drawn: it would be loaded anew every 8 s, all night."""
+    assert page.evaluate(LOADS) == [False, True]
+
+
 def test_tools_are_taken_and_left_by_keys_and_by_buttons(page: Page) -> None:
     hint = page.locator("#hint")
     card = page.locator(".hand-card")

@@ -44,10 +44,12 @@ export class Scene {
   }
 
   look() {
-    if (!this.line.isOpen) return;
     const now = performance.now();
+    if (document.hidden) this.drawnMs = now;
+    // Out of sight nothing is drawn, however often it is loaded.
+    if (document.hidden || !this.line.isOpen) return;
     if (this.loadedMs === 0) return this.load();
-    if (document.hidden || !this.hasSession || !this.isLost) this.drawnMs = now;
+    if (!this.hasSession || !this.isLost) this.drawnMs = now;
     if (now - this.drawnMs > LOST_MS && now - this.redrawnMs > LOST_AGAIN_MS) {
       this.redrawnMs = now;
       return this.load();
