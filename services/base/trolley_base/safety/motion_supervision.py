@@ -100,7 +100,9 @@ class MotionSupervision:
             judges: what comes late proves nothing and is left out; False: nothing is.
         """
         if self._held_up.update(now_ns, len(motions)) and judges:
+            at_rest = self._zero_ns, self._has_rested
             self.forget()
+            self._zero_ns, self._has_rested = at_rest  # it came to rest before, and is told to rest
             return
         for motion, gyro in motions:
             self.measure(motion, gyro)

@@ -209,3 +209,18 @@ def test_one_whose_reports_stall_again_and_again_is_not_accused(
             talk.until_ns, talk.factor = talk.now_ns + 400 * MS, 4.0
         judged.run(0.5)
     assert judged.findings == []
+
+
+@pytest.mark.parametrize("board", ["create2", "waveshare_ugv"])
+def test_one_that_is_pushed_from_rest_while_reports_are_held_up_does_not_go_on(
+    simulate: MakeSimulation, board: str
+) -> None:
+    talk = LateTalk(board, simulate())
+    talk.come_up()
+    judged = Judged(talk)
+    judged.wanted = Twist2D.zero()
+    judged.run(2.0)
+    Line(talk, 0.25, 100.0)
+    talk.board.motors.trouble = Trouble(pushed=0.4)
+    judged.run(2.0)
+    assert {finding.fault for _, finding in judged.findings} == {Fault.MOVES}
