@@ -85,6 +85,27 @@ def test_who_comes_is_not_taken_for_somebody_else_who_stands_there() -> None:
     assert [float(mover.velocity[1]) < -0.5 for mover in found] == [True]
 
 
+def test_who_sways_where_they_stand_is_told_from_a_thing() -> None:
+    room, noise = empty_room(), np.random.default_rng(3)
+    wall_distance_m = distance_transform(room.occupied_mask(), room.resolution)
+    angles = 0.7 + np.arange(BEAMS) * (2.0 * math.pi / BEAMS)
+
+    def number_alive(sway_m: float, drives_m: float) -> int:
+        world, watch = Flatland(room, Pose2D(4.0, 3.0, 0.0)), PeopleTracker()
+        for step in range(150):
+            world.set_truth(with_person(room, 5.2, 3.0 + sway_m * math.sin(0.13 * step)))
+            world.pose = Pose2D(4.0, 3.0 + drives_m * step, 0.0)
+            ranges = world.ranges() + noise.normal(0.0, 0.015, BEAMS)
+            x, y = (np.full(BEAMS, at) for at in (world.pose.x + 0.05, world.pose.y))
+            beams = np.stack([x, y, np.cos(angles), np.sin(angles), ranges, ranges], axis=1)
+            watch.update(step * 100_000_000, beams, wall_distance_m, room.resolution)
+        return len(watch.standing())
+
+    assert number_alive(sway_m=0.06, drives_m=0.0) == 1
+    assert number_alive(sway_m=0.0, drives_m=0.0) == 0
+    assert number_alive(sway_m=0.0, drives_m=0.004) == 0
+
+
 def test_two_who_pass_each_other_keep_their_own_ways() -> None:
     room = empty_room()
     world = Flatland(room, Pose2D(4.0, 3.0, 0.0))

@@ -31,7 +31,7 @@ class PatienceParams:
     Hall, The Hidden Dimension (1966)."""
     way_patience: float = 3.0
     """It waits there for this many times the usual patience, then comes closer. Nobody is come
-    closer to: for who was seen to walk there it waits until it gives up."""
+    closer to: for who was seen to walk or to stir there it waits until it gives up."""
     yield_m: float = 0.8
     """Distance from the outline within which a moving person may be why the robot stands."""
 

@@ -57,7 +57,7 @@ class MovingObstacles:
         return self._tracker.tracks()
 
     def is_somebody_at(self, x: float, y: float) -> bool:
-        """Say whether somebody who was seen to walk, and no robot, stands at a place [m]."""
+        """Say whether somebody, who was seen to walk or to stir, stands at a place [m]."""
         places = self._tracker.standing()
         places = places[~self._are_robots(places)] - (x, y)
         return bool((np.hypot(places[:, 0], places[:, 1]) < SOMEBODY_M).any())

@@ -65,6 +65,13 @@ class PeopleTrackerParams(NamedTuple):
     """Number of a segment's points that must lie where the floor was free."""
     least_share: float = 0.2
     """Share of a segment's points that must lie where the floor was free."""
+    stirs_m: float = 0.1
+    """Who stands sways, and shifts their weight, by this and more in all; things do not, as a lidar
+    that stands sees them."""
+    stands_m: float = 0.03
+    """A lidar that has moved by no more than this stands: it sees a thing from the same side."""
+    stirs_within_m: float = 2.5
+    """Distance from the lidar beyond which its beams lie too far apart to tell."""
 
 
 TRACKING = PeopleTrackerParams()
@@ -122,6 +129,33 @@ class Track(NamedTuple):
     """Whether it was seen to move."""
 
 
+class Swing(NamedTuple):
+    """How far something has moved to and fro before a lidar that stands."""
+
+    low: tuple[float, float]
+    """Least x, y of its middle [m]."""
+    high: tuple[float, float]
+    """Greatest x, y of it [m]."""
+    origin: Floats
+    """(2,) the lidar's place [m]."""
+    hidden: float
+    """What of it was hidden; see `people.sights`."""
+
+    def goes_on(self, now: "Swing") -> bool:
+        """Say whether the same of it is seen now from the same place, and near enough to tell."""
+        return (
+            self.hidden == now.hidden
+            and math.dist(self.origin, now.origin) <= TRACKING.stands_m
+            and math.dist(now.low, now.origin) <= TRACKING.stirs_within_m
+        )
+
+    def extended(self, now: "Swing") -> "Swing":
+        """Return it with where it is now."""
+        low = min(self.low[0], now.low[0]), min(self.low[1], now.low[1])
+        high = max(self.high[0], now.high[0]), max(self.high[1], now.high[1])
+        return self._replace(low=low, high=high)
+
+
 class Trail(NamedTuple):
     """A segment through some scans, up to the last one that shows it."""
 
@@ -145,8 +179,10 @@ class Trail(NamedTuple):
     """Who it is; None if it stands, or may have been hidden before."""
     is_body: bool
     """Whether it was ever seen whole, and wider than a leg."""
-    has_walked: bool
-    """Whether it was ever seen to walk."""
+    swing: Swing
+    """How far it moved where it stands."""
+    is_alive: bool
+    """Whether it was ever seen to walk, or to stir."""
 
     def expected(self, stamp_ns: int) -> tuple[float, float]:
         """Return the predicted centre."""
@@ -224,8 +260,8 @@ class PeopleTracker:
         return found
 
     def standing(self) -> Floats:
-        """Return (n, 2) where those stand now who were seen to walk [m]."""
-        places = [one.place for one in self._trails if one.has_walked and one.person is None]
+        """Return (n, 2) where those stand now who were seen to walk, or to stir [m]."""
+        places = [one.place for one in self._trails if one.is_alive and one.person is None]
         return np.array(places).reshape(-1, 2)
 
     def _bodies(self, stamp_ns: int) -> Floats:
@@ -254,10 +290,10 @@ class PeopleTracker:
     ) -> Trail:
         """Return the trail of a segment, which goes on from one before."""
         if before is None:
-            identity, is_known, is_body, has_walked = object(), False, False, False
+            identity, is_known, is_body, is_alive = object(), False, False, False
             track, elapsed_s, width_m = NO_TRACK, 0.0, SIGHTS.width_m
         else:
-            identity, is_body, has_walked = before.identity, before.is_body, before.has_walked
+            identity, is_body, is_alive = before.identity, before.is_body, before.is_alive
             is_known = before.person is not None
             track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
             width_m = before.width_m
@@ -270,9 +306,12 @@ class PeopleTracker:
         stamp_ns, points, sight = view.stamp_ns, segment.points, segment.sight
         shows_body = sight[HIDDEN] == 0.0 and width_seen(sight) > SEGMENTS.leg_m
         is_body = is_body or bool(shows_body)
-        has_walked = has_walked or person is not None
+        swing = Swing(place, place, view.origin, float(sight[HIDDEN]))
+        if before is not None and before.swing.goes_on(swing):
+            swing = before.swing.extended(swing)
+        stirs = math.dist(swing.low, swing.high) > TRACKING.stirs_m
         seen = identity, stamp_ns, points, place, track, width_m, velocity, std
-        return Trail(*seen, person, is_body, has_walked)
+        return Trail(*seen, person, is_body, swing, is_alive or stirs or person is not None)
 
     def _now_hidden(self, taken: set[int], view: View) -> list[Trail]:
         """Return the trails of people who are hidden from the newest scan."""
