@@ -65,12 +65,16 @@ class PeopleTrackerParams(NamedTuple):
     """Number of a segment's points that must lie where the floor was free."""
     least_share: float = 0.2
     """Share of a segment's points that must lie where the floor was free."""
-    stirs_m: float = 0.1
+    stirs_m: float = 0.06
     """Who stands sways, and shifts their weight, by this and more in all; things do not, as a lidar
-    that stands sees them."""
-    stands_m: float = 0.03
+    that stands sees them across its view."""
+    same_m: float = 0.1
+    """Where more or less of it is seen than before by more than this, its middle moved by that."""
+    newest_share: float = 0.15
+    """Weight of the newest scan in where it is: beams lie centimetres apart."""
+    stands_m: float = 0.06
     """A lidar that has moved by no more than this stands: it sees a thing from the same side."""
-    stirs_within_m: float = 2.5
+    stirs_within_m: float = 2.0
     """Distance from the lidar beyond which its beams lie too far apart to tell."""
 
 
@@ -130,30 +134,44 @@ class Track(NamedTuple):
 
 
 class Swing(NamedTuple):
-    """How far something has moved to and fro before a lidar that stands."""
+    """How far something has moved to and fro across the view of a lidar that stands."""
 
-    low: tuple[float, float]
-    """Least x, y of its middle [m]."""
-    high: tuple[float, float]
-    """Greatest x, y of it [m]."""
+    place: tuple[float, float]
+    """Its middle at first [m]."""
     origin: Floats
     """(2,) the lidar's place [m]."""
     hidden: float
     """What of it was hidden; see `people.sights`."""
+    seen_m: float
+    """How wide the part is that was seen at first."""
+    across_m: float = 0.0
+    """How far it is to the left of there, smoothed."""
+    right_m: float = 0.0
+    """The least that was."""
+    left_m: float = 0.0
+    """The most that was."""
 
     def goes_on(self, now: "Swing") -> bool:
         """Say whether the same of it is seen now from the same place, and near enough to tell."""
         return (
             self.hidden == now.hidden
+            and abs(self.seen_m - now.seen_m) <= TRACKING.same_m
             and math.dist(self.origin, now.origin) <= TRACKING.stands_m
-            and math.dist(now.low, now.origin) <= TRACKING.stirs_within_m
+            and math.dist(now.place, now.origin) <= TRACKING.stirs_within_m
         )
 
-    def extended(self, now: "Swing") -> "Swing":
-        """Return it with where it is now."""
-        low = min(self.low[0], now.low[0]), min(self.low[1], now.low[1])
-        high = max(self.high[0], now.high[0]), max(self.high[1], now.high[1])
-        return self._replace(low=low, high=high)
+    def extended(self, place: tuple[float, float]) -> "Swing":
+        """Return it with where its middle is now; along the view it may only seem to move."""
+        (x, y), (lidar_x, lidar_y) = self.place, self.origin.tolist()
+        away_x, away_y = x - lidar_x, y - lidar_y
+        left = away_x * (place[1] - lidar_y) - away_y * (place[0] - lidar_x)
+        left_m = left / math.hypot(away_x, away_y)
+        across_m = self.across_m + TRACKING.newest_share * (left_m - self.across_m)
+        return self._replace(
+            across_m=across_m,
+            right_m=min(self.right_m, across_m),
+            left_m=max(self.left_m, across_m),
+        )
 
 
 class Trail(NamedTuple):
@@ -306,10 +324,10 @@ class PeopleTracker:
         stamp_ns, points, sight = view.stamp_ns, segment.points, segment.sight
         shows_body = sight[HIDDEN] == 0.0 and width_seen(sight) > SEGMENTS.leg_m
         is_body = is_body or bool(shows_body)
-        swing = Swing(place, place, view.origin, float(sight[HIDDEN]))
+        swing = Swing(place, view.origin, float(sight[HIDDEN]), width_seen(sight))
         if before is not None and before.swing.goes_on(swing):
-            swing = before.swing.extended(swing)
-        stirs = math.dist(swing.low, swing.high) > TRACKING.stirs_m
+            swing = before.swing.extended(place)
+        stirs = swing.left_m - swing.right_m > TRACKING.stirs_m
         seen = identity, stamp_ns, points, place, track, width_m, velocity, std
         return Trail(*seen, person, is_body, swing, is_alive or stirs or person is not None)
 
