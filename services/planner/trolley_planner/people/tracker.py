@@ -138,8 +138,8 @@ class Swing(NamedTuple):
 
     place: tuple[float, float]
     """Its middle at first [m]."""
-    origin: Floats
-    """(2,) the lidar's place [m]."""
+    origin: tuple[float, float]
+    """The lidar's place [m]."""
     hidden: float
     """What of it was hidden; see `people.sights`."""
     seen_m: float
@@ -162,7 +162,7 @@ class Swing(NamedTuple):
 
     def extended(self, place: tuple[float, float]) -> "Swing":
         """Return it with where its middle is now; along the view it may only seem to move."""
-        (x, y), (lidar_x, lidar_y) = self.place, self.origin.tolist()
+        (x, y), (lidar_x, lidar_y) = self.place, self.origin
         away_x, away_y = x - lidar_x, y - lidar_y
         left = away_x * (place[1] - lidar_y) - away_y * (place[0] - lidar_x)
         left_m = left / math.hypot(away_x, away_y)
@@ -197,8 +197,8 @@ class Trail(NamedTuple):
     """Who it is; None if it stands, or may have been hidden before."""
     is_body: bool
     """Whether it was ever seen whole, and wider than a leg."""
-    swing: Swing
-    """How far it moved where it stands."""
+    swing: Swing | None
+    """How far it moved where it stands; None once it is known to be alive."""
     is_alive: bool
     """Whether it was ever seen to walk, or to stir."""
 
@@ -324,12 +324,15 @@ class PeopleTracker:
         stamp_ns, points, sight = view.stamp_ns, segment.points, segment.sight
         shows_body = sight[HIDDEN] == 0.0 and width_seen(sight) > SEGMENTS.leg_m
         is_body = is_body or bool(shows_body)
-        swing = Swing(place, view.origin, float(sight[HIDDEN]), width_seen(sight))
-        if before is not None and before.swing.goes_on(swing):
-            swing = before.swing.extended(place)
-        stirs = swing.left_m - swing.right_m > TRACKING.stirs_m
+        is_alive, swing = is_alive or person is not None, None
+        if not is_alive:
+            (x, y), hidden, seen_m = view.origin.tolist(), float(sight[HIDDEN]), width_seen(sight)
+            swing = Swing(place, (x, y), hidden, seen_m)
+            if before is not None and before.swing is not None and before.swing.goes_on(swing):
+                swing = before.swing.extended(place)
+            is_alive = swing.left_m - swing.right_m > TRACKING.stirs_m
         seen = identity, stamp_ns, points, place, track, width_m, velocity, std
-        return Trail(*seen, person, is_body, swing, is_alive or stirs or person is not None)
+        return Trail(*seen, person, is_body, swing, is_alive)
 
     def _now_hidden(self, taken: set[int], view: View) -> list[Trail]:
         """Return the trails of people who are hidden from the newest scan."""
