@@ -83,8 +83,9 @@ class PlannerConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     patience_s: Seconds = 5.0
     """How long the robot waits at a blocked path before it takes a much longer one; if there is
     none, it waits three times as long at a distance, before it comes closer and tries to free
-    itself. For somebody, who was seen to walk or to stir there, it waits until `give_up_s`."""
+    itself. For somebody who was seen to walk or to stir there it waits for `give_up_s`."""
     back_up_m: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.4
     """How far the robot backs up along its own path to free itself [m]."""
     give_up_s: Seconds = 60.0
-    """How long the robot tries to free itself, or waits for its pose, before the goal fails."""
+    """How long the robot tries to free itself, or waits for its pose or for somebody in the only
+    way, before the goal fails."""

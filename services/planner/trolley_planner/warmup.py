@@ -41,6 +41,7 @@ from trolley_planner.paths.hybrid_astar.pose_search import Task
 from trolley_planner.paths.search import clear_queue, make_queue
 from trolley_planner.people.encounters import times_of_encounters
 from trolley_planner.people.free_space import were_passed
+from trolley_planner.people.sights import NUM_COLUMNS, middle_of
 from trolley_planner.people.tracker import PeopleTracker, TrackedPerson, person_discs
 from trolley_planner.people.walls import walk_along_walls
 
@@ -162,6 +163,7 @@ def _watch() -> None:
         beams = [corner, corner, np.cos(angles), np.sin(angles), ranges, ranges]
         tracker.update(step * 100_000_000, np.column_stack(beams), no_walls, EDGE_M)
     tracker.tracks()
+    middle_of(np.zeros(NUM_COLUMNS), 0.4)
 
 
 def _navigator() -> Navigator:

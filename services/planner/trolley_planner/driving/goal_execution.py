@@ -298,14 +298,15 @@ class GoalExecution:
         self._approach.let_go()
         self.context.controller.reset()
 
-    def wait_on_way(self, blockage: Blockage | None, elapsed_s: float) -> bool:
+    def wait_on_way(self, blockage: Blockage | None, pose: Pose2D, elapsed_s: float) -> bool:
         """Say whether to wait for what stands on the only path; fail if somebody stays there.
 
         Args:
             blockage: what does; None where the path is free.
+            pose: of the robot in `grid`.
             elapsed_s: since the last time.
         """
-        if not self.progress.wait_on_way(blockage, elapsed_s):
+        if not self.progress.wait_on_way(blockage, pose, elapsed_s):
             self.outcome = "failed"
         if self.progress.is_waiting_on_way or self.outcome == "failed":
             self.trouble = codes.BLOCKED
@@ -367,7 +368,8 @@ class GoalExecution:
     def _waits_on_way(self, now: ControlInput) -> bool:
         """Say whether to wait, at a distance, for what stands on the only path."""
         is_led = self._hurries or self._maneuvering.is_active
-        return self.wait_on_way(None if is_led else self.route.blockage, now.elapsed_s)
+        blockage = None if is_led else self.route.blockage
+        return self.wait_on_way(blockage, now.motion.pose, now.elapsed_s)
 
     def _check_progress(self, now: ControlInput) -> None:
         """Begin recovery when there is no path, or the robot does not get nearer."""

@@ -47,6 +47,11 @@ class Patience:
         self.is_with_somebody = False
         """Whether it is somebody who is waited for."""
 
+    def begin_with_somebody(self) -> None:
+        """Note that it is somebody; how long a thing was waited for before does not count."""
+        if not self.is_with_somebody:
+            self.is_with_somebody, self._waited_s = True, 0.0
+
     def lasts(self, elapsed_s: float, most_s: float, *, waits: bool) -> bool:
         """Record whether the robot waits; say whether it has not yet waited for too long."""
         back = 1.0 if self.is_with_somebody else 0.2
@@ -150,11 +155,12 @@ class ProgressMonitor:
             self._checker.reset()
         return is_patient
 
-    def wait_on_way(self, blockage: Blockage | None, elapsed_s: float) -> bool:
+    def wait_on_way(self, blockage: Blockage | None, pose: Pose2D, elapsed_s: float) -> bool:
         """Record whether to wait, at a distance, for what stands on the only path.
 
         Args:
             blockage: what does; None where the path is free.
+            pose: of the robot in `grid`.
             elapsed_s: since the last time.
 
         Returns:
@@ -163,8 +169,8 @@ class ProgressMonitor:
         reach_m = self._context.footprint.circumscribed_m + PATIENCE.wait_on_way_m
         near = blockage if blockage is not None and blockage.free_m < reach_m else None
         waits, patience = near is not None, self.on_way
-        if near is not None and self._context.costmap.moving.is_somebody_at(*near.place):
-            patience.is_with_somebody = True
+        if near is not None and self._context.costmap.moving.is_somebody_at(*near.place, pose):
+            patience.begin_with_somebody()
         is_with_somebody = waits and patience.is_with_somebody
         most_s = self._give_up_s if is_with_somebody else PATIENCE.way_patience * self._patience_s
         is_patient = patience.lasts(elapsed_s, most_s, waits=waits)

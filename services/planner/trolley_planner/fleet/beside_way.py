@@ -111,7 +111,7 @@ class BesideWay:
         is_gone = past_m > BESIDE_WAY.past_m or route.what_stands_near(*self.there) is None
         is_over = is_gone and not route.is_blocked and not progress.is_anyone_near(pose)
         blockage = None if is_over else Blockage(self.there, 0.0)
-        if not driven.wait_on_way(blockage, elapsed_s):
+        if not driven.wait_on_way(blockage, pose, elapsed_s):
             self.there = None
         return self.there is not None
 

@@ -1,11 +1,14 @@
 """What moves around the robot: people, by the lidar, and other robots, by their messages."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry import Pose2D
 from trolley_planner.people.encounters import times_of_encounters
+from trolley_planner.people.stirring import Stirring
 from trolley_planner.people.tracker import PeopleTracker, Track, TrackedPerson, person_discs
 from trolley_planner.people.walls import walk_along_walls
 
@@ -30,7 +33,7 @@ class MovingObstacles:
     """People, by the newest scan, and other robots, by their messages; all in frame `grid`."""
 
     def __init__(self) -> None:
-        self._tracker = PeopleTracker()
+        self._tracker, self._stirring = PeopleTracker(), Stirring()
         self._walkers, self._robots = NOBODY, NO_ROBOTS
         self._robots_now = np.empty((0, 3))
         self._scanned_ns = self._robots_ns = 0
@@ -56,11 +59,20 @@ class MovingObstacles:
         """Objects of a person's size in the newest scan; see `PeopleTracker.tracks`."""
         return self._tracker.tracks()
 
-    def is_somebody_at(self, x: float, y: float) -> bool:
-        """Say whether somebody, who was seen to walk or to stir, stands at a place [m]."""
-        places = self._tracker.standing()
-        places = places[~self._are_robots(places)] - (x, y)
-        return bool((np.hypot(places[:, 0], places[:, 1]) < SOMEBODY_M).any())
+    def is_somebody_at(self, x: float, y: float, robot: Pose2D) -> bool:
+        """Say whether somebody stands at a place, who was seen to walk or stirs while one asks.
+
+        Args:
+            x: of the place [m].
+            y: the same.
+            robot: pose of the robot.
+        """
+        near = [
+            one for one in self._tracker.standing() if math.dist(one.place, (x, y)) < SOMEBODY_M
+        ]
+        are_robots = self._are_robots(np.array([one.place for one in near]).reshape(-1, 2))
+        near = [one for one, is_robot in zip(near, are_robots, strict=True) if not is_robot]
+        return self._stirring.update(near, robot) or any(one.has_walked for one in near)
 
     def set_robots(self, places: Floats, tracks: Sequence[Floats], now_ns: int) -> None:
         """Replace what is known of the other robots.

@@ -65,17 +65,6 @@ class PeopleTrackerParams(NamedTuple):
     """Number of a segment's points that must lie where the floor was free."""
     least_share: float = 0.2
     """Share of a segment's points that must lie where the floor was free."""
-    stirs_m: float = 0.06
-    """Who stands sways, and shifts their weight, by this and more in all; things do not, as a lidar
-    that stands sees them across its view."""
-    same_m: float = 0.1
-    """Where more or less of it is seen than before by more than this, its middle moved by that."""
-    newest_share: float = 0.15
-    """Weight of the newest scan in where it is: beams lie centimetres apart."""
-    stands_m: float = 0.06
-    """A lidar that has moved by no more than this stands: it sees a thing from the same side."""
-    stirs_within_m: float = 2.0
-    """Distance from the lidar beyond which its beams lie too far apart to tell."""
 
 
 TRACKING = PeopleTrackerParams()
@@ -133,47 +122,6 @@ class Track(NamedTuple):
     """Whether it was seen to move."""
 
 
-class Swing(NamedTuple):
-    """How far something has moved to and fro across the view of a lidar that stands."""
-
-    place: tuple[float, float]
-    """Its middle at first [m]."""
-    origin: tuple[float, float]
-    """The lidar's place [m]."""
-    hidden: float
-    """What of it was hidden; see `people.sights`."""
-    seen_m: float
-    """How wide the part is that was seen at first."""
-    across_m: float = 0.0
-    """How far it is to the left of there, smoothed."""
-    right_m: float = 0.0
-    """The least that was."""
-    left_m: float = 0.0
-    """The most that was."""
-
-    def goes_on(self, now: "Swing") -> bool:
-        """Say whether the same of it is seen now from the same place, and near enough to tell."""
-        return (
-            self.hidden == now.hidden
-            and abs(self.seen_m - now.seen_m) <= TRACKING.same_m
-            and math.dist(self.origin, now.origin) <= TRACKING.stands_m
-            and math.dist(now.place, now.origin) <= TRACKING.stirs_within_m
-        )
-
-    def extended(self, place: tuple[float, float]) -> "Swing":
-        """Return it with where its middle is now; along the view it may only seem to move."""
-        (x, y), (lidar_x, lidar_y) = self.place, self.origin
-        away_x, away_y = x - lidar_x, y - lidar_y
-        left = away_x * (place[1] - lidar_y) - away_y * (place[0] - lidar_x)
-        left_m = left / math.hypot(away_x, away_y)
-        across_m = self.across_m + TRACKING.newest_share * (left_m - self.across_m)
-        return self._replace(
-            across_m=across_m,
-            right_m=min(self.right_m, across_m),
-            left_m=max(self.left_m, across_m),
-        )
-
-
 class Trail(NamedTuple):
     """A segment through some scans, up to the last one that shows it."""
 
@@ -197,10 +145,8 @@ class Trail(NamedTuple):
     """Who it is; None if it stands, or may have been hidden before."""
     is_body: bool
     """Whether it was ever seen whole, and wider than a leg."""
-    swing: Swing | None
-    """How far it moved where it stands; None once it is known to be alive."""
-    is_alive: bool
-    """Whether it was ever seen to walk, or to stir."""
+    has_walked: bool
+    """Whether it was ever seen to walk."""
 
     def expected(self, stamp_ns: int) -> tuple[float, float]:
         """Return the predicted centre."""
@@ -277,10 +223,9 @@ class PeopleTracker:
                 found.append(Track(trail.identity, place, size_m, velocity, person is not None))
         return found
 
-    def standing(self) -> Floats:
-        """Return (n, 2) where those stand now who were seen to walk, or to stir [m]."""
-        places = [one.place for one in self._trails if one.is_alive and one.person is None]
-        return np.array(places).reshape(-1, 2)
+    def standing(self) -> list[Trail]:
+        """Return who and what stands now."""
+        return [one for one in self._trails if one.person is None]
 
     def _bodies(self, stamp_ns: int) -> Floats:
         """Return (n, 3) where the bodies must be by now that were seen whole, and their radii."""
@@ -308,10 +253,10 @@ class PeopleTracker:
     ) -> Trail:
         """Return the trail of a segment, which goes on from one before."""
         if before is None:
-            identity, is_known, is_body, is_alive = object(), False, False, False
+            identity, is_known, is_body, has_walked = object(), False, False, False
             track, elapsed_s, width_m = NO_TRACK, 0.0, SIGHTS.width_m
         else:
-            identity, is_body, is_alive = before.identity, before.is_body, before.is_alive
+            identity, is_body, has_walked = before.identity, before.is_body, before.has_walked
             is_known = before.person is not None
             track, elapsed_s = before.track, before.elapsed_s(view.stamp_ns)
             width_m = before.width_m
@@ -324,15 +269,9 @@ class PeopleTracker:
         stamp_ns, points, sight = view.stamp_ns, segment.points, segment.sight
         shows_body = sight[HIDDEN] == 0.0 and width_seen(sight) > SEGMENTS.leg_m
         is_body = is_body or bool(shows_body)
-        is_alive, swing = is_alive or person is not None, None
-        if not is_alive:
-            (x, y), hidden, seen_m = view.origin.tolist(), float(sight[HIDDEN]), width_seen(sight)
-            swing = Swing(place, (x, y), hidden, seen_m)
-            if before is not None and before.swing is not None and before.swing.goes_on(swing):
-                swing = before.swing.extended(place)
-            is_alive = swing.left_m - swing.right_m > TRACKING.stirs_m
+        has_walked = has_walked or person is not None
         seen = identity, stamp_ns, points, place, track, width_m, velocity, std
-        return Trail(*seen, person, is_body, swing, is_alive)
+        return Trail(*seen, person, is_body, has_walked)
 
     def _now_hidden(self, taken: set[int], view: View) -> list[Trail]:
         """Return the trails of people who are hidden from the newest scan."""
