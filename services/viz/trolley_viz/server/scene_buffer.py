@@ -1,6 +1,7 @@
 """What viser's scene is told, and how each page is sent it."""
 
 import asyncio
+import contextlib
 from collections.abc import AsyncGenerator, Sequence
 from itertools import takewhile
 
@@ -9,6 +10,24 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 MOST_AT_ONCE = 128
 """So many messages viser sends in one packet."""
+
+
+class LoopEvent(asyncio.Event):
+    """An event that only its loop's thread sets.
+
+    viser sets it from any thread, and then asks the loop to: the first might come between a page's
+    look at it and its wait, and the page would never be told of anything again.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
+        self._thread_loop = loop
+
+    def set(self) -> None:
+        """Set it, in its loop's thread."""
+        with contextlib.suppress(RuntimeError):  # no loop runs in this thread
+            if asyncio.get_running_loop() is self._thread_loop:
+                super().set()
 
 
 class SceneBuffer(AsyncMessageBuffer):

@@ -37,7 +37,7 @@ from trolley_viz.languages.catalogue import ENGLISH, catalogues, known_language
 from trolley_viz.languages.translator import translator_of
 from trolley_viz.server.access import AccessControl, AccessDecision, AccessRequest
 from trolley_viz.server.lines import Line, Lines
-from trolley_viz.server.scene_buffer import SceneBuffer
+from trolley_viz.server.scene_buffer import LoopEvent, SceneBuffer
 from trolley_viz.server.scene_link import SceneLink
 from trolley_viz.server.sending import wait_for_room
 
@@ -112,7 +112,9 @@ class SceneServer(viser.ViserServer):
     def __init__(self, host: str, port: int) -> None:
         """Open it, and say nothing of it."""
         super().__init__(host, port, verbose=False)
-        self._websock_server.get_message_buffer().__class__ = SceneBuffer
+        buffer = self._websock_server.get_message_buffer()
+        buffer.__class__ = SceneBuffer
+        buffer.message_event = LoopEvent(buffer.event_loop)
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: a public address would let strangers drive the robot."""
