@@ -216,6 +216,8 @@ def arguments() -> argparse.Namespace:
     given = parser.parse_args()
     if "strangers" in (given.row or ()) and not STRANGERS:
         parser.error("--row strangers needs JuPedSim: pip install 'jupedsim>=1.4,<2'")
+    if "recorded" in (given.row or ()) and not given.recording:
+        parser.error("--row recorded needs --recording FILE")
     return given
 
 
