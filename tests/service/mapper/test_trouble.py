@@ -332,7 +332,7 @@ def test_places_go_along_to_a_saved_map_however_many_once_tour_is_there(
 ) -> None:
     stage = make_stage("localizer", "mapper", "tour")
     true_T_map = stage.world.map_T_base
-    true_T_place = with_places(stage, 100)
+    true_T_place = with_places(stage, 300)  # of more than 256 the rest was refused
     stage.bus.kill("tour")
     stage.ask(requests.MAP_SAVE, SaveMap(name="home"))
     stage.bus.run(3.0)
