@@ -46,6 +46,7 @@ AWAY_S = 2.0
 WIDE = LidarSpec()
 NARROW = LidarSpec(beams=180, field_of_view=math.pi, range_max_m=5.5)
 SLOW = LidarSpec(rate_hz=5.0)
+LIDARS = {"360": WIDE, "180": NARROW, "5hz": SLOW}
 
 
 @dataclass(frozen=True)
@@ -197,13 +198,13 @@ class Visits:
             grid = cropped(grid, first.start)
         return Visit(grid, scans, truths, told_at(truths[0]))
 
-    def on_map(self, grid: GridMap, number: int) -> Visit:
+    def on_map(self, grid: GridMap, number: int, lidar: LidarSpec = WIDE) -> Visit:
         """A drive in a house where furniture has been moved, on a map of another house."""
         seed = self.seed_of(number)
         plan = self.plan(seed)
         start = inhabited(plan.built(), seed, WIDE, 0.02, 0).start
         plan = moved(plan, start, np.random.default_rng(seed + 1000))
-        scans, truths = self._drive_again(MOVED, plan, start, seed)
+        scans, truths = self._drive_again(replace(MOVED, lidar=lidar), plan, start, seed)
         return Visit(grid, scans, truths, None)
 
     def _drive_again(

@@ -3,6 +3,7 @@
     python -m bench.localizer.second_visits [--visits 2] [--late 0] [--keep DIR] [--full]
     nice python -m bench.localizer.second_visits --full --keep DIR --results FILE --minutes 9
     python -m bench.localizer.second_visits --only foreign --drawn --visits 50 --tries 4 --reach 2
+    python -m bench.localizer.second_visits --only foreign --drawn --reach 2 --lidar 180
 
 Each number is a house of one storey. A simulated robot drives through it once and the project's
 mapper maps it; then another robot drives through all of it again and on to places at random, for 10
@@ -43,6 +44,7 @@ from bench.harness.results import Result, Slices
 from bench.harness.second_visits import (
     CASES,
     HOUSES,
+    LIDARS,
     LONGEST_S,
     Case,
     Track,
@@ -177,7 +179,9 @@ class Bench:
     def _seed(self, number: int) -> Result:
         return {"house": self.visits.seed_of(number)}
 
-    def foreign_maps(self, numbers: range, tries: int, reach_m: float, *, drawn_only: bool) -> None:
+    def foreign_maps(
+        self, numbers: range, tries: int, reach_m: float, lidar: str, *, drawn_only: bool
+    ) -> None:
         """Search on maps of other houses, from scans all over a drive."""
         for number, k in itertools.product(numbers, range(tries)):
             # Mapping takes long: a map of the mapper serves several tries, one without errors one.
@@ -185,6 +189,7 @@ class Bench:
             other = number + 1 + (k if is_drawn else k % 4)
             key = self.ident | {"foreign": other, "drawn": is_drawn, "number": number, "try": k}
             key |= {"tries": tries, "reach_m": reach_m, "late": self.lates[k % len(self.lates)]}
+            key["lidar"] = lidar
             self.slices.run(key, partial(self._search, key))
         results = self.slices.having("foreign")
         for reach_m, share in zip(REACHES_M, (0.0, 0.01), strict=True):
@@ -203,7 +208,7 @@ class Bench:
     def _search(self, key: Result) -> Result:
         visits, other = self.visits, key["foreign"]
         grid = visits.plan(visits.seed_of(other)).built() if key["drawn"] else visits.mapped(other)
-        visit = visits.on_map(grid, key["number"])
+        visit = visits.on_map(grid, key["number"], LIDARS[key["lidar"]])
         way = way_m(visit.truths)
         last = np.searchsorted(way, way[-1] - key["reach_m"]) - 1
         first = int(np.linspace(0, last, key["tries"])[key["try"]])
@@ -279,6 +284,9 @@ def main() -> None:
     parser.add_argument(
         "--reach", type=float, default=REACHES_M[-1], help="driven on a foreign map at most [m]"
     )
+    parser.add_argument(
+        "--lidar", choices=list(LIDARS), default="360", help="of the robot on foreign maps"
+    )
     parser.add_argument("--drawn", action="store_true", help="foreign maps without errors only")
     parser.add_argument("--full", action="store_true", help="22 visits of each case")
     options = parser.parse_args()
@@ -294,7 +302,9 @@ def main() -> None:
         bench.simulated(numbers, options.case)
     if options.only in (None, "foreign"):
         houses = numbers if options.drawn else numbers[:10]
-        bench.foreign_maps(houses, options.tries, options.reach, drawn_only=options.drawn)
+        bench.foreign_maps(
+            houses, options.tries, options.reach, options.lidar, drawn_only=options.drawn
+        )
     if options.only in (None, "bad"):
         bench.bad_inputs(numbers[:3], options.case)
     folder = recordings_folder() if options.only in (None, "recorded") else None

@@ -403,7 +403,7 @@ def test_who_stands_in_front_of_a_wall_that_was_seen_shows_nothing_new() -> None
 
 def test_views_of_the_same_walls_add_up_to_no_more_than_the_best_of_them() -> None:
     """A room of the same shape in another house had a support of 0.79, with a usual lead."""
-    proof = Proof(seen=SeenSurface(View(make_house()).field))
+    proof = Proof(seen=seen_room())
     drive_on(proof, 0.79, 50)
     assert not proof.is_right
 
@@ -441,8 +441,17 @@ def test_a_place_that_stands_alone_is_proven_at_once_though_much_stands_about() 
         assert proof.is_right is is_right
 
 
+def seen_room(share: float = 1.0) -> SeenSurface:
+    """What a scan in the house shows, or the first beams of it."""
+    robot = robot_at(make_house(), make_house(), 2.0)
+    beams = robot.beams()
+    seen = SeenSurface(robot.field)
+    seen.add(robot.cells, beams.only(beams.classes, beams.used[: round(share * beams.used.size)]))
+    return seen
+
+
 def test_a_room_proves_a_place_without_any_like_it_and_none_with_others_close_behind() -> None:
-    seen = SeenSurface(View(make_house()).field)
+    seen = seen_room()
     alone, among = Proof(seen=seen, lead=0.7), Proof(seen=seen, lead=0.11)
     drive_on(alone, support=0.72, views=6)
     assert alone.is_right
@@ -451,16 +460,32 @@ def test_a_room_proves_a_place_without_any_like_it_and_none_with_others_close_be
     assert not among.is_right
 
 
+@pytest.mark.parametrize(
+    ("support", "lead"), [(0.76, 0.45), (0.84, 0.35), (0.94, 0.17), (0.95, 0.23), (0.96, 0.18)]
+)
+def test_the_half_of_a_room_that_another_house_has_as_well_proves_no_place(
+    support: float, lead: float
+) -> None:
+    """With 180 degrees of view that much spoke for places on maps of other houses."""
+    proof = Proof(seen=seen_room(0.34), lead=lead)
+    proof.begin(support - PROOF.between, pinned=0.3)
+    assert not proof.is_right
+    drive_on(proof, support, 20)
+    assert not proof.is_right
+    proof.add_new(NewSurface(amount=0.5, agreement=0.9))
+    assert proof.is_right
+
+
 def test_after_a_metre_without_a_proof_the_walls_of_a_room_alike_prove_nothing() -> None:
     """A room of another floor between the same outer walls had a support of 0.87."""
-    proof = Proof(unproven_m=2.4, seen=SeenSurface(View(make_house()).field))
+    proof = Proof(unproven_m=2.4, seen=seen_room())
     drive_on(proof, 0.87, 50)
     assert not proof.is_right
 
 
 def test_one_look_at_a_wall_that_is_where_the_map_says_proves_no_place() -> None:
     """On the map of another floor of the house a wall that comes into view may be right, too."""
-    proof = Proof(seen=SeenSurface(View(make_house()).field))
+    proof = Proof(seen=seen_room())
     drive_on(proof, PROOF.between, 1)
     proof.add_new(NewSurface(amount=1.0, agreement=1.0))
     assert not proof.is_right
@@ -469,7 +494,7 @@ def test_one_look_at_a_wall_that_is_where_the_map_says_proves_no_place() -> None
 
 
 def test_what_fitted_as_well_elsewhere_has_to_be_proven_anew() -> None:
-    proof = Proof(seen=SeenSurface(build_field(make_house(), CONFIG)))
+    proof = Proof(seen=seen_room())
     proof.add(0.75 - PROOF.between, 0.3)
     for _ in range(2):
         proof.add_new(NewSurface(1.0, 0.9))

@@ -22,7 +22,7 @@ class ProofParams:
     less of the next. Of right ones 95 % had at least 0.79 on a recorded drive and in odd houses
     with a third of the furniture moved, 0.65 in square ones, 0.67 on a recorded drive in clutter.
     """
-    lead_weight: float = 0.7
+    lead_weight: float = 1.0
     """Weight of the lead that a place had over the next best one when it stood out, as against its
     support. On maps of other houses and floors similar rooms are many: of 1,800 best places only 37
     had a support of 0.7 and a lead of 0.1, half of these a lead of no more than 0.13. Half of the
@@ -33,7 +33,7 @@ class ProofParams:
     """Lead from which on it counts alike."""
     bound: float = 0.15
     """Sum over the views at which a place is right, or wrong: at once from a support of 0.8 on, of
-    0.66 where no other place is like it."""
+    0.6 where no other place is like it, if enough is seen of it."""
     pinned: float = 0.25
     """Certainty of the pose below which a view counts for less, in proportion: along a bare
     corridor every place fits. Right places have 0.2 ... 0.3 in rooms, less than 0.1 in corridors.
@@ -57,7 +57,7 @@ class ProofParams:
     0.62 and 0.24 on recorded drives."""
     new_weight: float = 3.0
     """Weight of what new surface says, as against views."""
-    most_new: float = 0.6
+    most_new: float = 0.5
     """Most that the new surface of one look says for or against a place, as a share of the bound.
     It may be a single wall that another floor of the house has as well: one look said as much as it
     took for such a place, while the views said nothing, and the robot was sure of it for 1.6 s. Or
@@ -159,14 +159,14 @@ class Proof:
         A place that no other comes near is pinned by that as well: where much stands about, a scan
         fits half as well a little beside. The arguments are those of `add`.
         """
-        self.add(evidence, self._extent * max(pinned, self._lead))
+        self.add(evidence, max(pinned, self._lead))
 
     def look(self, sight: Sight) -> None:
         """Take what a new view says for the place into account."""
         if self._seen is not None:
             self.add_new(sight.new_to(self._seen))
         evidence = evidence_of(sight.score, is_led=self._seen is None)
-        self.add(evidence, self._extent * sight.pinned())
+        self.add(evidence, sight.pinned())
 
     @property
     def _extent(self) -> float:
@@ -184,19 +184,19 @@ class Proof:
             evidence: see `evidence_of`.
             pinned: how firmly the view pins the pose, 0 ... 1.
         """
-        since, firmness = self._since_view, min(1.0, pinned / PROOF.pinned)
+        since = self._since_view
+        telling = self._extent * min(1.0, pinned / PROOF.pinned)
         distance_m = math.hypot(since.x, since.y)
         newness = min(1.0, distance_m / PROOF.new_m + abs(since.yaw) / PROOF.new_rad)
         evidence += self._standing
+        evidence *= telling if evidence > 0.0 else 1.0
         self._best = max(self._best, evidence)
-        evidence *= 1.0 if self._views == 0 else newness
-        self._driven_m += firmness * distance_m
-        self._sum += evidence * (firmness if evidence > 0.0 else 1.0)
+        self._driven_m += telling * distance_m
+        self._sum += evidence * (1.0 if self._views == 0 else newness)
         if self._seen is not None:
             # Rooms of the same shape fit as well in each scan as in the first: until something new
             # comes into view, all views together say no more than the best one. A room of another
-            # floor between the same outer walls had a support of 0.87, one of another house 0.79;
-            # without a lead, 0.8 is too little, and 0.95 once it has driven a metre unproven.
+            # floor between the same outer walls had a support of 0.87, one of another house 0.94.
             self._sum = min(self._sum, self._best)
         # What spoke against a place that is kept nevertheless counts no more than once.
         self._sum = max(self._sum, -PROOF.bound)

@@ -25,10 +25,13 @@ class SurfaceParams:
     least_blocks: int = 8
     """Number of new blocks below which a scan waits for more to come into view: somebody who walks
     by covers no more than two or three."""
+    common_blocks: int = 20
+    """Number of blocks that tell nothing of the place: two walls and their corner are alike in many
+    rooms."""
     telling_blocks: int = 50
-    """Number of blocks below which what was seen tells less of the place, in proportion: two walls
-    and their corner are alike in many rooms. On maps of other houses the robot was mostly sure of
-    places of which it saw 12 to 38; at right ones it mostly sees more than 50."""
+    """Number of blocks from which on what was seen tells the place from all others; with fewer it
+    does so in proportion. On maps of other houses the robot was mostly sure of places of which it
+    saw 12 to 38, with 180 degrees of view 25 to 34; at right ones it mostly sees more than 50."""
 
 
 PARAMS = SurfaceParams()
@@ -68,7 +71,8 @@ class SeenSurface:
     @property
     def extent(self) -> float:
         """How much was seen, as a share of what tells a place from all others, 0 ... 1."""
-        return min(1.0, self._shown / PARAMS.telling_blocks)
+        telling = self._shown - PARAMS.common_blocks
+        return min(1.0, max(0.0, telling / (PARAMS.telling_blocks - PARAMS.common_blocks)))
 
     def add(self, pose: NDArray[np.float64], beams: BeamSet) -> NewSurface:
         """Return what a scan shows that none before has shown, and take it in.
