@@ -321,6 +321,14 @@ def robot_at(grid: GridMap, known: GridMap, x: float) -> View:
     return robot
 
 
+def seen_room(beams: int | None = None) -> SeenSurface:
+    """What a scan in the house shows, or that many of its beams."""
+    robot = robot_at(make_house(), make_house(), 2.0)
+    scan, seen = robot.beams(), SeenSurface(robot.field)
+    seen.add(robot.cells, scan.only(scan.classes, scan.used[:beams]))
+    return seen
+
+
 def sights(grid: GridMap, known: GridMap) -> list[Sight]:
     """What a robot sees that drives from the left room of a house into the right one."""
     robots = [robot_at(grid, known, x) for x in np.arange(2.0, 9.0, 0.2)]
@@ -421,33 +429,18 @@ def test_the_lead_over_a_place_that_was_given_up_is_the_one_it_had(view: View) -
 
 def test_two_walls_and_their_corner_prove_no_place() -> None:
     """They fit into any corner of any house."""
-    robot = robot_at(make_house(), make_house(), 2.0)
-    beams = robot.beams()
-    for used, is_right in ((beams.used, True), (beams.used[:60], False)):
-        seen = SeenSurface(robot.field)
-        seen.add(robot.cells, beams.only(beams.classes, used))
-        proof = Proof(seen=seen)
+    for beams, is_right in ((None, True), (60, False)):
+        proof = Proof(seen=seen_room(beams))
         proof.begin(0.98 - PROOF.between, pinned=0.26)
         assert proof.is_right is is_right
 
 
 def test_a_place_that_stands_alone_is_proven_at_once_though_much_stands_about() -> None:
-    robot = robot_at(make_house(), make_house(), 2.0)
-    seen = SeenSurface(robot.field)
-    seen.add(robot.cells, robot.beams())
+    seen = seen_room()
     for lead, is_right in ((0.35, True), (0.1, False)):
         proof = Proof(seen=seen, lead=lead)
         proof.begin(0.79 - PROOF.between, pinned=0.14)
         assert proof.is_right is is_right
-
-
-def seen_room(share: float = 1.0) -> SeenSurface:
-    """What a scan in the house shows, or the first beams of it."""
-    robot = robot_at(make_house(), make_house(), 2.0)
-    beams = robot.beams()
-    seen = SeenSurface(robot.field)
-    seen.add(robot.cells, beams.only(beams.classes, beams.used[: round(share * beams.used.size)]))
-    return seen
 
 
 def test_a_room_proves_a_place_without_any_like_it_and_none_with_others_close_behind() -> None:
@@ -467,7 +460,7 @@ def test_the_half_of_a_room_that_another_house_has_as_well_proves_no_place(
     support: float, lead: float
 ) -> None:
     """With 180 degrees of view that much spoke for places on maps of other houses."""
-    proof = Proof(seen=seen_room(0.34), lead=lead)
+    proof = Proof(seen=seen_room(118), lead=lead)
     proof.begin(support - PROOF.between, pinned=0.3)
     assert not proof.is_right
     drive_on(proof, support, 20)
