@@ -204,7 +204,7 @@ def status_text(status: MappingStatus) -> str:
     scans = counted(status.scans, "scan")
     text = f"{status.state}: {status.name}, {seconds_text(status.seconds)}, {scans}"
     if status.loops:
-        text += f", {status.loops} loops closed"
+        text += f", {counted(status.loops, 'loop')} closed"
     if status.loose:
         scans = "1 scan that hangs" if status.loose == 1 else f"{status.loose} scans that hang"
         text += f", {scans} loose"

@@ -7,6 +7,7 @@ from trolley.under_way import TRIP_UNDER_WAY
 
 CONTINUES = "`trolley ask goal/resume` continues it, `trolley cancel` ends it."
 """What there is to do about a paused goal."""
+READY = "Ready."
 LOST = {
     "searching": "The robot is working out where it is.",
     "lost": "The robot does not know where it is.",
@@ -44,6 +45,8 @@ def robot_sentence(
     if pose is not None and pose.state in LOST:
         return LOST[pose.state]
     doing = _on_its_way(base, goal, trip)
+    if doing == READY and pose is None and goal is not None and goal.frame == "map":
+        return "It has no pose yet: there is no map, or its localizer is not running."
     if pose is not None and pose.state == "mapping":
         return f"Making the map {pose.map}. {doing}"
     return doing
@@ -83,7 +86,7 @@ def _on_its_way(base: BaseState, goal: GoalStatus | None, trip: TourStatus | Non
         case "arrived":
             return "It has arrived."
         case _:
-            return "Ready."
+            return READY
 
 
 def _sentence(begin: str, why: str) -> str:

@@ -46,7 +46,8 @@ _COLOURS = {"starting": "yellow", "degraded": "yellow", "failed": "red", "not ru
 def status_command(everybody: bool, as_json: bool) -> None:
     """Show what the robot is doing, its services, pose, goal and trip.
 
-    The exit code is 1 if a service is missing or has failed, or the robot is stopped or lost.
+    The exit code is 1 if a problem is listed, such as a service that is missing or degraded, or a
+    robot that is stopped or lost.
     """
     found: list[dict[str, Any]]
     if everybody:

@@ -260,6 +260,8 @@ class Mapping:
         self._service.request(requests.LOCALIZER_YIELD, Yield(on=False), lambda _: None)
         if session.extends:
             return self.end(f"What was added to the map {session.name} was discarded.")
+        if self._places is not None:
+            self._places.discard()
         return self.end(f"The map {session.name} was discarded.")
 
     def begin_saving(self) -> None:

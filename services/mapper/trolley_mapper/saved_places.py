@@ -6,6 +6,7 @@ from functools import partial
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.messages import SavedPose, SavedPoses
+from trolley.messages.request_params import Named
 from trolley.runtime.service import Service
 from trolley_mapper.map_session import MapSession
 
@@ -34,6 +35,8 @@ class SavedPlaces:
         self._service, self._session = service, session
         self._map = session.name
         self._is_heard = False
+        self._older: set[str] = set()
+        """Those that were stored before: of a map of this name that is not there now, say."""
         self._saved_as: str | None = None
         self._num_asked = self._num_stored = self._num_refused = 0
         self._problem = TOUR_IS_SILENT
@@ -52,6 +55,8 @@ class SavedPlaces:
     def update(self, poses: SavedPoses) -> None:
         """Tie the stored places to the map, until it is saved."""
         session = self._session
+        if not self._is_heard:
+            self._older = {one.name for one in poses.poses if one.map == self._map}
         if self._saved_as is None:
             if session.core is not None:
                 session.places.update(poses.poses, session.name, session.core)
@@ -60,6 +65,13 @@ class SavedPlaces:
         else:
             session.places.recall(poses.poses, self._map)
         self._is_heard = True
+
+    def discard(self) -> None:
+        """Delete those that were saved on a map that nobody will have."""
+        latest = self._watch.latest
+        for place in [] if latest is None else latest.poses:
+            if place.map == self._map and place.name not in self._older:
+                self._service.request(requests.POSES_DELETE, Named(name=place.name), lambda _: None)
 
     def go_along(self, map_name: str) -> None:
         """Store them as they lie on the map that was saved, under its name."""

@@ -23,6 +23,7 @@ from trolley_planner.costmap.connected_components import cells_around, component
 from trolley_planner.paths.path import PlannedPath
 from trolley_planner.sensing.inputs import Inputs
 
+NO_MAP = "If there is no map, make one (`trolley map new NAME`), or set [map] file."
 VIA_RADIUS_M = 0.3
 """Via points count as passed within this."""
 
@@ -152,7 +153,8 @@ def check_ready(inputs: Inputs, now_ns: int | None) -> None:
     if missing:
         raise Refused(
             codes.NOT_READY,
-            f"The planner is still waiting for {', '.join(missing)}.",
+            f"The planner is still waiting for {', '.join(missing)}."
+            + (f" {NO_MAP}" if "map" in missing else ""),
             missing=missing,
         )
 

@@ -136,6 +136,19 @@ def test_a_map_is_extended_and_the_old_one_is_kept(stage: Stage) -> None:
     assert stage.ask(requests.MAP_LIST) == ["home"]
 
 
+def test_places_that_were_saved_on_a_map_go_when_it_is_discarded(make_stage: MakeStage) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    # Of a map of that name that is not there now.
+    stage.ask(requests.POSES_PUT, SavedPose(name="sofa", map="home", pose=Pose2D.identity()))
+    stage.map(seconds=3.0)
+    stage.bus.run(1.5)
+    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    stage.bus.run(0.5)
+    stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(0.5)
+    assert [one.name for one in answers_to(stage, topics.POSES)[0].poses] == ["sofa"]
+
+
 def test_an_extended_map_is_saved_under_another_name_with_its_zones_places_and_tours(
     make_stage: MakeStage,
 ) -> None:

@@ -159,6 +159,7 @@ def pose(state: PoseState) -> PoseEstimate:
 
 BASE = BaseState(stamp_ns=1, mode="ok")
 STOPPED = "Stopped. `trolley resume` lets it drive."
+NO_POSE = "It has no pose yet: there is no map, or its localizer is not running."
 HERE = pose("localized")
 
 
@@ -172,6 +173,8 @@ def goal(state: GoalState, **fields: Any) -> GoalStatus:
         ((None, HERE, None, None), "No contact with the robot."),
         ((BASE, HERE, None, None), "Ready."),
         ((BASE, None, None, None), "Ready."),
+        ((BASE, None, goal("idle"), None), NO_POSE),
+        ((BASE, None, goal("idle", frame="odom"), None), "Ready."),
         ((BASE, pose("lost"), None, None), "The robot does not know where it is."),
         (
             (BaseState(stamp_ns=1, mode="stopped", reason="button"), HERE, None, None),

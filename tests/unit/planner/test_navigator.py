@@ -483,6 +483,7 @@ def test_what_is_missing_is_named(ride, missing: str) -> None:
     assert refusal.code == codes.NOT_READY
     assert refusal.details == {"missing": [missing]}
     assert missing in refusal.message
+    assert ("`trolley map new NAME`" in refusal.message) == (missing == "map")
 
 
 def test_a_preview_tells_way_and_time_and_moves_nothing(ride) -> None:

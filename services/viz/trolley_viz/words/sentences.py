@@ -142,7 +142,8 @@ def mapping_line(mapping: MappingStatus | None) -> StatusLine | None:
     why = said(mapping.message)
     if mapping.state == "idle":
         return StatusLine("No map is being made", "idle", why) if why else None
-    loops = f", {mapping.loops} loops closed" if mapping.loops else ""
+    loops = "1 loop" if mapping.loops == 1 else f"{mapping.loops} loops"
+    loops = f", {loops} closed" if mapping.loops else ""
     scans = "1 scan" if mapping.scans == 1 else f"{mapping.scans} scans"
     detail = f"{duration(mapping.seconds // 1.0)}, {scans}{loops}."
     if mapping.loose:

@@ -120,6 +120,9 @@ def every_state() -> Iterator[RobotState]:
     for state in values_of(MappingStatus, "state"):
         mapping = MappingStatus(stamp_ns=1, state=state, name="home")
         yield RobotState(goal=idle, has_map=False, mapping=mapping)
+    for scans, loops in ((1, 0), (14, 1), (14, 2)):
+        mapping = MappingStatus(stamp_ns=1, state="mapping", name="home", scans=scans, loops=loops)
+        yield RobotState(goal=idle, mapping=mapping)
     yield RobotState(is_away=True)
     yield RobotState()
     yield RobotState(goal=idle)
