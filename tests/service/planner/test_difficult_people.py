@@ -108,6 +108,12 @@ def walk(way: Places, speed: float, time_s: float) -> tuple[float, float]:
     return x, y
 
 
+def into_door(time_s: float) -> tuple[float, float]:
+    """Where somebody is who walks into the door from the other side, and stirs there."""
+    x, y = walk([(6.0, 3.0), DOOR], 0.8, max(time_s - 1.0, 0.0))
+    return x + 0.05 * math.sin(1.3 * time_s), y + 0.05 * math.sin(0.7 * time_s)
+
+
 def test_who_walks_up_to_the_robot_wherever_it_goes_is_not_driven_into(play) -> None:
     scene = play(empty_room(), Pose2D(6.5, 4.5, 0.0))
     at = np.array([6.0, 2.0])
@@ -156,8 +162,7 @@ def test_who_walked_into_the_only_door_and_stays_is_not_come_closer_to(play) -> 
     away_m: list[float] = []
 
     def person(time_s: float, robot: Pose2D) -> Places:
-        x, y = walk([(6.0, 3.0), DOOR], 0.8, max(time_s - 1.0, 0.0))
-        at = x + 0.05 * math.sin(1.3 * time_s), y + 0.05 * math.sin(0.7 * time_s)
+        at = into_door(time_s)
         away_m.append(math.dist((robot.x, robot.y), at))
         return [at]
 
@@ -166,6 +171,20 @@ def test_who_walked_into_the_only_door_and_stays_is_not_come_closer_to(play) -> 
     assert (said[-1].state, said[-1].reason) == ("failed", codes.BLOCKED)
     assert scene.world.touches == 0
     assert away_m[-1] > 1.1
+
+
+def test_who_comes_out_of_the_only_door_as_its_patience_ends_makes_no_goal_fail(play) -> None:
+    """They came past it yet when it gave up, and the door was free."""
+    scene = play(two_rooms(0.8), OTHER_ROOM)
+
+    def person(time_s: float, _robot: Pose2D) -> Places:
+        out = [(3.2, 2.6), (2.6, 1.5), (1.0, 1.0)]
+        return [walk([into_door(min(time_s, 61.0)), *out], 0.4, max(time_s - 61.0, 0.0))]
+
+    said = scene.live(64.0, person)
+    assert said[-1].state == "recovering"
+    scene.live(10.0, lambda time_s, robot: person(64.0 + time_s, robot))
+    assert scene.goes_on()
 
 
 @pytest.mark.parametrize(("before_m", "apart_from_s"), [(3.0, 0.0), (0.7, 8.5)])

@@ -109,9 +109,13 @@ class BesideWay:
         # From the side half of them is seen: a path that leads past them would not be free.
         past_m = float(np.hypot(*(route.path.points - self.there).T).min())
         is_gone = past_m > BESIDE_WAY.past_m or route.what_stands_near(*self.there) is None
-        is_over = is_gone and not route.is_blocked and not progress.is_anyone_near(pose)
+        is_free = is_gone and not route.is_blocked
+        is_over = is_free and not progress.is_anyone_near(pose)
         blockage = None if is_over else Blockage(self.there, 0.0)
-        if not driven.wait_on_way(blockage, pose, elapsed_s):
+        # Who has left and only has to come past is no reason to fail.
+        waits = progress.wait_on_way if is_free else driven.wait_on_way
+        waits(blockage, pose, elapsed_s)
+        if not progress.is_waiting_on_way:
             self.there = None
         return self.there is not None
 
