@@ -254,7 +254,12 @@ def _wait(robot: Robot, status: MappingStatus, state: str, timeout_s: float) -> 
         while status.state == state:
             progress.show(f"{state} ...", state)
             if time.monotonic() > until_s:
-                raise Refused(codes.TIMEOUT, f"The mapper is still {state}; {status.message}")
+                doing = status.message or f"The mapper is {state}."
+                raise Refused(
+                    codes.TIMEOUT,
+                    f"Not finished after {timeout_s:.0f} s (`trolley map status` shows how it goes "
+                    f"on): {doing}",
+                )
             time.sleep(0.2)
             status = robot.latest(topics.MAPPING) or status
     finally:

@@ -47,6 +47,21 @@ def test_nobody_is_asked_about_a_map_that_is_not_being_made(
 
 
 @pytest.mark.parametrize(
+    "doing", ["The map is being saved.", "The map home is saved; the localizer takes over."]
+)
+def test_a_save_that_takes_long_says_whether_the_map_is_written(
+    monkeypatch: pytest.MonkeyPatch, doing: str
+) -> None:
+    saving = replace(MAKING, state="saving", message=doing)
+    robot = SimpleNamespace(ask=lambda *_: saving, latest=lambda _: saving)
+    monkeypatch.setattr(mapping, "one_robot", lambda: contextlib.nullcontext(robot))
+    monkeypatch.setattr(mapping, "SAVE_TIMEOUT_S", 0.0)
+    output = CliRunner().invoke(mapping.save_map).output
+    assert doing in output
+    assert "still saving" not in output
+
+
+@pytest.mark.parametrize(
     ("loose", "said"), [(1, ", 1 scan that hangs loose"), (2, ", 2 scans that hang loose")]
 )
 def test_the_status_counts_what_hangs_loose(loose: int, said: str) -> None:
