@@ -11,7 +11,7 @@ from trolley.messages.motion import CHASSIS
 from trolley.runtime.service import Service, gets, on
 from trolley_base.board_sensors import BoardSensors
 from trolley_base.device_log import DeviceLog
-from trolley_base.drivers import ChassisReading, Hardware, LidarScan
+from trolley_base.drivers import ChassisReading, Hardware, LidarReading, LidarScan
 from trolley_base.odometry.dead_reckoning import DeadReckoning, Measured
 from trolley_base.odometry.wheel_scales import WheelScales
 from trolley_base.robot_clock import Beat
@@ -47,8 +47,7 @@ class DeviceInputs:
         self.sight = sight
         """What the lidar sees."""
         self._chassis = ChassisReading((), Link(name=CHASSIS, state="searching"))
-        self._lidar = Link(name="lidar", state="searching")
-        self._lidar_is_gone = False
+        self._lidar = LidarReading((), Link(name="lidar", state="searching"))
         self._has_moved = True
         self._odometry_beat = Beat(ODOMETRY_S)
         self.battery: Battery | None = None
@@ -72,7 +71,7 @@ class DeviceInputs:
     @property
     def links(self) -> list[Link]:
         """The connections to the chassis and the lidar."""
-        return [self._chassis.link, self._lidar]
+        return [self._chassis.link, self._lidar.link]
 
     @property
     def has_ended(self) -> bool:
@@ -98,7 +97,7 @@ class DeviceInputs:
         self, now_ns: int, cannot_drive: str, *, is_stopped: bool, own_pause_ns: int
     ) -> SafetyState:
         """Return what the devices say about whether the robot may drive."""
-        lidar, age_ns = self.sight.judged(self._lidar), self.sight.age_ns(now_ns)
+        lidar, age_ns = self.sight.judged(self._lidar.link), self.sight.age_ns(now_ns)
         return SafetyState(
             cannot_drive,
             is_stopped,
@@ -106,7 +105,7 @@ class DeviceInputs:
             self._chassis,
             lidar,
             age_ns,
-            self._lidar_is_gone,
+            self._lidar.is_gone,
         )
 
     def update(self, now_ns: int) -> None:
@@ -138,8 +137,7 @@ class DeviceInputs:
         self._device_log.add(now_ns, reading.link, reading.notes, reading.counts)
 
     def _read_lidar(self, now_ns: int) -> None:
-        reading = self._hardware.lidar.read()
-        self._lidar, self._lidar_is_gone = reading.link, reading.is_gone
+        reading = self._lidar = self._hardware.lidar.read()
         self._device_log.add(now_ns, reading.link, reading.notes, reading.counts)
         for scan in reading.scans:
             self._reckoning.add_scan(scan)
