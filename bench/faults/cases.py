@@ -4,6 +4,7 @@ import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from bench.faults.robot import STANDS_MPS, Missing, Rig, describe
 from bench.faults.saved import lost
@@ -121,7 +122,7 @@ def _disturb(rig: Rig, fault: Fault, outcome: Outcome) -> None:
     if fault.asks:
         _let_it_go_on(rig, outcome)
     rig.wait_for_driving(BACK_WITHIN_S)
-    if fault.stands_s is not None:
+    if outcome.stood_s is not None:
         outcome.back_s = time.monotonic() - mended_s
     outcome.lost = lost(before, rig.saved())
     if rig.collisions > collisions:
@@ -159,64 +160,66 @@ def _back(rig: Rig) -> None:
     rig.start_router()
 
 
+class HowItStands(NamedTuple):
+    """What must happen where a service goes away; the words of `Fault`."""
+
+    happens: str
+    stands_s: float | None = None
+    asks: bool = False
+    until_found: bool = False
+
+
 HOW_IT_STANDS = {
-    "base": ("the board stops by itself; the trip waits for a person", COMMAND_LOST_S, True),
-    "localizer": ("the planner stops without a pose; the trip continues", POSE_LOST_S, False),
-    "planner": ("base holds without commands; the trip continues", COMMAND_LOST_S, False),
-    "tour": ("the robot continues to its goal; the trip is resumed", None, False),
-    "viz": ("nothing but the page stops", None, False),
-    "router": ("base holds without commands; the trip continues", COMMAND_LOST_S, False),
+    "base": HowItStands(
+        "the board stops by itself; the trip waits for a person", COMMAND_LOST_S, asks=True
+    ),
+    "localizer": HowItStands(
+        "the planner stops if it has no pose for 1 s; the trip continues",
+        POSE_LOST_S,
+        until_found=True,
+    ),
+    "planner": HowItStands("base holds without commands; the trip continues", COMMAND_LOST_S),
+    "tour": HowItStands("the robot continues to its goal; the trip is resumed"),
+    "viz": HowItStands("nothing but the page stops"),
+    "router": HowItStands("base holds without commands; the trip continues", COMMAND_LOST_S),
 }
 
 
 def _killed() -> list[Fault]:
-    faults: list[Fault] = []
-    for service, (happens, stands_s, asks) in HOW_IT_STANDS.items():
-        if service == "router":
-            continue
-        apply = _signal(service, signal.SIGKILL)
-        faults.append(
-            Fault(
-                f"kill -9 of {service}",
-                happens,
-                apply,
-                stands_s=stands_s,
-                until_found=service == "localizer",
-                asks=asks,
-            )
-        )
-    return faults
+    return [
+        Fault(f"kill -9 of {service}", apply=_signal(service, signal.SIGKILL), **how._asdict())
+        for service, how in HOW_IT_STANDS.items()
+        if service != "router"
+    ]
 
 
 def _frozen() -> list[Fault]:
     """SIGSTOP for 4 s, which everything survives, and for good, which the watchdog ends."""
     faults: list[Fault] = []
-    for service, (happens, stands_s, asks) in HOW_IT_STANDS.items():
+    for service, how in HOW_IT_STANDS.items():
         stop, go = _signal(service, signal.SIGSTOP), _signal(service, signal.SIGCONT)
         # A base that was frozen for a while comes back in the same run: the goal continues.
         faults.append(
             Fault(
                 f"{service} frozen for 4 s",
-                "it continues where it was" if stands_s is None else "stops, then continues",
+                "it continues where it was" if how.stands_s is None else "stops, then continues",
                 stop,
                 go,
                 4.0,
-                stands_s,
+                how.stands_s,
             )
         )
         if service != "router":  # in the terminal it is not a child of the supervisor
-            happens = f"the watchdog restarts it; {happens}"
+            how = how._replace(happens=f"the watchdog restarts it; {how.happens}")
             name = f"{service} frozen for good"
-            faults.append(
-                Fault(name, happens, stop, stands_s=stands_s, asks=asks, restarts=service)
-            )
+            faults.append(Fault(name, apply=stop, restarts=service, **how._asdict()))
     return faults
 
 
 def _without_router() -> list[Fault]:
-    happens, stands_s, _ = HOW_IT_STANDS["router"]
+    how = HOW_IT_STANDS["router"]._asdict()
     return [
-        Fault(f"router gone for {seconds:g} s", happens, _gone, _back, seconds, stands_s)
+        Fault(f"router gone for {seconds:g} s", apply=_gone, undo=_back, lasts_s=seconds, **how)
         for seconds in (1.0, 5.0, 30.0)
     ]
 

@@ -130,15 +130,12 @@ def _on_bad_disk(
             rig,
             Fault(
                 f"{name}: kill -9 of {one}",
-                "comes back with all its data",
-                kill,
-                stands_s=HOW_IT_STANDS[one][1],
-                until_found=one == "localizer",
+                apply=partial(_kill, one),
                 restarts=one,
+                **HOW_IT_STANDS[one]._replace(happens="comes back with all its data")._asdict(),
             ),
         )
         for one in ("localizer", "tour", "planner")
-        for kill in (partial(_kill, one),)
     ]
     mend()
     try:
@@ -307,13 +304,10 @@ def starving() -> list[Fault]:
     return [
         Fault(
             f"{service} out of memory",
-            f"is killed and restarted; {words}",
-            partial(_starve, service),
-            stands_s=stands_s,
-            until_found=service == "localizer",
-            asks=asks,
+            apply=partial(_starve, service),
             restarts=service,
+            **how._replace(happens=f"is killed and restarted; {how.happens}")._asdict(),
         )
-        for service, (words, stands_s, asks) in HOW_IT_STANDS.items()
+        for service, how in HOW_IT_STANDS.items()
         if service in BALLAST
     ]

@@ -113,7 +113,7 @@ def _put_map_back(rig: Rig) -> None:
 
 def flood_standing(rig: Rig) -> list[Outcome]:
     """Every key, by one client: how long a stop takes to be answered."""
-    outcome = Outcome(f"{RATE} messages/s on each key and request in turn", "")
+    outcome = Outcome(f"{RATE} messages/s on each key and request in turn", "", stood_s=0.0)
     _stand(rig)
     before, restarts = rig.saved(), rig.restarts
     delays: list[float] = []

@@ -334,7 +334,7 @@ class Rig:
             time.sleep(0.3)
 
     def prepare(self) -> None:
-        """Save something of everything, and start a tour without an end."""
+        """Save something of everything, and drive a tour without an end."""
         self.wait(lambda: self.seen, START_S, "the truth")
         self.wait(lambda: self.pose and self.pose.state == "localized", START_S, "localized")
         for name, pose in (("corridor", CORRIDOR), ("kitchen", KITCHEN)):
@@ -346,6 +346,7 @@ class Rig:
         self.ask_patiently(requests.TOUR_START, StartTour(name="evening"))
         self.ask_patiently(requests.TOUR_STOP)
         self.start_tour()
+        self.wait_for_driving()  # the planner comes last; until then nobody answers its requests
 
     def start_tour(self) -> None:
         """Let it drive round forever."""
