@@ -173,6 +173,16 @@ def test_nothing_is_driven_before_somebody_says_yes(standing_robot_file: Path) -
     assert "6 squares of 0.8 m" in printed
 
 
+def test_a_pc_whose_file_has_no_robot_calibrates_too(
+    standing_robot_file: Path, tmp_path: Path
+) -> None:
+    pc_file = tmp_path / "robot.toml"
+    pc_file.write_text(f"[zenoh]\nconnect = {load_config(standing_robot_file).zenoh.connect}\n")
+    with start(pc_file, "square", "--side", "0.8") as process:
+        printed, _ = process.communicate("n\n", timeout=PATIENCE_S)
+    assert "6 squares of 0.8 m" in printed
+
+
 def run(robot_file: Path, *arguments: str) -> str:
     with start(robot_file, *arguments) as process:
         printed, problem = process.communicate(timeout=PATIENCE_S)

@@ -17,7 +17,7 @@ from trolley.cli.robots import one_robot, reports_errors
 from trolley.cli.show import print_json
 from trolley.client import Robot
 from trolley.codes import Refused
-from trolley.config import ConfigError, find_config, load_config
+from trolley.config import ConfigError, find_config, load_config, load_host_config
 from trolley.geometry import Pose2D
 from trolley.messages import Proposal, Proposals
 from trolley.messages.request_params import WhichConfig, WhichProposal
@@ -344,11 +344,12 @@ def _in_force(robot: Robot, result: dict[str, Any]) -> tuple[WheelScales, Path |
     name = robot.name
     wanted: str | None = result["write"]
     path = Path(wanted) if wanted else find_config(given("config"))
-    config = None if path is None else load_config(path)
-    if wanted is not None and (path is None or config is None):
+    if wanted is not None and path is None:
         raise ConfigError("--write: there is no robot.toml; name one")
-    if config is not None and config.robot.name != name:
-        if wanted is not None:
+    load = load_host_config if wanted is None else load_config
+    config = None if path is None else load(path)
+    if config is not None and (config.robot is None or config.robot.name != name):
+        if wanted is not None and config.robot is not None:
             raise ConfigError(f"{path} is the file of robot {config.robot.name}, not of {name}")
         config = None
     scales = WheelScales() if config is None else scales_of(config)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.config import ConfigError, RobotConfig
+from trolley.config import ConfigError, HostConfig
 from trolley.geometry import Pose2D, Twist2D, exp_twist, log_pose
 from trolley_base.drivers import DriverError
 from trolley_base.drivers.boards import counted_track_m
@@ -92,7 +92,7 @@ class WheelScales:
         return reported if self.is_identity else exp_twist(self.true_twist(log_pose(reported)))
 
 
-def scales_of(config: RobotConfig) -> WheelScales:
+def scales_of(config: HostConfig) -> WheelScales:
     """Return the scales of the configuration.
 
     Raises:
@@ -114,7 +114,7 @@ def scales_of(config: RobotConfig) -> WheelScales:
         ) from error
 
 
-def counted_track_of(config: RobotConfig) -> float | None:
+def counted_track_of(config: HostConfig) -> float | None:
     """Return the track that the board assumes [m], None where nothing says it.
 
     Raises:
