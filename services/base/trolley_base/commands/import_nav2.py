@@ -38,4 +38,6 @@ def import_nav2(
         )
     if map_file is not None:
         take_map(findings, Value(map_file, map_file, 1))
+    elif findings.map_file is None and "planner.frame" not in findings.chosen:
+        findings.note("No map is taken: give its YAML file with --map, or name it in [map] file.")
     write_settings(findings, output, name, force=force, as_json=as_json)

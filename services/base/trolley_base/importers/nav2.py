@@ -336,10 +336,6 @@ def _take_costs(findings: Findings, parameters: Parameters) -> Iterator[str]:
 def _take_map(findings: Findings, parameters: Parameters) -> Iterator[str]:
     found = _find(parameters, "map_server.yaml_filename")
     if found is None or not str(found[1].value).strip():
-        if findings.chosen.get("planner.frame") is None:
-            findings.note(
-                "No map is named: give its YAML file with --map, or name it in [map] file."
-            )
         return
     path = Path(str(found[1].value)).expanduser()
     take_map(findings, found[1]._replace(value=findings.folder / path))

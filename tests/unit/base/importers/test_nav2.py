@@ -131,8 +131,10 @@ def test_the_map_is_copied_beside_it(file: Path, tmp_path: Path) -> None:
     cells = np.zeros((20, 40), dtype=np.int8)
     cells[0] = 100
     save_map(GridMap("house", 0.05, Pose2D(0.0, 0.0, 0.0), cells), tmp_path / "house.yaml")
+    assert "No map is taken" in run(file, "-o", tmp_path / "a" / "robot.toml").output
     output = tmp_path / "out" / "robot.toml"
-    assert run(file, "-o", output, "--map", tmp_path / "house.yaml").exit_code == 0
+    result = run(file, "-o", output, "--map", tmp_path / "house.yaml")
+    assert (result.exit_code, "No map is taken" in result.output) == (0, False)
     assert (tmp_path / "out" / "maps" / "house.yaml").exists()
     named = tmp_path / "named.yaml"
     named.write_text(PARAMS.replace('yaml_filename: ""', "yaml_filename: house.yaml"))
