@@ -53,7 +53,7 @@ class StraightPlanner(Service):
 
     @answers(requests.GOAL_CANCEL)
     def cancel_goal(self, params: WhichGoal) -> GoalStatus:
-        """End the goal; without commands the robot stands."""
+        """End the goal."""
         if self._goal.state != "driving" or params.id not in (None, self._goal.id):
             raise Refused(codes.NOT_CURRENT)
         return self._set("canceled", self._goal.id, self._goal.pose, codes.CANCELED)
@@ -74,9 +74,12 @@ class StraightPlanner(Service):
         turn = wrap_angle(math.atan2(goal.y - here.y, goal.x - here.x) - here.yaw)
         ahead = min(SPEED, away) if abs(turn) < AIMED else 0.0
         twist = Twist2D(ahead, 0.0, max(-TURN, min(TURN, 2.0 * turn)))
-        command = VelocityCommand(stamp_ns=self.now_ns, twist=twist, valid_for=0.25)
-        self.publish(topics.COMMAND, command, "planner")
+        self._command(twist)
         self.publish(topics.GOAL, self._goal)
+
+    def _command(self, twist: Twist2D) -> None:
+        command = VelocityCommand(stamp_ns=self.stamp_ns, twist=twist, valid_for=0.25)
+        self.publish(topics.COMMAND, command, "planner")
 
     def _set(self, state: str, goal: str | None, pose: Pose2D | None, why: str = "") -> GoalStatus:
         self._goal = GoalStatus(
@@ -87,6 +90,8 @@ class StraightPlanner(Service):
             reason=why,
         )
         self.publish(topics.GOAL, self._goal)
+        if state != "driving":
+            self._command(Twist2D(0.0, 0.0, 0.0))  # it stands because it is told to, not for want
         return self._goal
 
 

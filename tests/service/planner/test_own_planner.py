@@ -30,6 +30,8 @@ def test_a_planner_of_one_s_own_drives_and_its_death_ends_the_commands(tmp_path:
         lockstep.ask(requests.GOAL_SEND, SendGoal(pose=there))
         assert lockstep.run_until(lambda: goals[-1].state == "arrived", 60.0)
         assert robot.world.pose.distance_to(there) < 0.06
+        lockstep.run(0.1)
+        assert commands[-1].twist.is_zero  # else base says that commands stopped arriving
         lockstep.ask(requests.GOAL_SEND, SendGoal(pose=START))
         lockstep.ask(requests.GOAL_CANCEL, WhichGoal())
         assert goals[-1].state == "canceled"
