@@ -14,6 +14,7 @@ A hole that sends nothing back, such as a deep dark stairwell, is not known to b
 
 import argparse
 import io
+import json
 import math
 from dataclasses import dataclass
 
@@ -168,7 +169,6 @@ def main() -> None:
     """Turn the depth images of one camera into scans until it is ended."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("name", help="of the sensor, as in [base.scans.NAME]")
-    parser.add_argument("--router", default="tcp/127.0.0.1:7447", help="where images come from")
     parser.add_argument("--focal", type=float, nargs=2, required=True, help="fx fy [pixels]")
     parser.add_argument("--centre", type=float, nargs=2, required=True, help="cx cy [pixels]")
     parser.add_argument("--height", type=float, required=True, help="above the floor [m]")
@@ -187,11 +187,14 @@ def main() -> None:
     scanners: dict[tuple[int, ...], DepthScanner] = {}
     settings = zenoh.Config()
     settings.insert_json5("mode", '"client"')
-    settings.insert_json5("connect/endpoints", f'["{given.router}"]')
-    with Robot() as robot, zenoh.open(settings) as session:
+    with Robot() as robot:
+        settings.insert_json5("connect/endpoints", json.dumps(robot.connection.endpoints))
         key = f"trolley/{robot.name}/depth/{given.name}"
         newest = zenoh.handlers.RingChannel(1)
-        with session.declare_subscriber(key, newest) as images:
+        with (
+            zenoh.open(settings) as session,
+            session.declare_subscriber(key, newest) as images,
+        ):
             for image in images:
                 stamp_ns = robot.now_ns()
                 try:

@@ -99,7 +99,7 @@ def test_a_place_that_is_not_there_is_said_in_a_sentence(robot: None) -> None:
 
 def test_depth_images_on_the_wire_become_scans(robot: None, endpoint: str) -> None:
     program = [
-        *(sys.executable, str(EXAMPLES / "depth.py"), "front", "--router", endpoint),
+        *(sys.executable, str(EXAMPLES / "depth.py"), "front"),
         *("--focal", "110", "110", "--centre", "80", "40", "--height", "0.5"),
     ]
     wall = io.BytesIO()
