@@ -1,4 +1,7 @@
-"""Pages that claim something link to the tests of it: `[words](../tests/x/test_y.py "test_z")`."""
+"""Links of the pages lead to what is there.
+
+Those that claim something link to the tests of it: `[words](../tests/x/test_y.py "test_z")`.
+"""
 
 import re
 from pathlib import Path
@@ -6,6 +9,9 @@ from pathlib import Path
 import pytest
 
 LINK = re.compile(r'\]\(([^)\s]*tests/[^)\s]+\.py) "(test_\w+)"\)')
+LOCAL = re.compile(r"\]\((?!https?:)([^)\s#]*)(?:#([^)\s]+))?")
+BLOCK = re.compile(r"```.*?```", re.DOTALL)
+HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 TABLES = {"docs/safety.md": "## Hazards", "SECURITY.md": "## What is trusted"}
 NOBODY = "| – |"
@@ -23,6 +29,24 @@ def pages(root: Path) -> dict[str, str]:
     """All pages without what is commented out."""
     found = [*root.glob("*.md"), *root.glob("docs/**/*.md")]
     return {str(one.relative_to(root)): COMMENT.sub("", one.read_text("utf-8")) for one in found}
+
+
+def anchors(text: str) -> set[str]:
+    """What can stand behind the # of a link to a page."""
+    titles = [re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", one) for one in HEADING.findall(text)]
+    return {re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in titles}
+
+
+def test_what_a_page_links_to_is_there(pages: dict[str, str], root: Path) -> None:
+    texts = {(root / page).resolve(): BLOCK.sub("", text) for page, text in pages.items()}
+    wrong = [
+        f"{page.relative_to(root)}: {path}#{anchor}"
+        for page, text in texts.items()
+        for path, anchor in LOCAL.findall(text)
+        for target in [(page.parent / path).resolve() if path else page]
+        if not target.exists() or (anchor and anchor not in anchors(texts.get(target, "")))
+    ]
+    assert wrong == []
 
 
 def test_a_test_that_a_page_links_to_exists(pages: dict[str, str], root: Path) -> None:
