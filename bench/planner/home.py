@@ -221,7 +221,7 @@ def arguments() -> argparse.Namespace:
     return given
 
 
-COMMON_HEADS = ("", "reached", "time/ideal", "worst", "wanted", "", "recoveries", "closest m")
+COMMON_HEADS = ("", "reached", "time/ideal", "worst", "wanted", "", "recoveries", "closest m", "ms")
 PLACE_HEADS = (*COMMON_HEADS, "contacts", "why not")
 PEOPLE_HEADS = (*COMMON_HEADS, "way", "moving", "standing", "closed", "per km", "near", "why not")
 
@@ -245,6 +245,7 @@ def common_cells(row: Row, visits: Sequence[Visit]) -> list[str]:
         "met" if is_met else "MISSED",
         f"{np.mean([visit.recoveries for visit in visits]):.1f}",
         f"{min(visit.closest_m for visit in visits):.3f}",
+        f"{max(visit.longest_ms for visit in visits):.0f}",
     ]
 
 

@@ -7,6 +7,7 @@ People are moved and judged here, 50 times a second.
 
 import math
 import tempfile
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from trolley.config import RobotConfig, load_config
 from trolley.geometry import Pose2D, angle_difference
 from trolley.gridmap import GridMap, save_map
 from trolley.gridmap.wire import map_message
-from trolley.messages import GoalStatus, Odometry, PoseEstimate, Transform, Truth, Zones
+from trolley.messages import GoalStatus, Odometry, PoseEstimate, Scan, Transform, Truth, Zones
 from trolley.messages.request_params import SendGoal
 from trolley.runtime.lockstep import Lockstep
 from trolley.runtime.service import Service, on
@@ -32,6 +33,7 @@ from trolley_base.simulation.simulated_hardware import SimulatedHardware
 from trolley_base.world.simulation import Simulation
 from trolley_localizer.service import LocalizerService
 from trolley_planner.service import PlannerService
+from trolley_planner.warmup import warm_up
 
 LIDARS = {
     "360": "beams = 360\nrate_hz = 10.0\n",
@@ -117,6 +119,19 @@ class TruePose(Service):
         self.publish(topics.POSE, estimate)
 
 
+class TimedPlanner(PlannerService):
+    """The planner, and the processor time of its longest cycle."""
+
+    longest_ms = 0.0
+
+    @on(topics.SCAN)
+    def on_scan(self, scan: Scan) -> None:
+        """Run the cycle."""
+        began_s = time.thread_time()
+        super().on_scan(scan)
+        self.longest_ms = max(self.longest_ms, 1e3 * (time.thread_time() - began_s))
+
+
 @dataclass(frozen=True)
 class Setting:
     """How all scenes are driven.
@@ -157,6 +172,8 @@ class Visit:
     """Where the robot was at each contact with walls and things [m]."""
     hits: list[Hit] = field(default_factory=list)
     """Contacts with people."""
+    longest_ms: float = 0.0
+    """Processor time of the planner's longest cycle."""
     near_share: float = 0.0
     """Share of the time in which somebody's body was within 0.45 m of the footprint."""
     people: list[tuple[float, NDArray[np.float64]]] = field(default_factory=list)
@@ -187,7 +204,8 @@ def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
             take_stop_field_away(base, config)
         if scene.frame == "map":
             lockstep.add(LocalizerService(config) if setting.localizes else TruePose(scene.map()))
-        planner = lockstep.add(PlannerService(config))
+        warm_up()
+        planner = lockstep.add(TimedPlanner(config))
         world = world_of(base)
         people = crowd = None
         if scene.crowd is not None:
@@ -222,6 +240,7 @@ def drive(scene: Scene, seed: int, setting: Setting) -> Visit:
                 visit.ending = "elsewhere"
             if not visit.is_success:
                 break
+        visit.longest_ms = planner.longest_ms
         _judge(visit, truths, world, people)
     return visit
 
