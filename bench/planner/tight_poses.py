@@ -84,11 +84,11 @@ def _timed(scene: Scene, seed: int, each: bool) -> tuple[list[float], list[int],
         for _ in range(PIECES):
             task = _piece(way.poses, rng)
             for _ in range(2):
-                begun = time.perf_counter()
+                before, begun = context.pose_search.num_states, time.perf_counter()
                 found = context.find_maneuver(task, MANEUVER.half_m)
                 took_ms = 1e3 * (time.perf_counter() - begun)
             times.append(took_ms)
-            states.append(context.pose_search.num_states)
+            states.append(context.pose_search.num_states - before)
             missed += found is None
             if each:
                 print(

@@ -32,7 +32,7 @@ def search(
     fine = fine_grid(grid, footprint)
     nothing = np.zeros(fine.mask.shape, dtype=np.uint8)
     task = Task(start, goal, any_heading=False, xy_m=XY_M, yaw_rad=YAW_RAD, wanted_m=MARGIN_M)
-    return PoseSearch(footprint).find(fine, nothing, nothing, task)
+    return PoseSearch(footprint, fine.fine_m).find(fine, nothing, nothing, task)
 
 
 def deepest(grid: GridMap, corners: list[tuple[float, float]], poses: np.ndarray) -> float:

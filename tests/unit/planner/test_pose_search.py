@@ -35,12 +35,24 @@ def search(
     known: int = IN_SIGHT,
     most: int = USABLE,
 ) -> Maneuver | None:
+    return counted_search(grid, corners, ends, known, most)[0]
+
+
+def counted_search(
+    grid: GridMap,
+    corners: list[tuple[float, float]],
+    ends: tuple[Pose2D, Pose2D],
+    known: int = IN_SIGHT,
+    most: int = USABLE,
+) -> tuple[Maneuver | None, int]:
+    """The way, and how many states it took."""
     footprint = Footprint.from_polygon(corners)
     fine = fine_grid(grid, footprint)
     shape = fine.mask.shape
     task = Task(*ends, any_heading=False, xy_m=0.03, yaw_rad=0.05, wanted_m=0.05)
     nowhere, behind = np.zeros(shape, np.uint8), np.full(shape, known, dtype=np.uint8)
-    return PoseSearch(footprint).find(fine, behind, nowhere, task, most)
+    made = PoseSearch(footprint, fine.fine_m)
+    return made.find(fine, behind, nowhere, task, most), made.num_states
 
 
 def lane(width_m: float) -> GridMap:
@@ -61,6 +73,12 @@ def test_a_door_narrower_than_the_robot_is_proved_to_be() -> None:
     assert search(two_rooms(0.25), HOBBY, (Pose2D(3.0, 3.0, 0.0), Pose2D(5.0, 3.0, 0.0))) is None
 
 
+@pytest.mark.parametrize("y", [2.8, 2.92])
+def test_where_the_robot_does_not_fit_at_its_goal_nothing_is_searched(y: float) -> None:
+    ends = Pose2D(2.5, 2.4, 0.6), Pose2D(4.0, y, 0.5 * math.pi)
+    assert counted_search(two_rooms(0.3), HOBBY, ends) == (None, 0)
+
+
 @pytest.mark.parametrize(("y", "yaw_deg"), [(3.07, -18.0), (3.08, -18.5)])
 def test_a_robot_that_stands_askew_in_a_door_gets_out(y: float, yaw_deg: float) -> None:
     askew = Pose2D(3.7, y, math.radians(yaw_deg))
@@ -74,7 +92,7 @@ def test_nothing_is_searched_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     def search_once(
         memory: Memory, space: SearchSpace, query: Query, to_go: Heuristic, most: int
     ) -> tuple[int, int]:
-        searches.append((query, space.footprint.phase, id(space.blocked), to_go.greed))
+        searches.append((query, space.footprint.phase, int(space.blocking), to_go.greed))
         return search_poses(memory, space, query, to_go, most)
 
     monkeypatch.setattr(pose_search, "search_poses", search_once)

@@ -4,6 +4,7 @@ import math
 
 import msgspec
 import pytest
+from support.all_poses import box
 from support.flatland import Flatland, empty_room, two_rooms, with_block
 
 from trolley import codes
@@ -12,6 +13,7 @@ from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
 from trolley.messages import Zone
 from trolley_planner.driving.recovery import RECOVERY_SEQUENCE, Recovery, RecoveryAction
+from trolley_planner.driving.route import ROUTE
 
 START = Pose2D(1.0, 3.0, 0.0)
 SECOND_NS = 1_000_000_000
@@ -51,6 +53,19 @@ def test_at_a_door_that_is_narrower_than_the_map_says_it_looks_from_close_by(rid
     drive.send(Pose2D(6.0, 3.0, 0.0))
     drive.until(lambda: drive.navigator.current.board.state == "recovering")
     assert world.pose.distance_to(Pose2D(4.0, 3.0, 0.0)) < 0.8
+
+
+def test_a_slow_computer_is_not_busy_with_looking_for_a_way_past_what_blocks_the_door(ride) -> None:
+    world = Flatland(two_rooms(), Pose2D(2.0, 2.6, 0.0), footprint=box(0.35, 0.30, 0.175))
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.step(40)
+    world.set_truth(with_block(two_rooms(), 3.9, 2.5, 0.2, 0.6))  # 0.30 m are left, as it is wide
+    drive.until(lambda: drive.navigator.current.board.state == "recovering")
+    search = drive.navigator.costmap_manager.require_context().pose_search
+    before = search.num_states
+    drive.step(100)
+    assert 0 < (search.num_states - before) * ROUTE.rest_per_state_s < 5.0
 
 
 def test_a_blocked_way_fails_after_bounded_tries(ride) -> None:

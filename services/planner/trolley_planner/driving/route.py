@@ -26,6 +26,9 @@ class RouteParams:
 
     replan_blocked_s: float = 0.3
     """Time between two plans while the path is blocked."""
+    rest_per_state_s: float = 2e-5
+    """Time more for each pose that the last plan had to search, so that a slow computer is not
+    busy with that alone: it takes a PC a fifteenth of this."""
     detour_factor: float = 1.5
     """Multiple of the old length above which a path may be a detour."""
     detour_m: float = 2.0
@@ -114,6 +117,7 @@ class Route:
         self._timed: tuple[tuple[int, float], NDArray[np.float64]] | None = None
         """For which path and speed the times along it are known, and these."""
         self._planned_ns = 0
+        self._rest_ns = 0
         self._weights_changed = False
 
     @property
@@ -196,14 +200,18 @@ class Route:
             self._blocked_since_ns = now_ns
         waited_ns = now_ns - self._planned_ns
         if is_cut or self.has_strayed(pose):
-            due = waited_ns >= ROUTE.replan_blocked_s * 1e9
+            due = waited_ns >= ROUTE.replan_blocked_s * 1e9 + self._rest_ns
         else:
             self.is_blocked, self._blocked_since_ns = False, None
             due = self._weights_changed and waited_ns >= self._replan_ns
         if due or force:
             self._planned_ns = now_ns
             self._weights_changed = False
+            search = self._context.pose_search
+            num_before = search.num_states
             self._replan(pose, is_cut, now_ns, force)
+            num_states = search.num_states - num_before
+            self._rest_ns = round(num_states * ROUTE.rest_per_state_s * 1e9)
 
     @property
     def is_tight_here(self) -> bool:

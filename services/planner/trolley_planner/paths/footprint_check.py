@@ -72,17 +72,17 @@ class FootprintCheck:
 
     Args:
         costmap: what stands where, and the footprint.
-        pose_search: finds ways through where the footprint does not fit along a path.
     """
 
-    def __init__(self, costmap: Costmap, pose_search: PoseSearch) -> None:
+    def __init__(self, costmap: Costmap) -> None:
         self._costmap = costmap
         self._body = costmap.footprint.body
         self._edge_m = costmap.resolution_m
-        self._pose_search = pose_search
         reach_m = costmap.footprint.circumscribed_m + CHECK.margin_m
         self._margin = math.ceil(reach_m / costmap.resolution_m)
         self._fine_grid = FineGrid(costmap, FINE.finest_m, reach_m)
+        self.pose_search = PoseSearch(costmap.footprint, self._fine_grid.fine_m)
+        """Finds ways through where the footprint does not fit along a path."""
         radii = costmap.footprint.circumscribed_m, costmap.footprint.inscribed_m
         self._is_round = radii[0] <= radii[1] + costmap.resolution_m
 
@@ -171,15 +171,15 @@ class FootprintCheck:
         (x, y), (to_x, to_y) = points[start].tolist(), points[end].tolist()
         ends = Pose2D(x, y, yaw), Pose2D(to_x, to_y, to_yaw)
         task = Task(*ends, any_heading, *missed, CHECK.wanted_m)
-        found = self._pose_search.find(grid, unknown, closed, task)
+        found = self.pose_search.find(grid, unknown, closed, task)
         if found is None and not any_heading and not is_end:
             task = task._replace(any_heading=True)
-            found = self._pose_search.find(grid, unknown, closed, task)
+            found = self.pose_search.find(grid, unknown, closed, task)
         if found is None and start == 0 and yaws[0] is not None:
             # A robot that stands right beside a wall pulls out as it drives.
             aside = pulled_aside(ends[0], grid, unknown, self._body)
             if aside is not None:
-                found = self._pose_search.find(grid, unknown, closed, task._replace(start=aside))
+                found = self.pose_search.find(grid, unknown, closed, task._replace(start=aside))
         return None if found is None else found.poses[1:, :2]
 
 

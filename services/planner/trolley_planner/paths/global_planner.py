@@ -12,7 +12,6 @@ from trolley_planner.costmap.inflation import LETHAL, WEIGHT_UNIT, close_disc, s
 from trolley_planner.paths.corridor import Terrain
 from trolley_planner.paths.cost_to_go import COST_OF_CELL, CostToGo
 from trolley_planner.paths.footprint_check import FootprintCheck, Yaws
-from trolley_planner.paths.hybrid_astar.pose_search import PoseSearch
 from trolley_planner.paths.path import (
     PlannedPath,
     polyline_cost,
@@ -70,9 +69,9 @@ class GlobalPlanner:
     def __init__(self, costmap: Costmap) -> None:
         self._costmap = costmap
         self._cost_to_go = CostToGo(costmap.shape)
-        self.pose_search = PoseSearch(costmap.footprint)
+        self._footprint_check = FootprintCheck(costmap)
+        self.pose_search = self._footprint_check.pose_search
         """Finds ways with headings; its memory is large, so all who plan here share it."""
-        self._footprint_check = FootprintCheck(costmap, self.pose_search)
         self.narrow: list[Point] = []
         """Where the last plan found that the footprint does not get through."""
 

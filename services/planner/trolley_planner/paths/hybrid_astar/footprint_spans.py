@@ -26,6 +26,8 @@ ANGLES = PHASES * HEADINGS
 drives, would else be off by a centimetre at its corners."""
 ANGLE_RAD = TURN_RAD / PHASES
 """Angle between two of the angles at which the footprint is checked: 1.4 degrees."""
+ALL_KINDS = np.uint64(2**64 - 1)
+"""Bits of all kinds of cells."""
 
 
 class FootprintSpans(NamedTuple):
@@ -90,11 +92,10 @@ def rasterize_into(
             turned[corner, 0], turned[corner, 1] = cos * x - sin * y, sin * x + cos * y
         count = 0
         for row in range(-reach, reach + 1):
-            first = reach + 1
-            for col in range(-reach, reach + 2):
-                is_covered = col <= reach and (
-                    inside_polygon(turned, col, row) or is_near_edge(turned, col, row, 0.5)
-                )
+            first, col = reach + 1, -reach
+            while col <= reach:
+                off = edge_distance(turned, col, row)
+                is_covered = off < 0.5 or inside_polygon(turned, col, row)
                 if is_covered and first > reach:
                     first = col
                 elif not is_covered and first <= reach:
@@ -103,45 +104,55 @@ def rasterize_into(
                     out_spans[angle, count, 2] = col
                     count += 1
                     first = reach + 1
+                col += max(math.floor(off + 0.5), 1)  # Up to there it is the same side.
         out_num[angle] = count
 
 
 @lean_kernel
-def is_near_edge(polygon: NDArray[np.float64], x: float, y: float, within: float) -> bool:
-    """Say whether a point is nearer than `within` to an edge of a polygon (n, 2)."""
+def edge_distance(polygon: NDArray[np.float64], x: float, y: float) -> float:
+    """Return the distance of a point from the nearest edge of a polygon (n, 2)."""
+    least = math.inf
     for index in range(polygon.shape[0]):
         ax, ay = polygon[index - 1, 0], polygon[index - 1, 1]
         dx, dy = polygon[index, 0] - ax, polygon[index, 1] - ay
         share = ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy)
         share = min(max(share, 0.0), 1.0)
-        if math.hypot(ax + share * dx - x, ay + share * dy - y) < within:
-            return True
-    return False
+        off_x, off_y = ax + share * dx - x, ay + share * dy - y
+        least = min(least, off_x * off_x + off_y * off_y)
+    return math.sqrt(least)
 
 
 @lean_kernel
-def is_free(
-    counts: NDArray[np.uint16], footprint: FootprintSpans, place: tuple[float, float], angle: int
-) -> bool:
-    """Say whether the footprint covers no counted cell, and none outside.
+def touched(
+    counts: NDArray[np.uint64],
+    footprint: FootprintSpans,
+    place: tuple[float, float],
+    angle: int,
+    unwanted: np.uint64,
+) -> np.uint64:
+    """Return the bits of the kinds of cells that the footprint covers.
 
     Args:
-        counts: (rows, cols + 1) see `SearchSpace`.
+        counts: (rows, cols + 1) of a few kinds side by side; see `SearchSpace`.
         footprint: as spans.
         place: x, y from the corner [m].
         angle: index.
+        unwanted: bits of kinds of which one is enough to know; outside all are touched.
     """
     rows, cols = counts.shape[0], counts.shape[1] - 1
     row, col = math.floor(place[1] / footprint.fine_m), math.floor(place[0] / footprint.fine_m)
     reach = footprint.reach
     if row < reach or col < reach or row >= rows - reach or col >= cols - reach:
-        return False
+        return ALL_KINDS
+    found = np.uint64(0)
     for index in range(footprint.num_spans[angle]):
-        at = row + footprint.spans[angle, index, 0]
-        first, end = footprint.spans[angle, index, 1], footprint.spans[angle, index, 2]
-        if counts[at, col + end] != counts[at, col + first]:
-            return False
-    return True
+        at = np.uint64(row + footprint.spans[angle, index, 0])
+        first = np.uint64(col + footprint.spans[angle, index, 1])
+        end = np.uint64(col + footprint.spans[angle, index, 2])
+        found |= counts[at, end] - counts[at, first]
+        if found & unwanted != 0:
+            break
+    return found
 
 
 @lean_kernel

@@ -16,10 +16,16 @@ from trolley_planner.paths.hybrid_astar.footprint_spans import (
     HEADINGS,
     FootprintSpans,
     angle_of,
-    is_free,
+    touched,
 )
 from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, CELL_M, COSTS, PoseXYYaw
-from trolley_planner.paths.hybrid_astar.search_space import TRAVERSAL, SearchSpace
+from trolley_planner.paths.hybrid_astar.search_space import (
+    BESIDE,
+    NEAR,
+    TOUCHING,
+    TRAVERSAL,
+    SearchSpace,
+)
 from trolley_planner.paths.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.sensing.beams import wrapped
 
@@ -133,7 +139,7 @@ def weigh_into(
     footprint, distance_m = space.footprint, space.distance_m
     inscribed_m, circumscribed_m = footprint.inscribed_m, footprint.circumscribed_m
     rows, cols = distance_m.shape
-    levels = (space.near, space.beside, space.touching)
+    levels = (NEAR, BESIDE, TOUCHING)
     needed_m = (space.wanted_m, TRAVERSAL.beside_m, TRAVERSAL.touching_m)
     more = (TRAVERSAL.near, TRAVERSAL.beside, TRAVERSAL.touching)
     for row in range(out_weights.shape[0] - 2):
@@ -152,7 +158,7 @@ def weigh_into(
             for level in range(len(levels)):
                 if farthest > circumscribed_m + needed_m[level] or (
                     farthest >= inscribed_m + needed_m[level]
-                    and fits_somehow(levels[level], footprint, place, parity)
+                    and fits_somehow(space, place, parity, levels[level])
                 ):
                     break
                 price += more[level]
@@ -161,13 +167,22 @@ def weigh_into(
 
 @lean_kernel
 def fits_somehow(
-    counts: NDArray[np.uint16], footprint: FootprintSpans, place: tuple[float, float], parity: int
+    space: SearchSpace, place: tuple[float, float], parity: int, kind: np.uint64
 ) -> bool:
-    """Say whether the footprint covers no counted cell at a place in one of every other heading."""
+    """Say whether the footprint covers no cell of a kind in one of every other heading."""
     for heading in range(parity, HEADINGS, 2):
-        if is_free(counts, footprint, place, angle_of(footprint, heading)):
+        angle = angle_of(space.footprint, heading)
+        if touched(space.obstacles, space.footprint, place, angle, kind) & kind == 0:
             return True
     return False
+
+
+@lean_kernel
+def place_to_go(heuristic: Heuristic, place: tuple[float, float]) -> float:
+    """Return what the rest costs at least by its place alone [m], +inf where nothing may be."""
+    row = math.floor(place[1] / heuristic.edge_m) + 1
+    col = math.floor(place[0] / heuristic.edge_m) + 1
+    return float(heuristic.to_go_m[row, col])
 
 
 @lean_kernel
@@ -177,9 +192,7 @@ def to_go(heuristic: Heuristic, query: Query, place: tuple[float, float], yaw: f
     Somewhere on any path without a change of direction the robot looks along the line from its
     start to its end, or away from it: so much it turns at least.
     """
-    row = math.floor(place[1] / heuristic.edge_m) + 1
-    col = math.floor(place[0] / heuristic.edge_m) + 1
-    rest_m = float(heuristic.to_go_m[row, col])
+    rest_m = place_to_go(heuristic, place)
     if rest_m == math.inf:
         return math.inf
     dx, dy = query.goal[0] - place[0], query.goal[1] - place[1]

@@ -33,7 +33,6 @@ from trolley_planner.paths.hybrid_astar.footprint_spans import (
     PHASES,
     FootprintSpans,
     heading_of,
-    is_free,
     nearest_angle,
     rasterized,
 )
@@ -60,11 +59,14 @@ from trolley_planner.paths.hybrid_astar.open_list import (
     make_memory,
     traced,
 )
-from trolley_planner.paths.hybrid_astar.search import FOUND, search_poses
+from trolley_planner.paths.hybrid_astar.search import FOUND, can_arrive, search_poses
 from trolley_planner.paths.hybrid_astar.search_space import (
+    BESIDE,
+    TOUCHING,
     TRAVERSAL,
     SearchSpace,
     can_turn,
+    fits,
     make_search_space,
 )
 from trolley_planner.paths.hybrid_astar.smoothing import smoothed
@@ -110,14 +112,15 @@ class PoseSearch:
 
     Args:
         footprint: of the robot.
+        fine_m: edge of the cells of the grids in which it searches.
     """
 
-    def __init__(self, footprint: Footprint) -> None:
+    def __init__(self, footprint: Footprint, fine_m: float) -> None:
         self._footprint = footprint
-        self._spans: dict[float, FootprintSpans] = {}
+        self._spans = rasterized(footprint, fine_m)
         self._memory = make_memory()
         self.num_states = 0
-        """States that the last search reached."""
+        """States that all its searches have reached."""
 
     def find(
         self,
@@ -142,11 +145,13 @@ class PoseSearch:
             return None
         own = Pose2D(begin.x - grid.x, begin.y - grid.y, begin.yaw)
         start, goal = (own.x, own.y, own.yaw), (end.x - grid.x, end.y - grid.y, end.yaw)
-        spans = self._spans_for(grid.fine_m, end.yaw)
+        spans = self._spans_for(end.yaw)
         space = make_search_space(grid, unseen, own, self._footprint, spans, task.wanted_m)
         query = Query(start, goal, task.any_heading, task.xy_m, task.yaw_rad, FORWARDS, 0.0)
+        if not can_arrive(space, query):
+            return None
         found = self._find_in(space, closed, query, most)
-        own_spans = self._spans_for(grid.fine_m, begin.yaw)
+        own_spans = self._spans_for(begin.yaw)
         if found is None and own_spans.phase != spans.phase and _touches(space, start):
             # Neither heading beside its own may fit where it stands, as askew in a door.
             space = space._replace(footprint=own_spans)
@@ -172,35 +177,32 @@ class PoseSearch:
                 return found
         return self._search(space, weights, query, most)
 
-    def _spans_for(self, fine_m: float, yaw: float) -> FootprintSpans:
+    def _spans_for(self, yaw: float) -> FootprintSpans:
         """Return the footprint for headings one of which is nearly this one."""
-        if fine_m not in self._spans:
-            self._spans[fine_m] = rasterized(self._footprint, fine_m)
         phase = round(yaw / ANGLE_RAD) % PHASES
-        return self._spans[fine_m]._replace(phase=phase, first_yaw=phase * ANGLE_RAD)
+        return self._spans._replace(phase=phase, first_yaw=phase * ANGLE_RAD)
 
     def _search(
         self, space: SearchSpace, weights: NDArray[np.uint8], query: Query, most: int
     ) -> Motions | None:
         """Search with as much clearance as a path is soon found with, in the end with none."""
-        self.num_states = 0
         start, goal = cell_of(space, query.start), cell_of(space, query.goal)
         weights = weights.copy()
         weights[goal] = WEIGHT_UNIT
         dearest = 1.0 + TRAVERSAL.near
-        for blocked in (space.beside, space.touching):
+        for blocking in (BESIDE, TOUCHING):
             dearest_weight = round(dearest * WEIGHT_UNIT)
             dearest += TRAVERSAL.beside
             # The robot stands where it starts; at its goal it must fit.
             angle = nearest_angle(query.goal[2])
-            fits = is_free(blocked, space.footprint, query.goal[:2], angle)
-            if not (query.any_heading or query.sense == BACKWARDS or fits):
+            roomy = space._replace(blocking=blocking)
+            may_be = query.any_heading or query.sense == BACKWARDS
+            if not (may_be or fits(roomy, query.goal[:2], angle)):
                 continue
             passable = np.where(weights <= dearest_weight, weights, np.uint8(0))
             heuristic = make_heuristic(space, passable, goal, HEURISTIC.greed)
             if not math.isfinite(heuristic.to_go_m[start]):
                 continue
-            roomy = space._replace(blocked=blocked)
             found = self._search_once(roomy, query, heuristic, POSE_SEARCH.roomy_states)
             if found is not None:
                 return found
@@ -233,7 +235,7 @@ class PoseSearch:
 
 def _touches(space: SearchSpace, pose: PoseXYYaw) -> bool:
     """Say whether the footprint all but touches something at a pose."""
-    return not is_free(space.touching, space.footprint, pose[:2], nearest_angle(pose[2]))
+    return not fits(space._replace(blocking=TOUCHING), pose[:2], nearest_angle(pose[2]))
 
 
 def _is_tighter_at_end(space: SearchSpace, query: Query) -> bool:

@@ -7,14 +7,15 @@ from trolley.jit import kernel, lean_kernel
 from trolley_planner.paths.heap import take_first
 from trolley_planner.paths.hybrid_astar.analytic_expansion import expand_to_goal
 from trolley_planner.paths.hybrid_astar.footprint_spans import (
+    ANGLE_RAD,
+    ANGLES,
     HEADINGS,
     TURN_RAD,
     angle_of,
     heading_of,
-    is_free,
     yaw_of,
 )
-from trolley_planner.paths.hybrid_astar.heuristic import Heuristic, Query, to_go
+from trolley_planner.paths.hybrid_astar.heuristic import Heuristic, Query, place_to_go, to_go
 from trolley_planner.paths.hybrid_astar.motion_primitives import (
     AT_START,
     BACKWARDS,
@@ -42,6 +43,7 @@ from trolley_planner.paths.hybrid_astar.search_space import (
     SearchSpace,
     can_turn,
     cost_per_metre,
+    fits,
 )
 from trolley_planner.sensing.beams import wrapped
 
@@ -54,7 +56,9 @@ class SearchParams(NamedTuple):
     direct_m: float = 1.5
     """Distance to the goal within which a direct drive is tried [m]."""
     direct_every: int = 16
-    """Number of such states per one from which it is tried."""
+    """Number of such states per one from which it is tried, at first."""
+    direct_share: int = 32
+    """The more states there were in vain, the rarer: per this share of them."""
 
 
 SEARCH = SearchParams()
@@ -81,7 +85,7 @@ def search_poses(
         begin(memory, space, query, heuristic)
     else:
         begin_around(memory, space, query, heuristic)
-    num_near = 0
+    num_near, next_try = 0, 1
     while memory.counts[NUM_QUEUED] > 0:
         state = take_first(memory.heap, memory.counts[NUM_QUEUED])
         memory.counts[NUM_QUEUED] -= 1
@@ -97,13 +101,34 @@ def search_poses(
             return FOUND, state
         if away < SEARCH.direct_m:
             num_near += 1
-            is_due = num_near % SEARCH.direct_every == 1 or away < 2.0 * SEARCH.move_m
+            is_due = num_near == next_try
+            if is_due:
+                next_try += max(SEARCH.direct_every, num_near // SEARCH.direct_share)
+            is_due |= away < 2.0 * SEARCH.move_m
             if is_due and not offer_direct_drive(memory, space, query, state):
                 return FULL, NONE
         is_full = memory.counts[NUM_STATES] >= most
         if is_full or not expand(memory, space, query, heuristic, state):
             return FULL, NONE
     return NOT_FOUND, NONE
+
+
+@lean_kernel
+def can_arrive(space: SearchSpace, query: Query) -> bool:
+    """Say whether the footprint fits at the goal, or anywhere as far as that may be missed."""
+    x, y, yaw = query.goal
+    fine_m = space.footprint.fine_m
+    reach = math.ceil(query.xy_m / fine_m)
+    for angle in range(ANGLES):
+        off = abs(wrapped(angle * ANGLE_RAD - yaw))
+        if not query.any_heading and off > query.yaw_rad + ANGLE_RAD:
+            continue
+        for row in range(-reach, reach + 1):
+            for col in range(-reach, reach + 1):
+                place = x + col * fine_m, y + row * fine_m
+                if cost_per_metre(space, place, angle, FORWARDS) < math.inf:
+                    return True
+    return False
 
 
 @lean_kernel
@@ -119,7 +144,7 @@ def begin(memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic
         heading = nearest
         if which == 1:
             heading = (nearest + (1 if off > 0.0 else -1)) % HEADINGS
-            if not is_free(space.blocked, footprint, start[:2], angle_of(footprint, heading)):
+            if not fits(space, start[:2], angle_of(footprint, heading)):
                 continue
         turn = abs(wrapped(start[2] - footprint.first_yaw - heading * TURN_RAD))
         cost = COSTS.turn_m * turn
@@ -139,7 +164,7 @@ def begin_around(memory: Memory, space: SearchSpace, query: Query, heuristic: He
         if which > 0:
             bearing = 0.25 * math.pi * which
             place = end[0] + missed_m * math.cos(bearing), end[1] + missed_m * math.sin(bearing)
-        if is_free(space.blocked, space.footprint, place, angle_of(space.footprint, heading)):
+        if fits(space, place, angle_of(space.footprint, heading)):
             cost = 0.0 if which == 0 else TRAVERSAL.beside * missed_m
             begin_at(memory, space, query, heuristic, (place[0], place[1], heading), cost)
 
@@ -245,9 +270,8 @@ def expand(
         pose = here[0], here[1], yaw
         motion, turn, place = move_from(pose, which, heading, turns_freely, query.sense)
         next_heading = (heading + turn) % HEADINGS
-        rest = to_go(heuristic, query, place, yaw_of(space.footprint, next_heading))
         is_spare = motion * query.sense == BACKWARDS or next_heading % 4 != 0
-        if rest == math.inf or (
+        if place_to_go(heuristic, place) == math.inf or (
             turns_freely and is_spare and not is_inside and can_turn(space, place, 0.0)
         ):
             continue
@@ -265,6 +289,7 @@ def expand(
         through += (price - 1.0) * length
         if price == math.inf or (is_known and memory.costs[slot] <= through):
             continue
+        rest = to_go(heuristic, query, place, yaw_of(space.footprint, next_heading))
         reached = Reached(key, place[0], place[1], next_heading, through, state, motion)
         if not remember(memory, reached, through + heuristic.greed * rest):
             return False

@@ -12,8 +12,8 @@ from trolley_planner.costmap.fine_grid import FineGrid
 from trolley_planner.costmap.footprint import Footprint
 from trolley_planner.paths.hybrid_astar.footprint_spans import (
     FootprintSpans,
-    is_free,
-    is_near_edge,
+    edge_distance,
+    touched,
 )
 from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, CELL_M, FORWARDS
 from trolley_planner.sensing.beams import box_of, inside_polygon
@@ -46,25 +46,26 @@ class TraversalCosts(NamedTuple):
 TRAVERSAL = TraversalCosts()
 IN_SIGHT, OUT_OF_SIGHT, NEVER_SEEN = range(3)
 """How floor is known: what was seen free and is out of sight may be backed over, at a creep."""
-BLOCKED, NEAR, BESIDE, TOUCHING, UNSEEN, HIDDEN = range(6)
-"""Which cells are counted; see `SearchSpace`."""
+BLOCKED, TOUCHING, BESIDE, NEAR = (np.uint64(0xFFFF << shift) for shift in (0, 16, 32, 48))
+"""Bits of the counts of cells in which something stands, and of those next to it, right beside it,
+and nearer to it than is wanted."""
+UNSEEN, HIDDEN = BLOCKED, TOUCHING
+"""Bits of the counts of cells that the robot must not back into, and of those into which it backs
+and turns at a creep only."""
+ONE = np.uint64(0x0001_0001_0001_0001)
+"""One cell, of each kind."""
 
 
 class SearchSpace(NamedTuple):
     """Where the footprint may be. Places are measured from the corner [m]."""
 
-    blocked: NDArray[np.uint16]
-    """(rows, cols + 1) cells in each row, before each column, in which something stands."""
-    near: NDArray[np.uint16]
-    """(rows, cols + 1) the same of cells that are nearer to something than is wanted."""
-    beside: NDArray[np.uint16]
-    """(rows, cols + 1) the same of cells right beside something."""
-    touching: NDArray[np.uint16]
-    """(rows, cols + 1) the same of cells next to something."""
-    unknown: NDArray[np.uint16]
-    """(rows, cols + 1) the same of cells that the robot must not back into."""
-    hidden: NDArray[np.uint16]
-    """(rows, cols + 1) the same of cells that it backs and turns into at a creep only."""
+    obstacles: NDArray[np.uint64]
+    """(rows, cols + 1) cells in each row, before each column, that are BLOCKED, TOUCHING, BESIDE
+    and NEAR."""
+    views: NDArray[np.uint64]
+    """(rows, cols + 1) the same of cells that are UNSEEN and HIDDEN."""
+    blocking: np.uint64
+    """Bits of the kinds of cells that the footprint must not cover."""
     distance_m: NDArray[np.float32]
     """(rows, cols) to the nearest obstacle."""
     footprint: FootprintSpans
@@ -96,27 +97,24 @@ def make_search_space(
         wanted_m: clearance from which on nothing costs more.
     """
     rows, cols = grid.mask.shape
-    counts = np.empty((6, rows, cols + 1), dtype=np.uint16)
+    obstacles, views = np.empty((2, rows, cols + 1), dtype=np.uint64)
     outline = own.transform_points(footprint.polygon) / grid.fine_m
-    count_into(counts, (grid.mask, grid.distance_m, unseen), outline, wanted_m)
+    count_into((obstacles, views), (grid.mask, grid.distance_m, unseen), outline, wanted_m)
     return SearchSpace(
-        blocked=counts[BLOCKED],
-        near=counts[NEAR],
-        beside=counts[BESIDE],
-        touching=counts[TOUCHING],
-        unknown=counts[UNSEEN],
-        hidden=counts[HIDDEN],
+        obstacles=obstacles,
+        views=views,
+        blocking=BLOCKED,
         distance_m=grid.distance_m,
         footprint=spans,
         wanted_m=wanted_m,
-        state_cols=math.ceil(counts.shape[2] * grid.fine_m / CELL_M),
+        state_cols=math.ceil((cols + 1) * grid.fine_m / CELL_M),
         own=(own.x, own.y),
     )
 
 
 @lean_kernel
 def count_into(
-    out_counts: NDArray[np.uint16],
+    out_counts: tuple[NDArray[np.uint64], NDArray[np.uint64]],
     layers: tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]],
     outline: NDArray[np.float64],
     wanted_m: float,
@@ -124,42 +122,54 @@ def count_into(
     """Write how many cells of each row, before each column, are of each kind.
 
     Args:
-        out_counts: (6, rows, cols + 1), overwritten; see `SearchSpace`.
+        out_counts: (rows, cols + 1) each, overwritten; obstacles and views of `SearchSpace`.
         layers: (rows, cols) each: set where something stands; distance to the nearest of that; how
             it is known.
         outline: (n, 2) of the robot [cells]: nothing stands where it is.
         wanted_m: cells nearer than this are near.
     """
+    out_obstacles, out_views = out_counts
     mask, distance_m, known = layers
     rows, cols = mask.shape
     for row in range(rows):
-        blocked, near, beside = np.uint16(0), np.uint16(0), np.uint16(0)
-        touching, unseen, hidden = np.uint16(0), np.uint16(0), np.uint16(0)
+        obstacles, views = np.uint64(0), np.uint64(0)
         for col in range(cols):
-            out_counts[BLOCKED, row, col], out_counts[NEAR, row, col] = blocked, near
-            out_counts[BESIDE, row, col], out_counts[TOUCHING, row, col] = beside, touching
-            out_counts[UNSEEN, row, col], out_counts[HIDDEN, row, col] = unseen, hidden
-            away = distance_m[row, col]
-            blocked += np.uint16(mask[row, col] != 0)
-            near += np.uint16(away < wanted_m)
-            beside += np.uint16(away < TRAVERSAL.beside_m)
-            touching += np.uint16(away < TRAVERSAL.touching_m)
-            unseen += np.uint16(known[row, col] == NEVER_SEEN)
-            hidden += np.uint16(known[row, col] != IN_SIGHT and mask[row, col] == 0)
-        out_counts[BLOCKED, row, cols], out_counts[NEAR, row, cols] = blocked, near
-        out_counts[BESIDE, row, cols], out_counts[TOUCHING, row, cols] = beside, touching
-        out_counts[UNSEEN, row, cols], out_counts[HIDDEN, row, cols] = unseen, hidden
+            out_obstacles[row, col], out_views[row, col] = obstacles, views
+            kinds = kinds_by_distance(distance_m[row, col], wanted_m)
+            if mask[row, col] != 0:
+                kinds |= BLOCKED
+            obstacles += kinds & ONE
+            if known[row, col] == NEVER_SEEN:
+                views += UNSEEN & ONE
+            if known[row, col] != IN_SIGHT and mask[row, col] == 0:
+                views += HIDDEN & ONE
+        out_obstacles[row, cols], out_views[row, cols] = obstacles, views
     low_x, low_y, high_x, high_y = box_of(outline)
     first_row, first_col = max(math.floor(low_y) - 1, 0), max(math.floor(low_x) - 1, 0)
     last_col = min(math.ceil(high_x) + 1, cols)
     for row in range(first_row, min(math.ceil(high_y) + 1, rows)):
-        taken = np.uint16(0)
+        taken = np.uint64(0)
         for col in range(first_col, cols):
             is_occupied = mask[row, col] != 0 and col < last_col
             x, y = col + 0.5, row + 0.5
-            if is_occupied and (inside_polygon(outline, x, y) or is_near_edge(outline, x, y, 1.0)):
-                taken += np.uint16(1)
-            out_counts[BLOCKED, row, col + 1] -= taken
+            if is_occupied and (
+                inside_polygon(outline, x, y) or edge_distance(outline, x, y) < 1.0
+            ):
+                taken += BLOCKED & ONE
+            out_obstacles[row, col + 1] -= taken
+
+
+@lean_kernel
+def kinds_by_distance(away_m: float, wanted_m: float) -> np.uint64:
+    """Return the kinds of a cell so far from the nearest obstacle."""
+    kinds = np.uint64(0)
+    if away_m < wanted_m:
+        kinds |= NEAR
+    if away_m < TRAVERSAL.beside_m:
+        kinds |= BESIDE
+    if away_m < TRAVERSAL.touching_m:
+        kinds |= TOUCHING
+    return kinds
 
 
 @lean_kernel
@@ -172,6 +182,13 @@ def can_turn(space: SearchSpace, place: tuple[float, float], more_m: float) -> b
         return False
     least_m = space.footprint.circumscribed_m + space.wanted_m + fine_m + more_m
     return space.distance_m[row, col] > least_m
+
+
+@lean_kernel
+def fits(space: SearchSpace, place: tuple[float, float], angle: int) -> bool:
+    """Say whether the footprint covers nothing that it must not, at a place and an angle."""
+    found = touched(space.obstacles, space.footprint, place, angle, space.blocking)
+    return found & space.blocking == 0
 
 
 @lean_kernel
@@ -195,20 +212,32 @@ def cost_per_metre(
     has_room = can_turn(space, place, 0.0)
     if has_room and motion == FORWARDS:
         return 1.0
-    if not has_room and not is_free(space.blocked, space.footprint, place, angle):
-        return math.inf
+    footprint, stands, views = space.footprint, np.uint64(0), np.uint64(0)
+    if not has_room:
+        stands = touched(space.obstacles, footprint, place, angle, space.blocking)
+        if stands & space.blocking != 0:
+            return math.inf
     price = 1.0
     if motion == BACKWARDS:
-        if not is_free(space.unknown, space.footprint, place, angle):
+        views = touched(space.views, footprint, place, angle, UNSEEN)
+        if views & UNSEEN != 0:
             return math.inf
         price += TRAVERSAL.reverse
-    has_seen = motion == FORWARDS or (motion != BACKWARDS and has_arrived(space, place))
-    if not has_seen and not is_free(space.hidden, space.footprint, place, angle):
+    elif motion != FORWARDS and not has_arrived(space, place):
+        views = touched(space.views, footprint, place, angle, HIDDEN)
+    if views & HIDDEN != 0:
         price += TRAVERSAL.creep
-    if not has_room and not is_free(space.near, space.footprint, place, angle):
+    return price + surcharge(stands)
+
+
+@lean_kernel
+def surcharge(stands: np.uint64) -> float:
+    """Return what a metre costs more where the footprint covers such cells."""
+    price = 0.0
+    if stands & NEAR != 0:
         price += TRAVERSAL.near
-        if not is_free(space.beside, space.footprint, place, angle):
+        if stands & BESIDE != 0:
             price += TRAVERSAL.beside
-            if not is_free(space.touching, space.footprint, place, angle):
+            if stands & TOUCHING != 0:
                 price += TRAVERSAL.touching
     return price
