@@ -43,8 +43,9 @@ def write_page(groups: Sequence[str]) -> None:
             cells = [*one.cells[:-1], "yes" if not (one.wrong or one.lost) else one.cells[-1]]
             row = "| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |"
             rows[row.split(" | ")[0]] = row
+    span = " to ".join(map(str, sorted({min(days), max(days)})))
     words = (
-        f"Measured {min(days)} to {max(days)} on {os.cpu_count()} cores ({platform.machine()}), at "
+        f"Measured {span} on {os.cpu_count()} cores ({platform.machine()}), at "
         f"a load of {min(loads):.0f} to {max(loads):.0f}, including the load that the faults cause."
     )
     head = "| " + " | ".join(HEADS) + " |\n" + "|---" * len(HEADS) + "|"
