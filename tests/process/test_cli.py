@@ -75,13 +75,22 @@ def test_nobody_there_is_exit_code_3(endpoint: str, trolley: Callable) -> None:
     assert trolley("pose", "--connect", "tcp/127.0.0.1:1").returncode == 3
 
 
+OF_A_MISTYPED_NAME = [
+    "zones --robot ones",
+    "status --robot ones",
+    "top --once --robot ones",
+    "topic hz scan --seconds 0.2 --robot ones",
+    "topic echo scan --timeout 0.2 --robot ones",
+]
+
+
 def test_a_list_of_what_nobody_keeps_says_who_is_missing(
     add_robot: Callable, endpoint: str, trolley: Callable
 ) -> None:
     add_robot("one")
     for arguments, sentence in (
         (["map", "status", "--robot", "one"], "The service mapper is not running. (not_ready)"),
-        (["zones", "--robot", "ones"], "no robot called ones is at"),
+        *((words.split(), "no robot called ones is at") for words in OF_A_MISTYPED_NAME),
     ):
         done = trolley(*arguments, "--connect", endpoint)
         assert (done.returncode, done.stdout) == (3, ""), done.stderr

@@ -82,8 +82,7 @@ def read_status(robot: Robot) -> dict[str, Any]:
         if name == robot.name
     }
     if not runs:
-        endpoints = ", ".join(robot.connection.endpoints)
-        raise RobotUnreachable(f"no service of a robot called {robot.name} runs at {endpoints}")
+        raise robot.connection.unknown_robot(robot.name)
     now_ns = robot.connection.robot_now_ns(robot.name)  # first: late answers make nothing old
     health = {parts[0]: message for parts, message in robot.get(topics.HEALTH).items()}
     pose = robot.latest(topics.POSE)

@@ -187,8 +187,10 @@ def top_command(everybody: bool, once: bool, order: Order, as_json: bool) -> Non
     with Connection(target.endpoints) as connection:
         robot = None if everybody else target.robot
         if not connection.services(robot or "*"):
-            who = "no robot" if robot is None else f"no service of a robot called {robot}"
-            raise RobotUnreachable(f"{who} is on the network at {', '.join(target.endpoints)}")
+            if robot is not None:
+                raise connection.unknown_robot(robot)
+            where = ", ".join(target.endpoints)
+            raise RobotUnreachable(f"no robot is on the network at {where}")
         watcher = Watcher(connection, robot, restarts)
         try:
             if once or as_json or not (sys.stdin.isatty() and sys.stdout.isatty()):

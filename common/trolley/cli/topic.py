@@ -143,11 +143,18 @@ def echo_topic(
             while left is None or left > 0:
                 arrival = messages.next(timeout)
                 if arrival is None:
+                    _check_is_there(robot)
                     text = f"{name}: nothing was received in {timeout:g} s"
                     say(text, err=True, fg="red")
                     raise SystemExit(exits.FAILED)
                 _print(topic, arrival, full=full, to_json=as_json)
                 left = None if left is None else left - 1
+
+
+def _check_is_there(robot: Robot) -> None:
+    """Raise RobotUnreachable, naming others, where it is no robot that says nothing."""
+    if not robot.connection.services(robot.name):
+        raise robot.connection.unknown_robot(robot.name)
 
 
 def _print(topic: Topic[Any], arrival: Arrival[Any], *, full: bool, to_json: bool) -> None:
@@ -185,6 +192,8 @@ def topic_rate(name: str, seconds: float, as_json: bool) -> None:
                     sizes.append(arrival.size)
                     progress.show(f"{counted(len(times), 'message')}, {left_s:.0f} s left")
         progress.clear()
+        if not times:
+            _check_is_there(robot)
     result = _statistics(times, sizes, seconds)
     if as_json:
         print_json({"topic": name, **result})
