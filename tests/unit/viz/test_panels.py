@@ -10,7 +10,7 @@ from support.pages import page_of
 from trolley import requests, topics
 from trolley.geometry import Pose2D
 from trolley.messages import MappingStatus
-from trolley.messages.request_params import JoinPart, MapNamed, Nothing, PauseMap
+from trolley.messages.request_params import JoinPart, MapNamed, Nothing, PauseMap, SaveMap
 from trolley.runtime.service import Service, answers
 from trolley_viz.controls.markup import (
     card,
@@ -78,9 +78,11 @@ class Mapper(Service):
     name = "mapper"
 
     loose, may_discard = 0, True
+    extends: str | None = None
 
     def start(self) -> None:
         self.joined: list[Pose2D] = []
+        self.saved: list[str | None] = []
         self.say("idle")
 
     def say(self, state: Any, name: str | None = None) -> MappingStatus:
@@ -88,6 +90,7 @@ class Mapper(Service):
             stamp_ns=self.stamp_ns,
             state=state,
             name=name,
+            extends=self.extends,
             loose=self.loose,
             may_discard=self.may_discard and state != "idle",
         )
@@ -101,6 +104,11 @@ class Mapper(Service):
     @answers(requests.MAP_PAUSE)
     def pause(self, params: PauseMap) -> MappingStatus:
         return self.say("paused" if params.on else "mapping", "flat")
+
+    @answers(requests.MAP_SAVE)
+    def store(self, params: SaveMap) -> MappingStatus:
+        self.saved.append(params.name)
+        return self.say("saving", "flat")
 
     @answers(requests.MAP_JOIN)
     def join(self, params: JoinPart) -> MappingStatus:
@@ -139,6 +147,22 @@ def test_a_map_is_begun_paused_and_given_up_at_the_second_press(stage: "Stage") 
     page.press("Really discard it?")
     stage.runtime.run(0.5)
     assert page.is_shown("New map")
+
+
+def test_an_extended_map_can_be_saved_under_another_name(stage: "Stage") -> None:
+    """The map that robot.toml names is never overwritten, so there is no other way to save it."""
+    stage.browse()
+    page = page_of(stage).within("Make a map")
+    mapper = stage.runtime.add(Mapper())
+    for mapper.extends, typed in ((None, ""), ("flat", ""), ("flat", "flat 2"), ("flat", "flat-2")):
+        mapper.say("mapping", "flat")
+        stage.runtime.run(0.5)
+        assert page.is_shown("Map name") == bool(mapper.extends)
+        if typed:
+            page.type("Map name", typed)
+        page.press("Save map")
+        stage.runtime.run(0.5)
+    assert mapper.saved == [None, "flat", "flat-2"]
 
 
 def test_what_is_being_saved_is_discarded_only_where_the_mapper_obeys(stage: "Stage") -> None:

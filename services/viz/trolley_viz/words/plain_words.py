@@ -39,8 +39,8 @@ _WORDS = {
 }
 """What programs call something, and what the page does; the longer is looked for first."""
 _KNOWN = re.compile("|".join(map(re.escape, sorted(_WORDS, key=len, reverse=True))))
-_REQUEST = re.compile(r"^[a-z_]+(?:/[a-z_]+)+: (\w)")
-"""The name of a request before what became of it."""
+_REQUEST = re.compile(r"^[a-z_]+(?:/[a-z_]+)+: (?:`name`: )?(\w)")
+"""The name of a request before what became of it, or of what people typed into a field."""
 _QUOTED = re.compile(r"`([^`]*)`")
 
 

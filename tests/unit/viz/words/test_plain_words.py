@@ -66,6 +66,7 @@ def test_every_code_is_said_without_words_of_programs(code: str) -> None:
     ("text", "shown"),
     [
         ("goal/send: planner did not answer in time.", "Planner did not answer in time."),
+        ("map/new: `name`: a map's name has 1 to 64.", "A map's name has 1 to 64."),
         ("Stopped. `trolley resume` lets it drive.", "Stopped. “Drive on” lets it drive."),
         (
             "That name is taken; use `replace` to overwrite it.",  # release 0.2.0

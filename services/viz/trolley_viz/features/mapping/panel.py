@@ -39,6 +39,7 @@ class MappingPanel:
         self._aiming = aiming
         self._status: MappingStatus | None = None
         self._map_name = ""
+        self._extends: str | None = None
         self._now_ns = 0
         self._sure_until_ns = 0
         with add_folder("Make a map", is_open=True):
@@ -80,7 +81,12 @@ class MappingPanel:
         self._state.content = "" if words is None else row(words)
         is_making = state in ("mapping", "paused")
         is_idle = status is not None and state == "idle"
-        self._how.visible = self._name.visible = self._new.visible = is_idle
+        self._how.visible = self._new.visible = is_idle
+        extends = status.extends if status is not None and is_making else None
+        if extends is not None and extends != self._extends:
+            self._name.value = extends
+        self._extends = extends
+        self._name.visible = is_idle or extends is not None
         self._extend.visible = is_idle and bool(self._map_name)
         self._save.visible = self._pause.visible = self._undo.visible = is_making
         self._explore.visible = state == "mapping"
@@ -112,7 +118,8 @@ class MappingPanel:
         def saved(_: Any) -> None:
             self._tell("Saved", "The map is saved. The robot uses it from now on.", "good")
 
-        self._ask(requests.MAP_SAVE, SaveMap(), "Not saved", saved)
+        name = None if self._extends is None else self._name.value.strip() or None
+        self._ask(requests.MAP_SAVE, SaveMap(name=name), "Not saved", saved)
 
     @property
     def _is_exploring(self) -> bool:
