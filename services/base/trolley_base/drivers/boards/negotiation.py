@@ -2,7 +2,8 @@
 
 A round begins with each topic request and is judged as a whole when no more announcements come.
 One of which a part may have been lost is not judged: where base itself stood still, or a frame came
-damaged, and something is missing. The board is asked again.
+damaged, and something is missing. The board is asked again, and must lack the same twice: what it
+says may also come late.
 Ids are taken from the announcements alone: the firmware looks up what it receives by id without
 checking its bounds. Of a round that announces one of the four topics with another layout nothing is
 used, and so nothing is ever sent.
@@ -42,6 +43,7 @@ class Negotiation:
         self._ids: dict[Topic, int] = {}
         self._pause_ns = ASK_EVERY_NS
         self._asked_ns: int | None = None
+        self._lacked: frozenset[Topic] = frozenset()  # of what is needed, by the last round
         self._begin_round()
 
     def _begin_round(self) -> None:
@@ -118,10 +120,12 @@ class Negotiation:
             return frozenset()
         self._heard_ns = None
         missing = frozenset(TOPICS) - self._heard.keys()
-        if self._is_damaged and missing & NEEDED and not self._mismatch:
+        lacked, self._lacked = self._lacked, missing & NEEDED
+        is_doubtful = self._is_damaged or self._lacked != lacked
+        if self._lacked and is_doubtful and not self._mismatch:
             self._has_unknown = True
             return frozenset()
-        self.fault = self._mismatch or _lament(missing & NEEDED)
+        self.fault = self._mismatch or _lament(self._lacked)
         self._ids = {} if self.fault else self._heard
         if self._mismatch:
             self._pause_ns = ASK_AGAIN_NS

@@ -176,6 +176,24 @@ def test_a_damaged_announcement_is_asked_for_again(board: FakeLinorobot) -> None
     assert not any("firmware" in reading.link.message for reading in talk.readings)
 
 
+def test_a_round_of_which_a_part_comes_late_is_not_judged(board: FakeLinorobot) -> None:
+    """As through a computer that is too busy to fetch it."""
+    talk = Talk(make(), board)
+    whole, said, passed = announced(), bytearray(), 0
+    cut = whole.index(b"cmd_vel") - 20
+
+    def falter(data: bytes) -> bytes:
+        nonlocal passed
+        said.extend(data)
+        before = passed
+        passed = len(said) if talk.now_ns - talk.start_ns > 600 * MS else min(len(said), cut)
+        return bytes(said[before:passed])
+
+    talk.spoil = falter
+    assert talk.run(2.0).link.state == "up"
+    assert not any("firmware" in reading.link.message for reading in talk.readings)
+
+
 def announced() -> bytes:
     """What such a board says when it is asked for its topics."""
     twin = FakeLinorobot()
