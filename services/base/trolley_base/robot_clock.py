@@ -8,8 +8,9 @@ cannot be made up for, the rate is lowered, and raised again when there is room.
 
 PATIENCE_NS = 500_000_000
 """The rate is judged once the steps have been late for this long without a break [ns]."""
-RAISE_AFTER_NS = 10_000_000_000
-"""A lowered rate is raised after this long without lateness [ns]."""
+RAISE_AFTER_NS, RAISE_AGAIN_NS = 10_000_000_000, 2_000_000_000
+"""A rate is raised after this long without lateness [ns]: one that was lowered, and one that was
+raised just before."""
 LOWER_TO, RAISE_BY = 0.95, 1.2
 MIN_RATE = 0.01
 
@@ -29,7 +30,7 @@ class RobotClock:
         self._reached_ns = 0
         self._foremost_ns = 0
         self._late: tuple[int, int] | None = None
-        self._fine_since_ns = 0
+        self._raise_at_ns = 0
 
     def begin(
         self, epoch_ns: int, monotonic_ns: int, rate: float = 1.0, step_ns: int | None = None
@@ -46,7 +47,6 @@ class RobotClock:
         self.rate = self._wanted_rate = rate
         self._step_ns = step_ns
         self._set_anchor(epoch_ns, monotonic_ns)
-        self._fine_since_ns = monotonic_ns
         self._late = None
         self._begun = True
 
@@ -77,7 +77,7 @@ class RobotClock:
         if self._target_ns(monotonic_ns) - now_ns > self._step_ns:
             return self._judge_lateness(now_ns, monotonic_ns)
         self._late = None
-        if self.rate < self._wanted_rate and monotonic_ns - self._fine_since_ns > RAISE_AFTER_NS:
+        if self.rate < self._wanted_rate and monotonic_ns > self._raise_at_ns:
             return self._change_rate(min(self._wanted_rate, RAISE_BY * self.rate), monotonic_ns)
         return False
 
@@ -98,9 +98,10 @@ class RobotClock:
     def _change_rate(self, rate: float, monotonic_ns: int) -> bool:
         self._foremost_ns = self.foremost(monotonic_ns)
         self._set_anchor(self._reached_ns, monotonic_ns)
+        patience_ns = RAISE_AGAIN_NS if rate > self.rate else RAISE_AFTER_NS
+        self._raise_at_ns = monotonic_ns + patience_ns
         self.rate = rate
         self._late = None
-        self._fine_since_ns = monotonic_ns
         return True
 
     @property

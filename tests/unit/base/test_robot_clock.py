@@ -73,6 +73,15 @@ def test_the_rate_comes_back_when_the_machine_is_free_again() -> None:
     assert not clock.is_slowed
 
 
+def test_the_rate_is_soon_back_after_a_machine_was_very_busy() -> None:
+    clock = RobotClock()
+    clock.begin(0, 0, rate=1.0, step_ns=STEP)
+    now_ns = run(clock, 500 * MS, 5 * S, 0)  # 20 ms in 500 ms
+    assert clock.rate < 0.05
+    run(clock, 1 * MS, now_ns + 60 * S, now_ns)
+    assert clock.rate == 1.0
+
+
 def test_a_pause_is_made_up_for_at_the_same_rate() -> None:
     clock = RobotClock()
     clock.begin(0, 0, rate=1.0, step_ns=STEP)
