@@ -57,8 +57,14 @@ def counted_search(
 
 def lane(width_m: float) -> GridMap:
     """A room, and a dead end to its right along y = 3."""
-    below = with_block(empty_room(), 4.0, 0.1, 3.9, 2.9 - width_m / 2.0)
-    return with_block(below, 4.0, 3.0 + width_m / 2.0, 3.9, 2.9 - width_m / 2.0)
+    return lane_from(3.0 - width_m / 2.0, width_m)
+
+
+def lane_from(low_m: float, width_m: float) -> GridMap:
+    """The same above y = `low_m`."""
+    high_m = low_m + width_m
+    below = with_block(empty_room(), 4.0, 0.1, 3.9, low_m - 0.1)
+    return with_block(below, 4.0, high_m, 3.9, 5.9 - high_m)
 
 
 def test_a_door_is_passed_in_its_middle_without_a_stop() -> None:
@@ -77,6 +83,19 @@ def test_a_door_narrower_than_the_robot_is_proved_to_be() -> None:
 def test_where_the_robot_does_not_fit_at_its_goal_nothing_is_searched(y: float) -> None:
     ends = Pose2D(2.5, 2.4, 0.6), Pose2D(4.0, y, 0.5 * math.pi)
     assert counted_search(two_rooms(0.3), HOBBY, ends) == (None, 0)
+
+
+def test_a_lane_with_room_for_one_row_of_cells_is_driven_to_a_goal_on_their_edges() -> None:
+    exact = [(0.175, 0.1875), (-0.175, 0.1875), (-0.175, -0.175), (0.175, -0.175)]
+    ends = Pose2D(3.0, 4.61875, 0.0), Pose2D(5.0, 4.625, 0.0)
+    assert search(lane_from(4.45, 0.35), exact, ends) is not None
+
+
+def test_a_robot_that_stands_at_its_goal_too_near_to_a_wall_need_not_move() -> None:
+    here = Pose2D(3.0, 0.3352, math.radians(14.3))  # 7 mm
+    way = search(empty_room(), REAR, (here, here))
+    assert way is not None
+    assert len(way.poses) == 1
 
 
 @pytest.mark.parametrize(("y", "yaw_deg"), [(3.07, -18.0), (3.08, -18.5)])

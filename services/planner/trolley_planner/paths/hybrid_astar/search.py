@@ -115,9 +115,16 @@ def search_poses(
 
 @lean_kernel
 def can_arrive(space: SearchSpace, query: Query) -> bool:
-    """Say whether the footprint fits at the goal, or anywhere as far as that may be missed."""
-    x, y, yaw = query.goal
-    fine_m = space.footprint.fine_m
+    """Say whether the footprint fits at the goal, or anywhere as far as that may be missed.
+
+    Where the robot stands it need not fit.
+    """
+    (x, y, yaw), fine_m = query.goal, space.footprint.fine_m
+    turn = abs(wrapped(query.start[2] - yaw))
+    is_turned = query.any_heading or turn <= query.yaw_rad + TURN_RAD
+    if is_turned and math.hypot(query.start[0] - x, query.start[1] - y) <= query.xy_m:
+        return True
+    middle_row, middle_col = math.floor(y / fine_m), math.floor(x / fine_m)
     reach = math.ceil(query.xy_m / fine_m)
     for angle in range(ANGLES):
         off = abs(wrapped(angle * ANGLE_RAD - yaw))
@@ -125,7 +132,7 @@ def can_arrive(space: SearchSpace, query: Query) -> bool:
             continue
         for row in range(-reach, reach + 1):
             for col in range(-reach, reach + 1):
-                place = x + col * fine_m, y + row * fine_m
+                place = (middle_col + col + 0.5) * fine_m, (middle_row + row + 0.5) * fine_m
                 if cost_per_metre(space, place, angle, FORWARDS) < math.inf:
                     return True
     return False
