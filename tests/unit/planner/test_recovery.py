@@ -1,6 +1,7 @@
 """What the robot does when it makes no progress."""
 
 import math
+from dataclasses import replace
 
 import msgspec
 import pytest
@@ -12,6 +13,7 @@ from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D
 from trolley.gridmap import GridMap
 from trolley.messages import Zone
+from trolley_planner.driving import route
 from trolley_planner.driving.recovery import RECOVERY_SEQUENCE, Recovery, RecoveryAction
 from trolley_planner.driving.route import ROUTE
 
@@ -66,6 +68,22 @@ def test_a_slow_computer_is_not_busy_with_looking_for_a_way_past_what_blocks_the
     before = search.num_states
     drive.step(100)
     assert 0 < (search.num_states - before) * ROUTE.rest_per_state_s < 5.0
+
+
+def test_another_door_that_opens_is_soon_noticed_however_long_the_search_was(
+    ride, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As many poses as there are to search among chairs.
+    monkeypatch.setattr(route, "ROUTE", replace(ROUTE, rest_per_state_s=1e-3))
+    narrow = with_block(two_doors(), 3.9, 2.5, 0.2, 0.6)  # 0.30 m are left, as it is wide
+    start, closed = Pose2D(2.0, 2.6, 0.0), with_block(narrow, 3.9, 4.7, 0.2, 0.7)
+    world = Flatland(two_doors(), start, closed, footprint=box(0.35, 0.30, 0.175))
+    drive = ride(world)
+    drive.send(Pose2D(6.0, 3.0, 0.0))
+    drive.step(60)
+    world.set_truth(narrow)
+    drive.until(lambda: world.pose.x > 4.3, 11.0)
+    assert world.pose.x > 4.3
 
 
 def test_a_blocked_way_fails_after_bounded_tries(ride) -> None:

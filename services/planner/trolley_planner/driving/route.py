@@ -27,8 +27,8 @@ class RouteParams:
     replan_blocked_s: float = 0.3
     """Time between two plans while the path is blocked."""
     rest_per_state_s: float = 2e-5
-    """Time more for each pose that the last plan had to search, so that a slow computer is not
-    busy with that alone: it takes a PC a fifteenth of this."""
+    """Time more for each pose that the last plan had to search, up to the robot's patience, so that
+    a slow computer is not busy with that alone: it takes a PC a fifteenth of this."""
     detour_factor: float = 1.5
     """Multiple of the old length above which a path may be a detour."""
     detour_m: float = 2.0
@@ -211,7 +211,8 @@ class Route:
             num_before = search.num_states
             self._replan(pose, is_cut, now_ns, force)
             num_states = search.num_states - num_before
-            self._rest_ns = round(num_states * ROUTE.rest_per_state_s * 1e9)
+            rest_ns = round(num_states * ROUTE.rest_per_state_s * 1e9)
+            self._rest_ns = min(rest_ns, self._patience_ns)
 
     @property
     def is_tight_here(self) -> bool:
