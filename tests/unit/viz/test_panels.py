@@ -163,6 +163,11 @@ def test_an_extended_map_can_be_saved_under_another_name(stage: "Stage") -> None
         page.press("Save map")
         stage.runtime.run(0.5)
     assert mapper.saved == [None, "flat", "flat-2"]
+    mapper.say("mapping", "flat")  # the disk was full
+    stage.runtime.run(0.5)
+    page.press("Save map")
+    stage.runtime.run(0.5)
+    assert mapper.saved[3:] == ["flat-2"]  # and not over the old one
 
 
 def test_what_is_being_saved_is_discarded_only_where_the_mapper_obeys(stage: "Stage") -> None:

@@ -82,11 +82,11 @@ class MappingPanel:
         is_making = state in ("mapping", "paused")
         is_idle = status is not None and state == "idle"
         self._how.visible = self._new.visible = is_idle
-        extends = status.extends if status is not None and is_making else None
+        extends = None if status is None or is_idle else status.extends
         if extends is not None and extends != self._extends:
             self._name.value = extends
         self._extends = extends
-        self._name.visible = is_idle or extends is not None
+        self._name.visible = is_idle or (is_making and extends is not None)
         self._extend.visible = is_idle and bool(self._map_name)
         self._save.visible = self._pause.visible = self._undo.visible = is_making
         self._explore.visible = state == "mapping"
