@@ -35,8 +35,9 @@ class SavedPlaces:
         self._service, self._session = service, session
         self._map = session.name
         self._is_heard = False
-        self._older: set[str] = set()
-        """Those that were stored before: of a map of this name that is not there now, say."""
+        self._older: set[tuple[str, str | None]] = set()
+        """Name and time of those that were stored before: of a map of this name that is not there
+        now, say."""
         self._saved_as: str | None = None
         self._num_asked = self._num_stored = self._num_refused = 0
         self._problem = TOUR_IS_SILENT
@@ -56,7 +57,7 @@ class SavedPlaces:
         """Tie the stored places to the map, until it is saved."""
         session = self._session
         if not self._is_heard:
-            self._older = {one.name for one in poses.poses if one.map == self._map}
+            self._older = {(one.name, one.saved_at) for one in poses.poses if one.map == self._map}
         if self._saved_as is None:
             if session.core is not None:
                 session.places.update(poses.poses, session.name, session.core)
@@ -70,7 +71,7 @@ class SavedPlaces:
         """Delete those that were saved on a map that nobody will have."""
         latest = self._watch.latest
         for place in [] if latest is None else latest.poses:
-            if place.map == self._map and place.name not in self._older:
+            if place.map == self._map and (place.name, place.saved_at) not in self._older:
                 self._service.request(requests.POSES_DELETE, Named(name=place.name), lambda _: None)
 
     def go_along(self, map_name: str) -> None:

@@ -139,10 +139,15 @@ def test_a_map_is_extended_and_the_old_one_is_kept(stage: Stage) -> None:
 def test_places_that_were_saved_on_a_map_go_when_it_is_discarded(make_stage: MakeStage) -> None:
     stage = make_stage("localizer", "mapper", "tour")
     # Of a map of that name that is not there now.
-    stage.ask(requests.POSES_PUT, SavedPose(name="sofa", map="home", pose=Pose2D.identity()))
+    for name in ("sofa", "desk"):
+        old = SavedPose(
+            name=name, map="home", pose=Pose2D.identity(), saved_at="2026-10-01T08:00:00Z"
+        )
+        stage.ask(requests.POSES_PUT, old)
     stage.map(seconds=3.0)
     stage.bus.run(1.5)
-    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    for name in ("bed", "desk"):
+        stage.ask(requests.POSE_CAPTURE, Capture(name=name, replace=True))
     stage.bus.run(0.5)
     stage.ask(requests.MAP_CANCEL)
     stage.bus.run(0.5)
