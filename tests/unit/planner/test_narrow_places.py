@@ -20,6 +20,7 @@ from trolley_planner.paths.path import PlannedPath
 LONG = [(0.3, 0.15), (-0.3, 0.15), (-0.3, -0.15), (0.3, -0.15)]
 WIDE = [(0.23, 0.21), (-0.23, 0.21), (-0.23, -0.21), (0.23, -0.21)]
 HOOK = [(0.5, 0.15), (-0.1, 0.15), (-0.1, -0.15), (0.5, -0.15)]
+REAR = [(0.5, 0.21), (-0.1, 0.21), (-0.1, -0.21), (0.5, -0.21)]
 
 
 pytestmark = pytest.mark.drives
@@ -198,3 +199,17 @@ def test_the_outline_fits_along_every_way(seed: int) -> None:
     path, _ = plan(grid, LONG, ((0.6, rng.uniform(0.6, 5.4)), (7.4, rng.uniform(0.6, 5.4))))
     if path is not None:
         assert worst_overlap(grid, LONG, path) <= 0.03
+
+
+def test_a_way_among_many_things_is_not_searched_for_seconds() -> None:
+    grid = two_rooms(0.4)
+    for x in np.arange(0.7, 7.6, 0.65):
+        for y in np.arange(0.5, 5.7, 0.65):
+            if abs(x - 4.0) > 0.4:
+                grid = with_block(grid, x, y, 0.1, 0.1)
+    costmap = Costmap(grid, Footprint.from_polygon(REAR), PlannerConfig(), False)
+    planner = GlobalPlanner(costmap)
+    way, yaws = ((0.4, 3.0), [(7.4, 3.2)]), (0.0, 0.0)
+    assert planner.plan(*way, costmap.weights, costmap.distance_m, yaws) is None
+    assert planner.narrow
+    assert planner.pose_search.num_states < 2_000_000  # else 4 million, 6 s of a PC

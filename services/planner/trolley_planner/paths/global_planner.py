@@ -37,6 +37,9 @@ class GlobalPlannerParams:
     """Distance from the goal within which lethal cells may be crossed."""
     most_narrow_places: int = 8
     """Number of places that may prove too narrow before there is no path."""
+    most_states: int = 500_000
+    """Number of poses that may be searched at them: two thirds of a second of a PC. Each search in
+    vain among many things takes up to a fifth, and who plans for long gives no command."""
     narrow_m: float = 0.12
     """Least radius of the area that is closed at such a place."""
 
@@ -124,7 +127,10 @@ class GlobalPlanner:
             is_tight: whether it may touch where that is only because of the size of the cells.
             yaws: as in `plan`.
         """
+        num_before = self.pose_search.num_states
         for _ in range(PLANNING.most_narrow_places):
+            if self.pose_search.num_states - num_before > PLANNING.most_states:
+                return None
             found = self._plan_through(ends, weights, distance_m, is_tight, yaws)
             if isinstance(found, PlannedPath) or found is None:
                 return found
