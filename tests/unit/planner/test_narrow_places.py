@@ -14,7 +14,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.paths.global_planner import GlobalPlanner
+from trolley_planner.paths.global_planner import ALL_POSES, GlobalPlanner
 from trolley_planner.paths.path import PlannedPath
 
 LONG = [(0.3, 0.15), (-0.3, 0.15), (-0.3, -0.15), (0.3, -0.15)]
@@ -75,6 +75,21 @@ def worst_overlap(grid: GridMap, corners: list[tuple[float, float]], path: Plann
             depths.append(float(np.minimum(local - low, high - local).min(axis=1).max()))
         worst = max(worst, min(depths))
     return worst
+
+
+def test_a_plan_among_legs_of_chairs_searches_no_more_poses_than_it_may() -> None:
+    grid = empty_room()
+    for row, col in np.ndindex(10, 5):
+        grid = with_block(grid, 3.0 + 0.6 * col, 0.1 + 0.6 * row, 0.05, 0.05)
+    corners = [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)]
+    costmap = Costmap(grid, Footprint.from_polygon(corners), PlannerConfig(), False)
+    searched = []
+    for most_poses in (ALL_POSES, 1):
+        planner = GlobalPlanner(costmap)
+        layers = costmap.weights, costmap.distance_m
+        planner.plan((1.5, 3.0), [(7.0, 3.0)], *layers, most_poses=most_poses)
+        searched.append(planner.pose_search.num_states)
+    assert 0 < searched[1] < 0.5 * searched[0]
 
 
 def test_a_long_robot_passes_a_narrow_door_lengthways() -> None:

@@ -29,6 +29,8 @@ class RouteParams:
     rest_per_state_s: float = 2e-5
     """Time more for each pose that the last plan had to search, up to the robot's patience, so that
     a slow computer is not busy with that alone: it takes a PC a fifteenth of this."""
+    most_poses: int = 200_000
+    """About how many poses one plan searches: a PC takes 0.3 s, and gives no command meanwhile."""
     detour_factor: float = 1.5
     """Multiple of the old length above which a path may be a detour."""
     detour_m: float = 2.0
@@ -308,15 +310,15 @@ class Route:
         start = (pose.x, pose.y)
         targets = [(target.x, target.y) for target in self.targets]
         yaws = pose.yaw, self._goal_yaw
-        found = planner.plan(start, targets, costmap.weights, costmap.distance_m, yaws)
+        layers, most = (costmap.weights, costmap.distance_m), ROUTE.most_poses
+        found = planner.plan(start, targets, *layers, yaws, most)
         self.narrow = planner.narrow if found is None else []
         if found is None:
             self.is_blocked = True
             # It follows a blocked path as far as it can: from close by things may look different.
             if force or self.has_strayed(pose):
-                optimistic = planner.plan(
-                    start, targets, planner.optimistic_weights(), costmap.static.distance_m, yaws
-                )
+                layers = planner.optimistic_weights(), costmap.static.distance_m
+                optimistic = planner.plan(start, targets, *layers, yaws, most)
                 if optimistic is not None:
                     self._replace(optimistic)
             return

@@ -63,6 +63,10 @@ class _Leg:
     cost: float
 
 
+ALL_POSES = 10**9
+"""More poses than any plan searches."""
+
+
 class GlobalPlanner:
     """Plans on one costmap; reuses the goal's cost-to-go from plan to plan.
 
@@ -85,6 +89,7 @@ class GlobalPlanner:
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
         yaws: Yaws = (None, None),
+        most_poses: int = ALL_POSES,
     ) -> PlannedPath | None:
         """Return the cheapest path through all targets, None if there is none.
 
@@ -94,7 +99,10 @@ class GlobalPlanner:
             weights: (rows, cols) of the costmap, with or without what the lidar has seen.
             distance_m: (rows, cols) that belongs to them.
             yaws: of the robot at the start and at the goal [rad], None where any will do.
+            most_poses: about how many are searched where the footprint does not fit along a path;
+                what is found narrow after that may not be.
         """
+        self._footprint_check.begin(most_poses)
         leaving = self._costmap.static.leaving
         if leaving is not None:
             # Expensive, so that the path leaves the zone as soon as it can, and does not cross it.
