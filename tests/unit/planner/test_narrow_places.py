@@ -14,7 +14,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import FREE, OCCUPIED, GridMap
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.footprint import Footprint
-from trolley_planner.paths.global_planner import ALL_POSES, GlobalPlanner
+from trolley_planner.paths.global_planner import PLANNING, GlobalPlanner
 from trolley_planner.paths.path import PlannedPath
 
 LONG = [(0.3, 0.15), (-0.3, 0.15), (-0.3, -0.15), (0.3, -0.15)]
@@ -84,7 +84,7 @@ def test_a_plan_among_legs_of_chairs_searches_no_more_poses_than_it_may() -> Non
     corners = [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)]
     costmap = Costmap(grid, Footprint.from_polygon(corners), PlannerConfig(), False)
     searched = []
-    for most_poses in (ALL_POSES, 1):
+    for most_poses in (PLANNING.most_poses, 1):
         planner = GlobalPlanner(costmap)
         layers = costmap.weights, costmap.distance_m
         planner.plan((1.5, 3.0), [(7.0, 3.0)], *layers, most_poses=most_poses)

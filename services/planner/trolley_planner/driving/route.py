@@ -30,7 +30,8 @@ class RouteParams:
     """Time more for each pose that the last plan had to search, up to the robot's patience, so that
     a slow computer is not busy with that alone: it takes a PC a fifteenth of this."""
     most_poses: int = 200_000
-    """About how many poses one plan searches: a PC takes 0.3 s, and gives no command meanwhile."""
+    """Number of poses searched at narrow places after which a plan gives up: 0.3 s of a PC, which
+    gives no command meanwhile."""
     detour_factor: float = 1.5
     """Multiple of the old length above which a path may be a detour."""
     detour_m: float = 2.0

@@ -83,13 +83,8 @@ class FootprintCheck:
         self._fine_grid = FineGrid(costmap, FINE.finest_m, reach_m)
         self.pose_search = PoseSearch(costmap.footprint, self._fine_grid.fine_m)
         """Finds ways through where the footprint does not fit along a path."""
-        self._until = 0
         radii = costmap.footprint.circumscribed_m, costmap.footprint.inscribed_m
         self._is_round = radii[0] <= radii[1] + costmap.resolution_m
-
-    def begin(self, most_poses: int) -> None:
-        """Search no more than about so many poses from now on; what is then left is too narrow."""
-        self._until = self.pose_search.num_states + most_poses
 
     def check(
         self,
@@ -156,8 +151,6 @@ class FootprintCheck:
         yaws: Yaws,
     ) -> NDArray[np.float64] | None:
         """Return points (n, 2) in place of a stretch of the path, None if there is no passage."""
-        if self.pose_search.num_states >= self._until:
-            return None
         start, end = stretch
         grid = self._fine_grid
         cells = np.floor(points[start : end + 1, ::-1] / self._edge_m).astype(np.int64)

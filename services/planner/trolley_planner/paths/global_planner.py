@@ -37,9 +37,9 @@ class GlobalPlannerParams:
     """Distance from the goal within which lethal cells may be crossed."""
     most_narrow_places: int = 8
     """Number of places that may prove too narrow before there is no path."""
-    most_states: int = 500_000
-    """Number of poses that may be searched at them: two thirds of a second of a PC. Each search in
-    vain among many things takes up to a fifth, and who plans for long gives no command."""
+    most_poses: int = 1_000_000
+    """Number of poses searched at such places after which it gives up: 1.4 s of a PC. Each search
+    in vain among many things takes up to a fifth, and who plans for long gives no command."""
     narrow_m: float = 0.12
     """Least radius of the area that is closed at such a place."""
 
@@ -63,10 +63,6 @@ class _Leg:
     cost: float
 
 
-ALL_POSES = 10**9
-"""More poses than any plan searches."""
-
-
 class GlobalPlanner:
     """Plans on one costmap; reuses the goal's cost-to-go from plan to plan.
 
@@ -79,6 +75,7 @@ class GlobalPlanner:
         self._footprint_check = FootprintCheck(costmap)
         self.pose_search = self._footprint_check.pose_search
         """Finds ways with headings; its memory is large, so all who plan here share it."""
+        self._most_states = 0
         self.narrow: list[Point] = []
         """Where the last plan found that the footprint does not get through."""
 
@@ -89,7 +86,7 @@ class GlobalPlanner:
         weights: NDArray[np.uint8],
         distance_m: NDArray[np.float32],
         yaws: Yaws = (None, None),
-        most_poses: int = ALL_POSES,
+        most_poses: int = PLANNING.most_poses,
     ) -> PlannedPath | None:
         """Return the cheapest path through all targets, None if there is none.
 
@@ -99,10 +96,9 @@ class GlobalPlanner:
             weights: (rows, cols) of the costmap, with or without what the lidar has seen.
             distance_m: (rows, cols) that belongs to them.
             yaws: of the robot at the start and at the goal [rad], None where any will do.
-            most_poses: about how many are searched where the footprint does not fit along a path;
-                what is found narrow after that may not be.
+            most_poses: searched at places that prove too narrow; then it gives up.
         """
-        self._footprint_check.begin(most_poses)
+        self._most_states = self.pose_search.num_states + most_poses
         leaving = self._costmap.static.leaving
         if leaving is not None:
             # Expensive, so that the path leaves the zone as soon as it can, and does not cross it.
@@ -135,9 +131,8 @@ class GlobalPlanner:
             is_tight: whether it may touch where that is only because of the size of the cells.
             yaws: as in `plan`.
         """
-        num_before = self.pose_search.num_states
         for _ in range(PLANNING.most_narrow_places):
-            if self.pose_search.num_states - num_before > PLANNING.most_states:
+            if self.pose_search.num_states >= self._most_states:
                 return None
             found = self._plan_through(ends, weights, distance_m, is_tight, yaws)
             if isinstance(found, PlannedPath) or found is None:
