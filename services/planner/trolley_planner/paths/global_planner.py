@@ -132,14 +132,14 @@ class GlobalPlanner:
             yaws: as in `plan`.
         """
         for _ in range(PLANNING.most_narrow_places):
-            if self.pose_search.num_states >= self._most_states:
-                return None
             found = self._plan_through(ends, weights, distance_m, is_tight, yaws)
             if isinstance(found, PlannedPath) or found is None:
                 return found
             self.narrow.append(found)
             if any(math.dist(found, end) < PLANNING.start_escape_m for end in (ends[0], ends[-1])):
                 return None  # However it goes on, there it must pass.
+            if self.pose_search.num_states >= self._most_states:
+                return None
             weights = weights.copy()
             cells = found[0] / self._costmap.resolution_m, found[1] / self._costmap.resolution_m
             radius_m = max(self._costmap.footprint.inscribed_m, PLANNING.narrow_m)
