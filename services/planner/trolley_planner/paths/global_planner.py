@@ -75,7 +75,6 @@ class GlobalPlanner:
         self._footprint_check = FootprintCheck(costmap)
         self.pose_search = self._footprint_check.pose_search
         """Finds ways with headings; its memory is large, so all who plan here share it."""
-        self._most_states = 0
         self.narrow: list[Point] = []
         """Where the last plan found that the footprint does not get through."""
 
@@ -98,7 +97,7 @@ class GlobalPlanner:
             yaws: of the robot at the start and at the goal [rad], None where any will do.
             most_poses: searched at places that prove too narrow; then it gives up.
         """
-        self._most_states = self.pose_search.num_states + most_poses
+        most_states = self.pose_search.num_states + most_poses
         leaving = self._costmap.static.leaving
         if leaving is not None:
             # Expensive, so that the path leaves the zone as soon as it can, and does not cross it.
@@ -107,11 +106,13 @@ class GlobalPlanner:
             )
         self.narrow = []
         ends = [start, *targets]
-        found = self._plan_fitting_path(ends, weights, distance_m, False, yaws)
+        found = self._plan_fitting_path(ends, weights, distance_m, False, yaws, most_states)
         # Where something stands on a target, the path is not too narrow: there is none.
         if found is None and all(self._has_room(target, distance_m) for target in targets):
             squeeze_weights = self._costmap.squeeze_weights(weights, distance_m)
-            found = self._plan_fitting_path(ends, squeeze_weights, distance_m, True, yaws)
+            found = self._plan_fitting_path(
+                ends, squeeze_weights, distance_m, True, yaws, most_states
+            )
         return found
 
     def _plan_fitting_path(
@@ -121,6 +122,7 @@ class GlobalPlanner:
         distance_m: NDArray[np.float32],
         is_tight: bool,
         yaws: Yaws,
+        most_states: int,
     ) -> PlannedPath | None:
         """Return the cheapest path along which the footprint fits, None if there is none.
 
@@ -130,6 +132,7 @@ class GlobalPlanner:
             distance_m: as in `plan`.
             is_tight: whether it may touch where that is only because of the size of the cells.
             yaws: as in `plan`.
+            most_states: it gives up once the search over poses has reached so many in all.
         """
         for _ in range(PLANNING.most_narrow_places):
             found = self._plan_through(ends, weights, distance_m, is_tight, yaws)
@@ -138,7 +141,7 @@ class GlobalPlanner:
             self.narrow.append(found)
             if any(math.dist(found, end) < PLANNING.start_escape_m for end in (ends[0], ends[-1])):
                 return None  # However it goes on, there it must pass.
-            if self.pose_search.num_states >= self._most_states:
+            if self.pose_search.num_states >= most_states:
                 return None
             weights = weights.copy()
             cells = found[0] / self._costmap.resolution_m, found[1] / self._costmap.resolution_m

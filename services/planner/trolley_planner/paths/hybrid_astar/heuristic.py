@@ -16,7 +16,6 @@ from trolley_planner.paths.hybrid_astar.footprint_spans import (
     HEADINGS,
     FootprintSpans,
     angle_of,
-    touched,
 )
 from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, CELL_M, COSTS, PoseXYYaw
 from trolley_planner.paths.hybrid_astar.search_space import (
@@ -25,6 +24,7 @@ from trolley_planner.paths.hybrid_astar.search_space import (
     TOUCHING,
     TRAVERSAL,
     SearchSpace,
+    fits,
 )
 from trolley_planner.paths.search import STEP, UNREACHED, cost_to_go_into, make_queue
 from trolley_planner.sensing.beams import wrapped
@@ -171,8 +171,7 @@ def fits_somehow(
 ) -> bool:
     """Say whether the footprint covers no cell of a kind in one of every other heading."""
     for heading in range(parity, HEADINGS, 2):
-        angle = angle_of(space.footprint, heading)
-        if touched(space.obstacles, space.footprint, place, angle, kind) & kind == 0:
+        if fits(space, place, angle_of(space.footprint, heading), kind):
             return True
     return False
 

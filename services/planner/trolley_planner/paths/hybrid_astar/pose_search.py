@@ -195,14 +195,14 @@ class PoseSearch:
             dearest += TRAVERSAL.beside
             # The robot stands where it starts; at its goal it must fit.
             angle = nearest_angle(query.goal[2])
-            roomy = space._replace(blocking=blocking)
             may_be = query.any_heading or query.sense == BACKWARDS
-            if not (may_be or fits(roomy, query.goal[:2], angle)):
+            if not (may_be or fits(space, query.goal[:2], angle, blocking)):
                 continue
             passable = np.where(weights <= dearest_weight, weights, np.uint8(0))
             heuristic = make_heuristic(space, passable, goal, HEURISTIC.greed)
             if not math.isfinite(heuristic.to_go_m[start]):
                 continue
+            roomy = space._replace(blocking=blocking)
             found = self._search_once(roomy, query, heuristic, POSE_SEARCH.roomy_states)
             if found is not None:
                 return found
@@ -235,7 +235,7 @@ class PoseSearch:
 
 def _touches(space: SearchSpace, pose: PoseXYYaw) -> bool:
     """Say whether the footprint all but touches something at a pose."""
-    return not fits(space._replace(blocking=TOUCHING), pose[:2], nearest_angle(pose[2]))
+    return not fits(space, pose[:2], nearest_angle(pose[2]), TOUCHING)
 
 
 def _is_tighter_at_end(space: SearchSpace, query: Query) -> bool:

@@ -151,7 +151,7 @@ def begin(memory: Memory, space: SearchSpace, query: Query, heuristic: Heuristic
         heading = nearest
         if which == 1:
             heading = (nearest + (1 if off > 0.0 else -1)) % HEADINGS
-            if not fits(space, start[:2], angle_of(footprint, heading)):
+            if not fits(space, start[:2], angle_of(footprint, heading), space.blocking):
                 continue
         turn = abs(wrapped(start[2] - footprint.first_yaw - heading * TURN_RAD))
         cost = COSTS.turn_m * turn
@@ -171,7 +171,7 @@ def begin_around(memory: Memory, space: SearchSpace, query: Query, heuristic: He
         if which > 0:
             bearing = 0.25 * math.pi * which
             place = end[0] + missed_m * math.cos(bearing), end[1] + missed_m * math.sin(bearing)
-        if fits(space, place, angle_of(space.footprint, heading)):
+        if fits(space, place, angle_of(space.footprint, heading), space.blocking):
             cost = 0.0 if which == 0 else TRAVERSAL.beside * missed_m
             begin_at(memory, space, query, heuristic, (place[0], place[1], heading), cost)
 

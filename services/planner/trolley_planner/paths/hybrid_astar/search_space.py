@@ -185,10 +185,9 @@ def can_turn(space: SearchSpace, place: tuple[float, float], more_m: float) -> b
 
 
 @lean_kernel
-def fits(space: SearchSpace, place: tuple[float, float], angle: int) -> bool:
-    """Say whether the footprint covers nothing that it must not, at a place and an angle."""
-    found = touched(space.obstacles, space.footprint, place, angle, space.blocking)
-    return found & space.blocking == 0
+def fits(space: SearchSpace, place: tuple[float, float], angle: int, kinds: np.uint64) -> bool:
+    """Say whether the footprint covers no cell of some kinds of obstacles, and none outside."""
+    return touched(space.obstacles, space.footprint, place, angle, kinds) & kinds == 0
 
 
 @lean_kernel

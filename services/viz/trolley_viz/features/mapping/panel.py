@@ -39,7 +39,6 @@ class MappingPanel:
         self._aiming = aiming
         self._status: MappingStatus | None = None
         self._map_name = ""
-        self._extends: str | None = None
         self._now_ns = 0
         self._sure_until_ns = 0
         with add_folder("Make a map", is_open=True):
@@ -68,7 +67,8 @@ class MappingPanel:
 
     def update(self, view: View) -> None:
         """Show what can be done now."""
-        status = self._status = view.streams.latest(topics.MAPPING)
+        before, status = self._extends, view.streams.latest(topics.MAPPING)
+        self._status = status
         self._map_name = "" if view.map is None else view.map.name
         self._now_ns = view.now_ns
         state = "idle" if status is None else status.state
@@ -82,11 +82,9 @@ class MappingPanel:
         is_making = state in ("mapping", "paused")
         is_idle = status is not None and state == "idle"
         self._how.visible = self._new.visible = is_idle
-        extends = None if status is None or is_idle else status.extends
-        if extends is not None and extends != self._extends:
-            self._name.value = extends
-        self._extends = extends
-        self._name.visible = is_idle or (is_making and extends is not None)
+        if self._extends is not None and self._extends != before:
+            self._name.value = self._extends
+        self._name.visible = is_idle or (is_making and self._extends is not None)
         self._extend.visible = is_idle and bool(self._map_name)
         self._save.visible = self._pause.visible = self._undo.visible = is_making
         self._explore.visible = state == "mapping"
@@ -120,6 +118,12 @@ class MappingPanel:
 
         name = None if self._extends is None else self._name.value.strip() or None
         self._ask(requests.MAP_SAVE, SaveMap(name=name), "Not saved", saved)
+
+    @property
+    def _extends(self) -> str | None:
+        """The map that is extended now, if one is."""
+        status = self._status
+        return None if status is None or status.state == "idle" else status.extends
 
     @property
     def _is_exploring(self) -> bool:
