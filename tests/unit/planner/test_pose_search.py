@@ -35,12 +35,13 @@ def search(
     known: int = IN_SIGHT,
     most: int = USABLE,
     counts: list[int] | None = None,
+    else_any: bool = False,
 ) -> Maneuver | None:
     """The way; how many states it took is put into `counts`."""
     footprint = Footprint.from_polygon(corners)
     fine = fine_grid(grid, footprint)
     shape = fine.mask.shape
-    task = Task(*ends, any_heading=False, xy_m=0.03, yaw_rad=0.05, wanted_m=0.05)
+    task = Task(*ends, False, xy_m=0.03, yaw_rad=0.05, wanted_m=0.05, else_any=else_any)
     nowhere, behind = np.zeros(shape, np.uint8), np.full(shape, known, dtype=np.uint8)
     made = PoseSearch(footprint, fine.fine_m)
     found = made.find(fine, behind, nowhere, task, most)
@@ -71,6 +72,31 @@ def test_a_door_is_passed_in_its_middle_without_a_stop() -> None:
 
 def test_a_door_narrower_than_the_robot_is_proved_to_be() -> None:
     assert search(two_rooms(0.25), HOBBY, (Pose2D(3.0, 3.0, 0.0), Pose2D(5.0, 3.0, 0.0))) is None
+
+
+def test_another_heading_is_tried_only_where_the_place_may_be_reached() -> None:
+    ends = Pose2D(3.0, 3.0, 0.0), Pose2D(5.0, 3.0, 0.0)
+    counts: list[int] = []
+    for else_any in (False, True):
+        assert search(two_rooms(0.25), HOBBY, ends, counts=counts, else_any=else_any) is None
+    assert counts[0] == counts[1] > 0
+
+
+@pytest.mark.parametrize("turn", [0.5 * math.pi, 0.8])
+def test_another_heading_will_do_where_that_of_the_goal_cannot_be_had(turn: float) -> None:
+    ends = Pose2D(2.5, 3.0, 0.0), Pose2D(4.0, 3.0, turn)  # In a door, across it or askew.
+    assert search(two_rooms(0.34), HOBBY, ends) is None
+    way = search(two_rooms(0.34), HOBBY, ends, else_any=True)
+    assert way is not None
+    assert math.dist(way.poses[-1, :2], (4.0, 3.0)) < 0.03
+
+
+def test_a_dead_end_that_the_robot_cannot_back_into_is_entered_forwards() -> None:
+    ends = Pose2D(2.5, 3.0, 0.0), Pose2D(5.0, 3.0, math.pi)
+    assert search(lane(0.4), HOBBY, ends, known=NEVER_SEEN) is None
+    way = search(lane(0.4), HOBBY, ends, known=NEVER_SEEN, else_any=True)
+    assert way is not None
+    assert abs(way.poses[-1, 2]) < 0.3
 
 
 @pytest.mark.parametrize("y", [2.8, 2.92])

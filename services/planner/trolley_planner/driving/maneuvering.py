@@ -351,13 +351,12 @@ class Maneuvering:
         end = Pose2D(x, y, yaw)
         is_free = self._context.can_turn_by(end, 2.0 * math.pi, wanted_m)
         missed = MANEUVER.loose_m, MANEUVER.free_rad if is_free else MANEUVER.loose_rad
-        for any_heading in (False, True):
-            task = Task(pose, end, any_heading, *missed, wanted_m)
-            maneuver = self._context.find_maneuver(task, MANEUVER.half_m)
-            if maneuver is not None:
-                turn = max(abs(wrap_angle(float(maneuver.poses[-1, 2]) - yaw)) - missed[1], 0.0)
-                return maneuver, to_goal, rest_m + FOLLOWER.turn_as_m * turn
-        return None
+        task = Task(pose, end, False, *missed, wanted_m, else_any=True)
+        maneuver = self._context.find_maneuver(task, MANEUVER.half_m)
+        if maneuver is None:
+            return None
+        turn = max(abs(wrap_angle(float(maneuver.poses[-1, 2]) - yaw)) - missed[1], 0.0)
+        return maneuver, to_goal, rest_m + FOLLOWER.turn_as_m * turn
 
     def _check_maneuver(self, pose: Pose2D, route: Route, aim: Pose2D) -> None:
         """Drop the maneuver if an obstacle is on it, or it leads elsewhere."""

@@ -170,11 +170,8 @@ class FootprintCheck:
         missed = (CHECK.exact_m, CHECK.exact_rad) if is_end else (CHECK.end_xy_m, CHECK.end_rad)
         (x, y), (to_x, to_y) = points[start].tolist(), points[end].tolist()
         ends = Pose2D(x, y, yaw), Pose2D(to_x, to_y, to_yaw)
-        task = Task(*ends, any_heading, *missed, CHECK.wanted_m)
+        task = Task(*ends, any_heading, *missed, CHECK.wanted_m, else_any=not is_end)
         found = self.pose_search.find(grid, unknown, closed, task)
-        if found is None and not any_heading and not is_end:
-            task = task._replace(any_heading=True)
-            found = self.pose_search.find(grid, unknown, closed, task)
         if found is None and start == 0 and yaws[0] is not None:
             # A robot that stands right beside a wall pulls out as it drives.
             aside = pulled_aside(ends[0], grid, unknown, self._body)

@@ -19,7 +19,7 @@ USABLE = int(0.75 * STATES)
 GOAL_KEY = 2**62
 """Stands for the goal itself, at the end of a direct drive."""
 NONE = -1
-NUM_STATES, NUM_QUEUED, SEARCH_NUMBER = range(3)
+NUM_STATES, NUM_QUEUED, SEARCH_NUMBER, CAME_THERE = range(4)
 """Indices of `Memory.counts`."""
 
 
@@ -45,7 +45,8 @@ class Memory(NamedTuple):
     heap: NDArray[np.float64]
     """(entries, 2) estimated cost of the whole path, and the state."""
     counts: NDArray[np.int64]
-    """(3,) states reached by the search, entries of the heap, and number of the search."""
+    """(4,) states reached by the search, entries of the heap, number of the search, and whether it
+    came to the goal's place, whatever the heading."""
 
 
 class Reached(NamedTuple):
@@ -72,14 +73,14 @@ def make_memory() -> Memory:
         np.empty(STATES, dtype=np.int8),
         np.empty(STATES, dtype=np.uint8),
         np.empty((4 * STATES, 2), dtype=np.float64),
-        np.zeros(3, dtype=np.int64),
+        np.zeros(4, dtype=np.int64),
     )
 
 
 @lean_kernel
 def begin_anew(memory: Memory) -> None:
     """Forget the search before."""
-    memory.counts[NUM_STATES], memory.counts[NUM_QUEUED] = 0, 0
+    memory.counts[NUM_STATES], memory.counts[NUM_QUEUED], memory.counts[CAME_THERE] = 0, 0, 0
     memory.counts[SEARCH_NUMBER] += 1
 
 

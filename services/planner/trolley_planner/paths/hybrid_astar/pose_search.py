@@ -53,6 +53,7 @@ from trolley_planner.paths.hybrid_astar.motion_primitives import (
     PoseXYYaw,
 )
 from trolley_planner.paths.hybrid_astar.open_list import (
+    CAME_THERE,
     GOAL_KEY,
     NUM_STATES,
     USABLE,
@@ -105,6 +106,8 @@ class Task(NamedTuple):
     """How far its heading may be missed."""
     wanted_m: float
     """Clearance from which on nothing costs more."""
+    else_any: bool = False
+    """Whether any heading will do where that of the goal cannot be had."""
 
 
 class PoseSearch:
@@ -119,6 +122,8 @@ class PoseSearch:
         self._footprint = footprint
         self._spans = rasterized(footprint, fine_m)
         self._memory = make_memory()
+        self._may_come_there = True
+        """Whether another heading at its goal may help the last search: no proof that none does."""
         self.num_states = 0
         """States that all its searches have reached."""
 
@@ -148,14 +153,10 @@ class PoseSearch:
         spans = self._spans_for(end.yaw)
         space = make_search_space(grid, unseen, own, self._footprint, spans, task.wanted_m)
         query = Query(start, goal, task.any_heading, task.xy_m, task.yaw_rad, FORWARDS, 0.0)
-        if not can_arrive(space, query):
-            return None
-        found = self._find_in(space, closed, query, most)
-        own_spans = self._spans_for(begin.yaw)
-        if found is None and own_spans.phase != spans.phase and _touches(space, start):
-            # Neither heading beside its own may fit where it stands, as askew in a door.
-            space = space._replace(footprint=own_spans)
-            found = self._find_in(space, closed, query, most)
+        found = self._find_from(space, closed, query, most)
+        if found is None and task.else_any and self._may_come_there:
+            query = query._replace(any_heading=True)
+            found = self._find_from(space, closed, query, most)
         if found is None:
             return None
         poses, motions = found
@@ -165,6 +166,21 @@ class PoseSearch:
         motions[0] = motions[1] if len(motions) > 1 else TURNING
         poses[:, :2] += (grid.x, grid.y)
         return Maneuver(poses, motions)
+
+    def _find_from(
+        self, space: SearchSpace, closed: NDArray[np.uint8], query: Query, most: int
+    ) -> Motions | None:
+        """Search in headings one of which is nearly the goal's, then in the start's own."""
+        self._may_come_there = not can_arrive(space, query)
+        if self._may_come_there:
+            return None
+        found = self._find_in(space, closed, query, most)
+        own_spans = self._spans_for(query.start[2])
+        is_other = own_spans.phase != space.footprint.phase
+        if found is None and is_other and _touches(space, query.start):
+            # Neither heading beside its own may fit where it stands, as askew in a door.
+            found = self._find_in(space._replace(footprint=own_spans), closed, query, most)
+        return found
 
     def _find_in(
         self, space: SearchSpace, closed: NDArray[np.uint8], query: Query, most: int
@@ -207,9 +223,11 @@ class PoseSearch:
             if found is not None:
                 return found
         heuristic = make_heuristic(space, weights, goal, HEURISTIC.last_greed)
-        most = min(most, USABLE)
+        most, counts = min(most, USABLE), self._memory.counts
         found = self._search_once(space, query, heuristic, most)
-        if found is None and int(self._memory.counts[NUM_STATES]) >= most:
+        is_full = bool(counts[NUM_STATES] >= most)
+        self._may_come_there |= is_full or bool(counts[CAME_THERE])
+        if found is None and is_full:
             hasty = heuristic._replace(greed=HEURISTIC.hasty_greed)
             found = self._search_once(space, query, hasty, POSE_SEARCH.hasty_states)
         return found

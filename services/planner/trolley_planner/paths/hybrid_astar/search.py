@@ -26,6 +26,7 @@ from trolley_planner.paths.hybrid_astar.motion_primitives import (
     change_cost,
 )
 from trolley_planner.paths.hybrid_astar.open_list import (
+    CAME_THERE,
     GOAL_KEY,
     NONE,
     NUM_QUEUED,
@@ -96,8 +97,10 @@ def search_poses(
             return FOUND, state
         yaw = yaw_of(space.footprint, memory.headings[state])
         away = math.hypot(goal[0] - memory.places[state, 0], goal[1] - memory.places[state, 1])
+        is_there = away <= query.xy_m
+        memory.counts[CAME_THERE] |= is_there
         is_turned = query.any_heading or abs(wrapped(goal[2] - yaw)) <= query.yaw_rad
-        if away <= query.xy_m and is_turned:
+        if is_there and is_turned:
             return FOUND, state
         if away < SEARCH.direct_m:
             num_near += 1
