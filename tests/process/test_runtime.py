@@ -5,7 +5,7 @@ import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from support.processes import Process, RouterProcess, find_free_port, write_config
@@ -223,13 +223,13 @@ def show(bus: ZenohBus, run: Run) -> None:
     bus.declare_token(topics.ALIVE.key("tester", "tour", str(run)))
 
 
-def answer_for(bus: ZenohBus, run: str) -> list[str]:
+def answer_for(bus: ZenohBus, run: str, state: Literal["starting", "ok"] = "ok") -> list[str]:
     """Answer for the health of a run; what was asked is noted."""
     key, asked = "trolley/tester/health/tour", list[str]()
 
     def answer(query: Query) -> None:
         asked.append(query.key)
-        health = Health(stamp_ns=0, state="ok", run=run)
+        health = Health(stamp_ns=0, state=state, run=run)
         query.reply(key, codec.encode(health, "msgpack"), codec.MIME["msgpack"])
         query.finish()
 
@@ -246,6 +246,27 @@ def test_two_that_meet_after_a_reconnection_settle_it(keeper: Process, bus: Zeno
     assert "host=elder" in keeper.log
     assert "pid=77" in keeper.log
     assert "give this robot another [robot] name" in keeper.log
+
+
+def test_one_that_starts_ends_none_that_serves_though_its_clock_is_behind(
+    keeper: Process, bus: ZenohBus
+):
+    """As a copy of the robot's SD card does that begins with the time of its last shutdown."""
+    asked = answer_for(bus, str(ELDER), "starting")
+    show(bus, ELDER)
+    wait_until(lambda: len(asked) >= 2, "it asks, and asks again")
+    assert keeper.is_running
+
+
+def test_one_that_starts_ends_where_one_serves_whose_clock_is_ahead(
+    service_process: StartService, bus: ZenohBus
+):
+    ahead = Run(started_ms=10**15, host="ahead", pid=78)
+    answer_for(bus, str(ahead))
+    show(bus, ahead)
+    later = service_process(KEEPER)
+    assert later.wait() == 3
+    assert "host=ahead" in later.log
 
 
 def test_a_token_that_nobody_answers_for_ends_no_service(

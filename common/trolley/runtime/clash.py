@@ -1,4 +1,4 @@
-"""The clash rule: of two processes of one service, the older one stays.
+"""The clash rule: of two processes of one service, the one that was there first stays.
 
 Each shows a liveliness token that names host, process and start, and reads those of the others of
 its name; who has seen an older one asks it, and ends when it answers.
@@ -32,7 +32,10 @@ ANSWER_S = 5.0
 
 @dataclasses.dataclass(frozen=True, order=True)
 class Run:
-    """A process of a service; of two of the same name the smaller stays."""
+    """A process of a service; of two of the same name that both serve the smaller stays.
+
+    It began first, unless the clocks of their hosts differ.
+    """
 
     started_ms: int
     host: str
@@ -69,10 +72,11 @@ def is_one_per_host(label: str) -> bool:
 
 
 class OlderRuns:
-    """The older processes of this service that are alive now.
+    """The processes of this service that are alive now and came before this one.
 
     A token proves nothing: anybody can show one. A process counts only once it has answered `get`
-    of `health/<label>` with its run, or without one, as Trolley did before it told runs.
+    of `health/<label>` with its run, or without one, as Trolley did before it told runs. One that
+    serves came before one that starts, whatever the clocks of their hosts say.
 
     Args:
         bus: Where tokens are shown.
@@ -90,7 +94,9 @@ class OlderRuns:
         self._lock = threading.Lock()
         self._shown: dict[Run, float] = {}
         """Those that show a token, and since when (local monotonic time)."""
-        self._answered: set[str] = set()
+        self._answered: dict[str, bool] = {}
+        """By run, whether it serves."""
+        self._serves = False
         self._are_all_known = False
         """Whether the router has told of all that were there before this process."""
         self._known_by_s = time.monotonic() + TOLD_S
@@ -103,6 +109,7 @@ class OlderRuns:
 
     def serves(self) -> None:
         """Note that the service itself answers for its health from now on."""
+        self._serves = True
         self._early.close()
 
     def _ask_router(self) -> None:
@@ -130,8 +137,7 @@ class OlderRuns:
         if not self._shown:
             return None
         with self._lock:
-            there = (run for run in self._shown if {str(run), ""} & self._answered)
-            return min(there, default=None)
+            return min(filter(self._came_before, self._shown), default=None)
 
     def settle(self) -> bool:
         """Whether everybody who shows a token has answered for it, or has had the time to.
@@ -148,9 +154,15 @@ class OlderRuns:
                 for run, since_s in self._shown.items()
             )
 
+    def _came_before(self, other: Run) -> bool:
+        serves = self._answered.get(str(other), self._answered.get(""))
+        if serves is None:
+            return False
+        return other < self._run if serves == self._serves else serves
+
     def _see(self, key: str, is_there: bool) -> None:
         other = Run.parse(key.rpartition("/")[2])
-        if other is None or not other < self._run:
+        if other is None or other == self._run:
             return
         with self._lock:
             if is_there:
@@ -158,7 +170,8 @@ class OlderRuns:
                 self._ask_at_s = 0.0
             else:
                 self._shown.pop(other, None)
-                self._answered -= {str(other), ""}
+                self._answered.pop(str(other), None)
+                self._answered.pop("", None)
         if is_there:
             self._met()
 
@@ -179,5 +192,5 @@ class OlderRuns:
         if health.run == str(self._run):
             return
         with self._lock:
-            self._answered.add(health.run)
+            self._answered[health.run] = health.state != "starting"
         self._met()

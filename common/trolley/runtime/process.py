@@ -250,7 +250,7 @@ class ServiceProcess:
 
     def _give_way(self, oldest: Run) -> int:
         self._log.error(
-            "An older process of this service is running, so this one ends: stop that one, or give "
+            "Another process of this service is running, so this one ends: stop that one, or give "
             "this robot another [robot] name",
             robot=self._robot,
             host=oldest.host,
