@@ -1,7 +1,6 @@
 """`trolley status`: the robot and its services at a glance."""
 
 import shutil
-import time
 from typing import Any
 
 import click
@@ -14,7 +13,7 @@ from trolley.cli.printing import say
 from trolley.cli.robot_sentence import goal_message, robot_sentence
 from trolley.cli.robots import connected, one_robot, reports_errors
 from trolley.cli.show import pose_text, print_json, print_table, seconds_text
-from trolley.cli.top_picture import short_time, up_seconds
+from trolley.cli.top_picture import short_time
 from trolley.client import STALE_AFTER_S, Robot
 from trolley.connection import RobotUnreachable
 from trolley.doctor.computer_facts import Host
@@ -86,7 +85,6 @@ def read_status(robot: Robot) -> dict[str, Any]:
     now_ns = robot.connection.robot_now_ns(robot.name)  # first: late answers make nothing old
     health = {parts[0]: message for parts, message in robot.get(topics.HEALTH).items()}
     pose = robot.latest(topics.POSE)
-    unix_ms = time.time_ns() // 1_000_000
     restarts = {unit.service: unit.restarts for unit in read_units(Host()) or []}
     of_robot = robot.latest(topics.ROBOT)
     is_replayed = of_robot is not None and of_robot.replayed
@@ -98,7 +96,7 @@ def read_status(robot: Robot) -> dict[str, Any]:
                 "runs": runs.get(service, []),
                 "health": health.get(service),
                 "age_s": _age_s(health.get(service), now_ns),
-                "up_s": up_seconds(runs.get(service, []), unix_ms),
+                "up_s": health[service].up if service in health else None,
                 "restarts": restarts.get(service),
             }
             for service in sorted(set() if is_replayed else {*EXPECTED, *runs, *health})

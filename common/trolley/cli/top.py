@@ -26,7 +26,6 @@ from trolley.cli.top_picture import (
     ServiceView,
     lines_of,
     topic_views,
-    up_seconds,
 )
 from trolley.client import STALE_AFTER_S
 from trolley.connection import GET_TIMEOUT_S, Connection, RobotUnreachable, find_target
@@ -121,7 +120,6 @@ class Watcher:
         with self._lock:
             alive = {who: sorted(runs) for who, runs in self._alive.items()}
             seen = {who: len(runs) for who, runs in self._seen.items()}
-        unix_ms = time.time_ns() // 1_000_000
         return [
             ServiceView(
                 robot,
@@ -129,7 +127,6 @@ class Watcher:
                 bool(runs),
                 _newest(tallies, topics.HEALTH, robot, service),
                 flowing.get(topics.HEALTH.key(robot, service)),
-                up_seconds(runs, unix_ms),
                 max(0, seen[robot, service] - 1) + self._units_restarts.get(service, 0),
             )
             for (robot, service), runs in sorted(alive.items())

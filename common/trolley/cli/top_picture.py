@@ -7,7 +7,6 @@ from typing import Literal
 from trolley import topics
 from trolley.cli.columns import Column, table_lines
 from trolley.messages import Health
-from trolley.runtime.clash import Run
 from trolley.sanitize import sanitize
 from trolley.traffic import Expected, Flow, expected
 
@@ -48,8 +47,12 @@ class ServiceView:
     health: Health | None
     flow: Flow | None
     """Flow of its `health`."""
-    up_s: float | None = None
     restarts: int = 0
+
+    @property
+    def up_s(self) -> float | None:
+        """How long it has been running, None where it does not tell, or is gone."""
+        return self.health.up if self.health is not None and self.is_alive else None
 
     @property
     def state(self) -> str:
@@ -132,13 +135,6 @@ def _times(wanted: Expected, rate: float) -> Expected:
     )
 
 
-def up_seconds(runs: Sequence[str], unix_ms: int) -> float | None:
-    """How long the oldest of some runs has been up, None where no clock tells."""
-    known = [run.started_ms for text in runs if (run := Run.parse(text)) is not None]
-    up_ms = unix_ms - min(known) if known else -1
-    return up_ms * 1e-3 if up_ms >= 0 else None
-
-
 def lines_of(picture: Picture, width: int, height: int | None) -> list[tuple[str, str | None]]:
     """The lines with their colours; `height` None: as many as there are."""
     lines: list[tuple[str, str | None]] = []
@@ -162,7 +158,7 @@ def _service_lines(
             one.state,
             "-" if one.health is None else f"{one.health.cpu:.0%}",
             "-" if one.health is None else f"{one.health.rss / 1e6:.0f} MB",
-            "-" if one.up_s is None or not one.is_alive else short_time(one.up_s),
+            "-" if one.up_s is None else short_time(one.up_s),
             str(one.restarts),
             "-" if one.flow is None else f"{one.flow.hz:.1f}/s",
         )

@@ -11,7 +11,8 @@ from trolley.messages.types import Count, NonNegative, StampNs
 class Health(Struct, frozen=True, kw_only=True):
     """The health of a service, at 1 Hz by the local clock.
 
-    `cpu` is its share of one core, `rss` its memory in bytes.
+    `cpu` is its share of one core, `rss` its memory in bytes, `up` how long it has been
+    running [s], null if it does not tell.
 
     `run` identifies the process, as in its token `alive/<service>/<run>`: of two processes of one
     name, the later one exits only if the earlier one answers here for its token.
@@ -27,6 +28,7 @@ class Health(Struct, frozen=True, kw_only=True):
     counters: dict[str, Count] = {}
     cpu: NonNegative = 0.0
     rss: Count = 0
+    up: NonNegative | None = None
     run: str = ""
     figures: dict[str, Finite] = {}
 

@@ -30,6 +30,7 @@ class HealthReporter:
         self._server = server
         self._label = label
         self._usage = usage
+        self._began_ns = context.inbox.now_ns()
 
     def set(self, state: State, message: str = "") -> None:
         """Set state and message; a change is published at once."""
@@ -48,8 +49,12 @@ class HealthReporter:
         counters = dict(context.counters)
         if context.inbox.dropped:
             counters["inbox/dropped"] = context.inbox.dropped
-        stamp_ns = context.clocks.own.now(context.inbox.now_ns()) or 0
+        now_ns = context.inbox.now_ns()
         self.latest = msgspec.structs.replace(
-            self.latest, stamp_ns=stamp_ns, counters=counters, figures=dict(context.figures)
+            self.latest,
+            stamp_ns=context.clocks.own.now(now_ns) or 0,
+            counters=counters,
+            up=round((now_ns - self._began_ns) * 1e-9, 3),
+            figures=dict(context.figures),
         )
         self._server.publish(topics.HEALTH, self.latest, (self._label,))

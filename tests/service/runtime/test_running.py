@@ -139,7 +139,7 @@ def test_health_tells_state_and_counters(lockstep: Lockstep):
     ticker.count("things")
     ticker.set_health("degraded", "no scan")
     assert health[-1] == Health(
-        stamp_ns=0, state="degraded", message="no scan", counters={"things": 3}
+        stamp_ns=0, state="degraded", message="no scan", counters={"things": 3}, up=3.0
     )
     ticker.set_health("degraded", "no scan")
     assert len(health) == 6

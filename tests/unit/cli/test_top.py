@@ -15,7 +15,6 @@ from trolley.cli.top_picture import (
     short_bytes,
     short_time,
     topic_views,
-    up_seconds,
 )
 from trolley.geometry import Pose2D
 from trolley.messages import (
@@ -30,7 +29,7 @@ from trolley.messages import (
 from trolley.runtime import codec
 from trolley.traffic import Flow, Tally
 
-OK = Health(stamp_ns=1, state="ok", cpu=0.123, rss=150_000_000)
+OK = Health(stamp_ns=1, state="ok", cpu=0.123, rss=150_000_000, up=75.0)
 OFTEN = Flow(1.0, 70.0, 0.4)
 FLOWS = {
     topics.SCAN.key("one"): Flow(10.0, 30_000.0, 0.1),
@@ -48,7 +47,6 @@ def service(name: str = "base", **fields: Any) -> ServiceView:
         "is_alive": True,
         "health": OK,
         "flow": OFTEN,
-        "up_s": 75.0,
         "restarts": 0,
     }
     return ServiceView("one", name, **(known | fields))
@@ -123,11 +121,11 @@ def test_narrow_tables_leave_out_what_matters_least() -> None:
     assert table_lines(columns, [], 40) == ("NAME", [])
 
 
-def test_a_run_tells_since_when_it_is_up() -> None:
-    assert up_seconds(["pi-7-1000", "pi-8-5000"], 61_000) == 60.0
-    assert up_seconds(["pi-7-9000"], 1000) is None  # the clocks of two computers
-    assert up_seconds(["garbage"], 1000) is None
-    assert up_seconds([], 1000) is None
+def test_a_service_tells_itself_how_long_it_is_up() -> None:
+    assert service().up_s == 75.0
+    assert service(health=Health(stamp_ns=1, state="ok")).up_s is None  # of an earlier release
+    assert service(health=None).up_s is None
+    assert service(is_alive=False).up_s is None
 
 
 @pytest.mark.parametrize(
