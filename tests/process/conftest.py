@@ -219,6 +219,9 @@ class ThreadHost:
     def monotonic_ns(self) -> int:
         return time.monotonic_ns()
 
+    def since_boot_ns(self) -> int:
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
     def unix_ns(self) -> int:
         return time.time_ns()
 

@@ -23,6 +23,10 @@ class Host(Protocol):
         """The local monotonic clock."""
         ...
 
+    def since_boot_ns(self) -> int:
+        """Time since the computer was started, which goes on while it sleeps."""
+        ...
+
     def unix_ns(self) -> int:
         """The host's clock, synchronised or not."""
         ...

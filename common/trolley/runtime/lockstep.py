@@ -191,6 +191,9 @@ class _LockstepHost:
     def monotonic_ns(self) -> int:
         return self._runtime.now_ns
 
+    def since_boot_ns(self) -> int:
+        return self._runtime.now_ns + self._runtime.slept_ns
+
     def unix_ns(self) -> int:
         return self._runtime.now_ns
 
@@ -219,6 +222,8 @@ class Lockstep:
     def __init__(self, robot: str = "trolley", seed: int = 0, state: Path | None = None) -> None:
         self.robot = robot
         self.now_ns = 0
+        self.slept_ns = 0
+        """For how long the computer has slept: the monotonic clock stood still meanwhile."""
         self.bus = MemoryBus()
         self.nodes: dict[str, Node] = {}
         self._seed = seed

@@ -70,6 +70,10 @@ class ProcessHost:
     monotonic_ns = staticmethod(time.monotonic_ns)
     """The local monotonic clock."""
 
+    def since_boot_ns(self) -> int:
+        """Time since the computer was started, which goes on while it sleeps."""
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
     def unix_ns(self) -> int:
         """The host's clock, synchronised or not."""
         return time.time_ns()

@@ -149,6 +149,11 @@ class Service:
         return self._host.monotonic_ns()
 
     @property
+    def since_boot_ns(self) -> int:
+        """Time since the computer was started [ns], which goes on while it sleeps."""
+        return self._host.since_boot_ns()
+
+    @property
     def arrived_ns(self) -> int:
         """Local monotonic time at which the message in hand arrived."""
         return self._wire.context.inbox.arrived_ns

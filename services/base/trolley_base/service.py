@@ -36,6 +36,9 @@ from trolley_base.upkeep_watch import UpkeepWatch
 CONTROL_S = 0.02
 """One control period: read, decide, drive. It is two steps of a simulated world."""
 
+AWAKE_S = 0.1
+"""How often it is looked whether the computer has slept."""
+
 LIDAR_BLUR_S = 0.35
 """Over up to so long a time the lidar of a robot without encoders tells the mean motion [s]."""
 
@@ -164,6 +167,15 @@ class BaseService(Service):
         if self._world is not None:
             self._world.update(now_ns)
         self._time.finish_period(now_ns)
+
+    @every(AWAKE_S, clock="local")
+    def begin_anew_after_sleep(self) -> None:
+        """Begin anew once the computer has slept.
+
+        Whoever let the robot drive may have gone meanwhile, and it may have been carried off.
+        """
+        if not self._device.cannot_drive and self._time.has_slept():
+            self.is_spent = True
 
     def _use(self, config: RobotConfig) -> None:
         """Heed other limits from the next period on; the brakes are what they were."""

@@ -8,6 +8,8 @@ from trolley_base.robot_clock import Beat, RobotClock
 
 CLOCK_S = 0.1
 """Period of `clock`."""
+SLEPT_NS = 15_000_000_000
+"""Who did not run for so long may have slept; `trolley up` ends a service that is silent longer."""
 SAVE_TIME_S = 60.0
 """Period at which robot time is saved; half of what a run begins later than the saved value."""
 
@@ -19,6 +21,7 @@ class Timekeeper:
         self._service = service
         self.clock = RobotClock()
         self._save_beat = Beat(SAVE_TIME_S)
+        self._awake_ns = 0
 
     def next_epoch_ns(self) -> int:
         """Return the robot time at which this run begins."""
@@ -28,6 +31,19 @@ class Timekeeper:
     def begin(self, epoch_ns: int, rate: float, step_ns: int | None) -> None:
         """Start the clock; the arguments are those of `RobotClock.begin`."""
         self.clock.begin(epoch_ns, self._service.monotonic_ns, rate, step_ns)
+        self._awake_ns = self._service.since_boot_ns
+
+    def has_slept(self) -> bool:
+        """Whether this computer has slept since this was asked last; says so."""
+        before_ns, self._awake_ns = self._awake_ns, self._service.since_boot_ns
+        slept_ns = self._awake_ns - before_ns
+        if slept_ns <= SLEPT_NS:
+            return False
+        self._service.log.warning(
+            "This computer slept or was held up: base begins anew, and nothing drives on by itself",
+            seconds=round(slept_ns * 1e-9),
+        )
+        return True
 
     def robot_ns(self, monotonic_ns: int) -> int:
         """Return robot time at a local monotonic time; 0 before the run has begun."""

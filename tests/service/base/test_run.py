@@ -189,3 +189,13 @@ def test_another_robot_of_the_same_world_is_an_obstacle(rig: Rig) -> None:
 def test_transforms_are_of_the_contract(rig: Rig) -> None:
     (reply,) = rig.lockstep.get("trolley/trolley/tf/laser?format=msgpack")
     assert codec.decode(Transform, reply.payload, reply.encoding).child == "laser"
+
+
+def test_a_base_whose_computer_slept_begins_anew(rig: Rig) -> None:
+    rig.run(1.0)
+    rig.lockstep.slept_ns += 10 * S
+    rig.run(1.0)
+    assert not rig.base.is_spent, "that may be a pause of a busy machine"
+    rig.lockstep.slept_ns += 60 * S
+    rig.run(0.2)
+    assert rig.base.is_spent
