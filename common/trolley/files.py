@@ -6,7 +6,7 @@ import os
 import stat
 import tempfile
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -17,6 +17,8 @@ BROKEN, NEWER = "broken", "newer"
 NOT_REGULAR = "It is a pipe or a device, not a file"
 MOST_BYTES = 256 << 20
 """No file that Trolley reads as a whole is larger."""
+_GRAIN_NS = 1_000_000_000
+"""Some file systems keep no finer times."""
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
@@ -53,6 +55,18 @@ def written_atomically(path: Path, mode: int = READABLE_BY_ALL) -> Generator[Bin
     finally:
         Path(temporary).unlink(missing_ok=True)
     sync_folder(path.parent)  # the new name itself must survive a power cut, too
+
+
+def make_newest(path: Path, others: Iterable[Path]) -> None:
+    """Let a file that was just written be newer than others, also where the clock was set back.
+
+    Raises:
+        OSError: Its time cannot be set, or that of another one cannot be read.
+    """
+    newest_ns = max((other.stat().st_mtime_ns for other in others if other != path), default=0)
+    if path.stat().st_mtime_ns <= newest_ns:
+        later_ns = newest_ns + _GRAIN_NS
+        os.utime(path, ns=(later_ns, later_ns))
 
 
 def why_not_written(path: Path, error: OSError) -> str:

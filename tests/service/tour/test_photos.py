@@ -1,5 +1,7 @@
 """A photo at each stop, where a camera publishes one."""
 
+import os
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,3 +97,14 @@ def test_the_oldest_photos_make_room(tmp_path: Path):
     photo_files.keep(tmp_path, "trip-5", bytes(50), 350)
     assert photo_files.read(tmp_path, "trip-5", 1000) == bytes(50)
     assert photo_files.read(tmp_path, "trip-0", 1000) is None
+
+
+def test_the_oldest_photos_make_room_also_where_the_clock_was_set_back(tmp_path: Path):
+    for number in range(3):
+        photo_files.keep(tmp_path, f"trip-{number}", bytes(100), 350)
+    next_year_s = time.time() + 3e7
+    for path in (tmp_path / photo_files.FOLDER).iterdir():
+        os.utime(path, (next_year_s, next_year_s))
+    for number in range(3, 6):
+        photo_files.keep(tmp_path, f"trip-{number}", bytes(100), 350)
+    assert photo_files.names(tmp_path) == {"trip-3", "trip-4", "trip-5"}

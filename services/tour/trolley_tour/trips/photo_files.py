@@ -3,7 +3,7 @@
 from collections.abc import Set
 from pathlib import Path
 
-from trolley.files import make_folder, read_file, write_atomically
+from trolley.files import make_folder, make_newest, read_file, write_atomically
 
 FOLDER = "photos"
 SUFFIX = ".jpg"
@@ -22,14 +22,16 @@ def keep(folder: Path, name: str, jpeg: bytes, max_bytes: int) -> None:
     """
     photos = folder / FOLDER
     make_folder(photos)
-    there = {path: path.stat() for path in photos.glob(f"*{SUFFIX}")}
+    path = photos / f"{name}{SUFFIX}"
+    there = {one: one.stat() for one in photos.glob(f"*{SUFFIX}")}
     num_bytes = len(jpeg) + sum(one.st_size for one in there.values())
-    for path in sorted(there, key=lambda one: there[one].st_mtime_ns):
+    for old in sorted(there, key=lambda one: there[one].st_mtime_ns):
         if num_bytes <= max_bytes:
             break
-        path.unlink(missing_ok=True)
-        num_bytes -= there[path].st_size
-    write_atomically(photos / f"{name}{SUFFIX}", jpeg)
+        old.unlink(missing_ok=True)
+        num_bytes -= there[old].st_size
+    write_atomically(path, jpeg)
+    make_newest(path, photos.glob(f"*{SUFFIX}"))
 
 
 def names(folder: Path) -> Set[str]:

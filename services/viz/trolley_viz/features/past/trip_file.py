@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from trolley.files import make_folder, read_file, write_atomically
+from trolley.files import make_folder, make_newest, read_file, write_atomically
 from trolley.state_file import Unreadable, parse_encoded
 from trolley_viz.features.past.record import POSE, SCAN, TRIP, Aim, Failure, Record, Sentence
 from trolley_viz.features.past.rows import AT, Rows
@@ -98,10 +98,11 @@ def decode(content: bytes) -> tuple[Record, int]:
 
 
 def write(path: Path, content: bytes) -> OSError | None:
-    """Write a file, whole or not at all; returns why that failed."""
+    """Write a file, whole or not at all, as the newest of all robots; returns why that failed."""
     try:
         make_folder(path.parent)
         write_atomically(path, content)
+        make_newest(path, path.parent.parent.glob(f"*/*{path.suffix}"))
     except OSError as error:
         return error
     return None

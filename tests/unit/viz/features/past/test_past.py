@@ -1,6 +1,8 @@
 """The past in the viewer: what is recorded, who looks at it, and how one returns to now."""
 
 import datetime
+import os
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -549,6 +551,25 @@ def test_the_newest_trips_are_kept(stage: "Stage", tmp_path: Path) -> None:
         file.write_bytes(b"x" * (MAX_BYTES // 2))
     stage.viz.past.store.open()
     assert sum(file.stat().st_size for file in files(tmp_path)) <= MAX_BYTES
+
+
+def test_the_newest_trips_are_kept_also_where_the_clock_was_set_back(
+    stage: "Stage", tour: PretendTour, tmp_path: Path
+) -> None:
+    folder = stage.viz.state.path / FOLDER / "trolley"
+    folder.mkdir(parents=True)
+    next_year_s = time.time() + 3e7
+    for number in range(MAX_TRIPS):
+        file = folder / f"old{number}.trip"
+        file.write_bytes(b"x")
+        os.utime(file, (next_year_s + number, next_year_s + number))
+    take_trip(stage, tour)
+    tour.say(trip="t2")
+    drive(stage, 5.0)
+    tour.say(trip="t2", state="done")
+    drive(stage, 6.0)
+    names = {file.name for file in files(tmp_path)}
+    assert names == {"t1.trip", "t2.trip", *(f"old{n}.trip" for n in range(2, MAX_TRIPS))}
 
 
 def test_the_columns_of_the_tables_belong_to_the_schema() -> None:
