@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -217,6 +217,7 @@ def proposed_command(accept: str | None, dismiss: str | None, as_json: bool) -> 
         raise click.UsageError("Give either --accept or --dismiss.")
     with one_robot() as robot:
         heard = robot.latest(topics.PROPOSALS)
+        now_ns = robot.connection.robot_now_ns(robot.name)
         if heard is None:
             raise Refused(codes.NOT_READY, "Base is not running, or its wheels do not count.")
         if dismiss is not None:
@@ -231,7 +232,7 @@ def proposed_command(accept: str | None, dismiss: str | None, as_json: bool) -> 
         say("Nothing is proposed: as far as base can tell, robot.toml is right.")
     else:
         for one in heard.proposals:
-            say_block(f"{one.id}: {one.message}{_until(one)}")
+            say_block(f"{one.id}: {one.message}{right_until_text(one, now_ns)}")
             say_block("".join(f"  {name} = {value}\n" for name, value in one.settings.items()))
 
 
@@ -256,11 +257,12 @@ def _accept(name: str, heard: Proposals, wanted: str) -> None:
     )
 
 
-def _until(proposal: Proposal) -> str:
-    """Say until when it was right."""
-    if proposal.right_until is None:
+def right_until_text(proposal: Proposal, now_ns: int | None) -> str:
+    """Say until when it was right, by the clock of this computer; `now_ns` is robot time."""
+    if proposal.right_until is None or now_ns is None:
         return ""
-    at = datetime.fromtimestamp(proposal.right_until * 1e-9, UTC).astimezone()
+    ago = timedelta(seconds=(now_ns - proposal.right_until) * 1e-9)
+    at = (datetime.now(UTC) - ago).astimezone()
     return f" It was right until {at:%Y-%m-%d %H:%M}."
 
 

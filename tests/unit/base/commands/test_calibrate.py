@@ -1,13 +1,15 @@
 """`trolley calibrate`: what it asks."""
 
 import math
+from datetime import UTC, datetime, timedelta
 
 import click
 import pytest
 from click.testing import CliRunner
 
 from trolley.geometry import Pose2D
-from trolley_base.commands.calibrate import ask_end, calibrate_command
+from trolley.messages.proposals import Proposal
+from trolley_base.commands.calibrate import ask_end, calibrate_command, right_until_text
 
 
 def answered(*answers: str) -> tuple[Pose2D, float]:
@@ -34,3 +36,14 @@ def test_a_robot_does_not_drive_off_while_it_is_put_back_on_its_mark() -> None:
 
 def test_a_heading_need_not_be_measured() -> None:
     assert answered("0.1", "0", "") == (Pose2D(0.1, 0.0, 0.0), math.inf)
+
+
+def test_until_when_it_was_right_is_told_by_this_computers_clock() -> None:
+    """Robot time goes on as it began, as where a Raspberry Pi hears the time only later."""
+    began_ns = 1_000_000_000
+    one = Proposal(id="turning", message="", right_until=began_ns)
+    an_hour_ago = (datetime.now(UTC) - timedelta(hours=1)).astimezone()
+    minutes = {f"{an_hour_ago + timedelta(minutes=n):%Y-%m-%d %H:%M}" for n in (0, 1)}
+    text = right_until_text(one, began_ns + 3_600_000_000_000)
+    assert any(text == f" It was right until {minute}." for minute in minutes)
+    assert right_until_text(one, None) == ""
