@@ -13,6 +13,7 @@ from trolley.cli import SuggestingGroup
 from trolley.cli.options import json_option
 from trolley.cli.printing import say, say_block
 from trolley.cli.show import print_json
+from trolley.doctor.computer import FIRST_YEAR
 from trolley.ports import ROUTER_TLS_PORT
 from trolley.security.certificates import (
     ROLES,
@@ -85,7 +86,7 @@ _days = click.option(
 @_reports
 def init(keyring: Keyring, as_json: bool) -> None:
     """Make the authority that signs all certificates (once)."""
-    keyring.create(_now())
+    keyring.create(_plausible_now())
     if as_json:
         print_json(_made(keyring.folder, keyring.authority()))
         return
@@ -115,7 +116,7 @@ def router(
     routers = [one for one in keyring.certificates() if one.role == "router"]
     before = [one.hosts for one in routers if one.name == name]
     reached = hosts or (before[0] if before else (own, f"{own}.local"))
-    keys = keyring.issue("router", name, _until(days), reached, replace=replace)
+    keys = keyring.issue("router", name, _until(keyring, days), reached, replace=replace)
     if as_json:
         print_json(_made(keys.folder, _certificate(keys)))
         return
@@ -137,7 +138,7 @@ def _add_client_command(role: Role, text: str) -> None:
     @click.pass_obj
     @_reports
     def issue(keyring: Keyring, name: str, days: int, replace: bool, as_json: bool) -> None:
-        keys = keyring.issue(role, name, _until(days), replace=replace)
+        keys = keyring.issue(role, name, _until(keyring, days), replace=replace)
         if as_json:
             print_json(_made(keys.folder, _certificate(keys)))
             return
@@ -240,8 +241,28 @@ def _say_routers(routers: list[Certificate]) -> None:
         )
 
 
-def _until(days: int) -> datetime:
-    return _now() + timedelta(days=days)
+def _until(keyring: Keyring, days: int) -> datetime:
+    """Until when a new certificate is valid."""
+    now, authority = _plausible_now(), keyring.authority()
+    if authority.days_left(now) <= 0.0:
+        raise KeysError(
+            f"the authority in {keyring.folder} expired on {authority.not_after:%Y-%m-%d}, and "
+            f"here it is {now:%Y-%m-%d}: if that is right, make a new one, and with it all "
+            "certificates, in another --folder"
+        )
+    return now + timedelta(days=days)
+
+
+def _plausible_now() -> datetime:
+    """The time, which a computer without a clock may not know."""
+    now = _now()
+    if now.year < FIRST_YEAR:
+        raise KeysError(
+            f"the clock of this computer says that it is {now:%Y-%m-%d}, so certificates would "
+            "expire too soon: connect it to the internet, or set the time with `sudo date -s "
+            "'2026-05-01 12:00'`"
+        )
+    return now
 
 
 def _now() -> datetime:

@@ -84,7 +84,11 @@ def check_certificates(found: list[Validity], now: datetime) -> list[Finding]:
             )
         elif days < 0.0:
             findings.append(
-                problem("certificates", f"{who} expired on {one.not_after:%Y-%m-%d}.", new)
+                problem(
+                    "certificates",
+                    f"{who} expired on {one.not_after:%Y-%m-%d}, and here it is {now:%Y-%m-%d}.",
+                    f"If that is wrong, set the clock of this computer. Else: {new}",
+                )
             )
         elif days < SOON_DAYS:
             findings.append(warning("certificates", f"{who} expires in {days:.0f} days.", new))

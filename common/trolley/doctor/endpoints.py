@@ -84,7 +84,8 @@ def check_uplink(endpoint: str, keys: HostKeys | None) -> list[Finding]:
                 f"{where} answers, but this host cannot link to it.",
                 f"Its {AUTHORITY} and that in {keys.folder} must be the same, its {ALLOWED} must "
                 "hold this host's certificate, and its own must name that address: copy the files "
-                "that `trolley keys` made for both again.",
+                "that `trolley keys` made for both again. If they are right, look at its clock: by "
+                "that, too, the certificates must not have expired.",
             )
         ]
     if not robots:

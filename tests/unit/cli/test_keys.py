@@ -1,12 +1,13 @@
 """`trolley keys`: what it makes, and what it tells a person to do."""
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
-from trolley.cli import cli
+from trolley.cli import cli, keys
 
 
 @pytest.fixture
@@ -106,3 +107,31 @@ def test_bad_names_are_refused(folder: Path, words: tuple[str, ...]) -> None:
     before = sorted(folder.iterdir())
     assert run(folder, *words).exit_code == 2
     assert sorted(folder.iterdir()) == before
+
+
+def test_a_computer_that_does_not_know_the_year_makes_no_keys(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They would have expired before its clock was set."""
+    began = datetime(2000, 1, 1, tzinfo=UTC)
+    with monkeypatch.context() as context:
+        context.setattr(keys, "_now", lambda: began)
+        refused = run(folder, "init")
+    assert refused.exit_code == 2
+    assert "clock of this computer says that it is 2000-01-01" in refused.output
+    assert not folder.exists()
+    run(folder, "init")
+    monkeypatch.setattr(keys, "_now", lambda: began)
+    assert run(folder, "router").exit_code == 2
+    assert not (folder / "router-home").exists()
+
+
+def test_an_authority_that_expired_signs_nothing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(folder, "init")
+    monkeypatch.setattr(keys, "_now", lambda: datetime(2060, 1, 1, tzinfo=UTC))
+    refused = run(folder, "robot", "kiwi")
+    assert refused.exit_code == 2
+    assert "here it is 2060-01-01" in refused.output
+    assert not (folder / "robot-kiwi").exists()

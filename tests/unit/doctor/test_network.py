@@ -118,6 +118,9 @@ def test_certificates_run_out() -> None:
     assert levels == [Level.OK, Level.WARNING, Level.PROBLEM]
     (authority,) = check_certificates([replace(validity(10.0), role="ca")], NOW)
     assert "new authority" in authority.remedy
+    (late,) = check_certificates([validity(-1.0)], NOW)
+    assert f"here it is {NOW:%Y-%m-%d}" in late.sentence
+    assert "set the clock" in late.remedy
     (early,) = check_certificates([validity(400.0, NOW + timedelta(days=1))], NOW)
     assert (early.level, "clock" in early.remedy) == (Level.PROBLEM, True)
 
