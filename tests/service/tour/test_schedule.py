@@ -75,6 +75,23 @@ def test_without_a_synchronised_clock_nothing_starts(home: "Home", monkeypatch):
     assert home.status.state == "idle"
 
 
+def test_a_robot_that_does_not_know_the_time_says_that_no_tour_starts(
+    home: "Home", monkeypatch: pytest.MonkeyPatch
+):
+    """As one without internet, on which tours waited for their times in vain."""
+    health = home.lockstep.record(topics.HEALTH, "tour")
+    home.lockstep.run(700.0)
+    assert health[-1].state == "ok", "there is no tour that would start by itself"
+    put_scheduled(home, "08:30")
+    home.lockstep.run(2.0)
+    assert health[-1].state == "degraded"
+    assert "clock" in health[-1].message
+    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")
+    assert health[-1].state == "ok"
+    set_clock(home, monkeypatch, None)
+    assert health[-1].state == "ok", "it may be synchronised again soon"
+
+
 def let_come_due(home: "Home", monkeypatch: pytest.MonkeyPatch, due: datetime = DUE) -> None:
     """Let half a minute before and the moment itself come."""
     for moment in (due - timedelta(seconds=30), due):

@@ -18,6 +18,13 @@ from trolley_tour.trips.runner import SKIPPED, TripRunner
 
 LONGEST_PAUSE = datetime.timedelta(minutes=30)
 """A trip or goal that has been paused for longer gives way: nobody is about to go on with it."""
+CLOCK = "clock"
+UNKNOWN_TIME_NS = 600_000_000_000
+"""The clock of a computer that has just started is synchronised by then [ns]."""
+UNKNOWN_TIME = (
+    "No tour starts at its time: the clock of the robot's computer is not synchronised. Let it "
+    "reach the internet."
+)
 OCCUPATIONS = {
     codes.BUSY: "the robot was driving to a goal",
     codes.TAKEN_OVER: "somebody was driving the robot",
@@ -78,6 +85,8 @@ class Scheduler:
         self._charge = charge
         self._problems = problems
         self._minutes = Minutes()
+        self._time_known_ns: int | None = None
+        """When the time was known last, or else when it was asked for first (local monotonic)."""
         self._goal_paused_at: datetime.datetime | None = None
         self._skipped: str | None = None
 
@@ -88,6 +97,7 @@ class Scheduler:
             self._problems.set(SKIPPED, None)
         now = self._service.utc_now()
         moment = None if now is None else parse_utc(now)
+        self._tell_of_clock(is_known=moment is not None)
         if moment is None:
             return
         goal = self._robot.goal.latest
@@ -98,6 +108,16 @@ class Scheduler:
         minute = self._minutes.next(moment.astimezone())
         for tour in [] if minute is None else tours_due(self._tours.items.values(), minute):
             self._start(tour, moment.astimezone())
+
+    def _tell_of_clock(self, *, is_known: bool) -> None:
+        """Say where tours would start if the time were known."""
+        now_ns = self._service.monotonic_ns
+        if is_known or self._time_known_ns is None:
+            self._time_known_ns = now_ns
+        is_missed = now_ns - self._time_known_ns >= UNKNOWN_TIME_NS and any(
+            tour.schedule for tour in self._tours.items.values()
+        )
+        self._problems.set(CLOCK, UNKNOWN_TIME if is_missed else None)
 
     def _start(self, tour: Tour, now: datetime.datetime) -> None:
         """Start a tour, or say why not until another one is started, or this one deleted."""
