@@ -1,5 +1,6 @@
 """Tours that start by themselves, and what keeps them from it."""
 
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
@@ -25,13 +26,27 @@ DUE = datetime(2026, 11, 2, 7, 30, 5, tzinfo=UTC)
 @pytest.fixture
 def berlin(monkeypatch):
     """Local time is that of Berlin."""
-    import time
-
     monkeypatch.setenv("TZ", "Europe/Berlin")
     time.tzset()
     yield
     monkeypatch.undo()
     time.tzset()
+
+
+@pytest.fixture
+def moved_to_berlin(berlin: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Local time is that of New York, and is set to that of Berlin while the robot runs."""
+    monkeypatch.setenv("TZ", "America/New_York")
+    time.tzset()
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+
+
+@pytest.mark.usefixtures("moved_to_berlin")
+def test_a_time_zone_that_is_set_while_the_robot_runs_counts_at_once(home: "Home", monkeypatch):
+    put_scheduled(home, "08:30", "mon")
+    set_clock(home, monkeypatch, "2026-11-02T07:29:30Z")
+    set_clock(home, monkeypatch, "2026-11-02T07:30:05Z")
+    assert (home.status.state, home.status.name) == ("driving", "morning")
 
 
 def put_scheduled(home: "Home", at: str, *days: Day) -> None:

@@ -1,6 +1,7 @@
 """Starts tours by their schedule: which are due in a minute of local time."""
 
 import datetime
+import time
 from collections.abc import Iterable
 from typing import get_args
 
@@ -100,6 +101,7 @@ class Scheduler:
         self._tell_of_clock(is_known=moment is not None)
         if moment is None:
             return
+        time.tzset()  # the time zone may have been set since this service began
         goal = self._robot.goal.latest
         if goal is None or goal.state != "paused" or trip_of(goal.id) is not None:
             self._goal_paused_at = None
