@@ -70,6 +70,8 @@ def test_a_service_begins_anew_in_its_process_and_stops_when_told_to_meanwhile(
     first = wait_for_service(bus, "mapper")
     wait_until(lambda: notify_socket.hears("READY=1"), "ready")
     flag.touch()
+    for when in ("as it goes", "as it comes"):  # it is watched meanwhile
+        wait_until(lambda: notify_socket.hears("WATCHDOG=1"), f"a sign of life {when}")
     wait_until(lambda: notify_socket.hears("READY=1"), "ready again")
     assert "STOPPING=1" not in notify_socket.said
     second = wait_for_service(bus, "mapper")

@@ -146,6 +146,7 @@ class ServiceProcess:
 
     def main(self) -> int:
         """Connect, settle clashes, serve; return the exit code."""
+        self._supervision.alive()  # one that begins anew is watched already
         for number in STOPS:
             signal.signal(number, self._request_stop)
         zenoh = self._config.zenoh
@@ -250,6 +251,7 @@ class ServiceProcess:
         for number in STOPS:  # from here on they end it, so that none is lost
             signal.signal(number, signal.SIG_DFL)
         if not self._should_stop:
+            self._supervision.alive()
             os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 
     def _give_way(self, oldest: Run) -> int:
