@@ -195,7 +195,7 @@ class _LockstepHost:
         return self._runtime.now_ns + self._runtime.slept_ns
 
     def unix_ns(self) -> int:
-        return self._runtime.now_ns
+        return self._runtime.now_ns + self._runtime.slept_ns
 
     def utc_now(self) -> str | None:
         return None

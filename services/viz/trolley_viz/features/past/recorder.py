@@ -66,6 +66,8 @@ STANDING_READ_NS = 2_000_000_000
 """Between two reads of the pose while the robot stands and has no goal."""
 STANDS_AFTER_NS = 5_000_000_000
 """A robot that has not moved for so long stands."""
+SLEPT_NS = 1_000_000_000
+"""A computer that slept for less need not be told of."""
 READ_BEFORE_S = 2.5
 """A pose was read up to two seconds ago, and that took a while [s]: it is not stale yet."""
 FARTHEST_M = 1e6
@@ -128,6 +130,8 @@ class Recorder:
         """When the pose was last read."""
         self._moved_ns = service.monotonic_ns
         """When the robot was last seen to move."""
+        self._slept_ns = service.since_boot_ns - service.monotonic_ns
+        """For how long this computer has slept since it was started."""
         self._scan: Scan | None = None
         """One that waits for the poses around it."""
 
@@ -145,6 +149,7 @@ class Recorder:
     def sample(self) -> None:
         """Note what is said of the robot now, and ask where it is."""
         service, now_ns = self._service, self._service.monotonic_ns
+        self._age_by_sleep()
         self.record.drop_before(now_ns - KEPT_NS)
         self._begin_anew(now_ns)
         self._follow_trip(now_ns)
@@ -164,6 +169,15 @@ class Recorder:
         if now_ns >= self._health_due_ns:
             self._health_due_ns = now_ns + HEALTH_PERIOD_NS
             service.get(topics.HEALTH, then=self._take_health, robot=self._robot)
+
+    def _age_by_sleep(self) -> None:
+        """Let what was recorded be older by as long as this computer slept."""
+        more_ns = self._service.since_boot_ns - self._service.monotonic_ns - self._slept_ns
+        if more_ns < SLEPT_NS:
+            return
+        self._slept_ns += more_ns
+        for record in (self.record, *(() if self.trip is None else (self.trip.record,))):
+            record.shift(-more_ns)
 
     def _begin_anew(self, now_ns: int) -> None:
         """Forget what was heard before the robot's base began a new run."""

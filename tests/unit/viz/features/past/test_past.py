@@ -223,6 +223,23 @@ def test_the_past_is_told_in_the_time_zone_of_the_page(stage: "Stage") -> None:
     assert "10 s ago: " in browser.state.sentence.headline
 
 
+def test_what_was_before_the_computer_slept_is_told_with_the_time_at_which_it_was(
+    stage: "Stage", tour: PretendTour
+) -> None:
+    tour.say()
+    drive(stage, 10.0)
+    recorder = stage.viz.past._recorders["trolley"]
+    assert recorder.trip is not None
+    both = (recorder.record, recorder.trip.record)
+    stage.browse()
+    wall_time = stage.session.past.wall_time
+    before = [wall_time(one.poses.rows["at_ns"][0]) for one in both]
+    stage.runtime.slept_ns += 300_000_000_000
+    drive(stage, 10.0)
+    assert [wall_time(one.poses.rows["at_ns"][0]) for one in both] == before
+    assert wall_time(recorder.record.last_ns) - before[0] > datetime.timedelta(seconds=315)
+
+
 def test_each_page_looks_at_a_time_of_its_own(stage: "Stage") -> None:
     drive(stage, 20.0)
     for number in range(4):
