@@ -1,17 +1,24 @@
 """Presses while the viewer changes what is pressed."""
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
 from trolley_viz.controls.markup import details, lead, note
+from trolley_viz.joystick.teleop import PadState
 from trolley_viz.server.messages import Told
 from trolley_viz.words.sentences import StatusLine
 
 from .viewer import Viewer
 
 pytestmark = pytest.mark.browser
+
+
+def middle(seen: Locator) -> tuple[float, float]:
+    box = seen.bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
 def test_what_is_written_anew_between_press_and_release_is_pressed(
@@ -97,3 +104,36 @@ def test_what_is_written_anew_keeps_the_focus_and_what_was_opened(
     expect(look).to_have_count(1)  # that of the trip that was opened
     expect(look).to_be_focused()
     expect(look).to_have_attribute("data-press", "one")
+
+
+def test_stop_counts_from_when_it_is_touched_whatever_the_finger_does_then(
+    page: Page, viewer: Viewer
+) -> None:
+    """Of a finger that slides, or that comes beside another, no browser makes a click."""
+    viewer.greet()
+    viewer.tell()
+    pad = PadState(can=True, mine=False, max_speed=0.5, text="", tone="idle")
+    viewer.lines[-1].send(Told(pad=pad))
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    page.locator(".hand-open").click()
+    fingers = page.context.new_cdp_session(page)
+
+    def touch(kind: str, *at: tuple[float, float]) -> None:
+        points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(at)]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def num_stops() -> int:
+        return sum(said.stop is not None for _, said in viewer.said)
+
+    thumb, stop = middle(page.locator(".hand-pad")), middle(page.locator("#stop"))
+    touch("touchStart", stop)
+    touch("touchMove", (stop[0] + 40.0, stop[1] + 5.0))
+    touch("touchEnd")
+    wait_until(lambda: num_stops() == 1, "it stops under a finger that slides")
+    touch("touchStart", thumb)
+    touch("touchStart", thumb, stop)
+    touch("touchEnd", thumb)
+    wait_until(lambda: num_stops() == 2, "it stops while the other hand drives")
+    touch("touchEnd")
+    page.locator("#stop").press("Enter")
+    wait_until(lambda: num_stops() == 3, "it stops by a key, which points at nothing")

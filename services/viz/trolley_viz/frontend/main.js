@@ -35,7 +35,15 @@ scene.opened = (frame) => keys.listenTo(frame.document);
 scene.tapped = (x, y) => room.touch(x, y);
 speakNow(likelyLanguage());
 
-document.getElementById("stop").addEventListener("click", () => status.stop());
+const stop = document.getElementById("stop");
+let pressedBy = null; // the pointer that pressed it last
+// As soon as it is touched: a finger that slides, or that comes beside another, makes no click.
+stop.addEventListener("pointerdown", ({ pointerId }) => {
+  pressedBy = pointerId;
+  status.stop();
+});
+// Keys and screen readers click without any pointer.
+stop.addEventListener("click", ({ pointerId }) => pointerId === pressedBy || status.stop());
 document.getElementById("resume").addEventListener("click", async () => {
   const answer = await line.ask("resume", { robot: status.robot });
   if (!answer.is_done) notices.show({ title: t("It cannot drive on"), text: t(answer.text), tone: "warn" });
