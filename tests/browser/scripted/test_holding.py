@@ -54,6 +54,17 @@ def test_an_arrow_key_whose_release_the_system_swallows_does_not_drive_on(
     assert not any(grip.held for grip in grips(viewer)[num_said:])
 
 
+def test_any_other_key_lets_go_of_an_arrow_key(page: Page, viewer: Viewer) -> None:
+    """Firefox tells no page of keys that come up while its menu bar is open, after Alt or F10."""
+    hold_arrow_up(page, viewer)
+    for key in ("Alt", "F10"):
+        page.keyboard.press(key)
+        wait_until(lambda: not grips(viewer)[-1].held, "it counts as let go")
+        page.keyboard.up("ArrowUp")
+        page.keyboard.down("ArrowUp")
+        wait_until(lambda: grips(viewer)[-1].held, "it is held anew")
+
+
 def test_the_pad_is_green_only_while_the_viewer_says_that_it_drives(
     page: Page, viewer: Viewer
 ) -> None:

@@ -128,12 +128,14 @@ export class Joystick {
     this.show();
   }
 
-  // A key that was held before, as through a stop, has to be pressed again. A Mac does not tell of
-  // keys that come up while Command is held: they drive nothing then.
+  // A key that was held before, as through a stop, has to be pressed again. Any other key lets go of
+  // the arrows: a Mac does not tell of keys that come up while Command is held, nor does Firefox
+  // while its menu bar is open, as after Alt or F10.
   key(event, isDown) {
-    if (event.key in ARROWS) event.preventDefault();
-    if (event.metaKey || event.key === "Meta") return this.pointer === KEYS && this.release();
-    if (!(event.key in ARROWS)) return;
+    const isArrow = event.key in ARROWS;
+    if (isArrow) event.preventDefault();
+    if (event.metaKey || (isDown && !isArrow)) return this.pointer === KEYS && this.release();
+    if (!isArrow) return;
     if (event.repeat || (this.pointer !== null && this.pointer !== KEYS)) return;
     if (!isDown) this.keys.delete(event.key);
     else if (this.can) this.keys.add(event.key);
