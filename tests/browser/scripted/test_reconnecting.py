@@ -1,12 +1,18 @@
 """A page whose viewer comes back as another: what it shows is old until it was told anew."""
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+from urllib.parse import urlsplit
+
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
 
-from .viewer import NOW_MS, Viewer
+from .viewer import NOW_MS, Viewer, page_of, scripted_viewer
 
 pytestmark = pytest.mark.browser
 
@@ -120,3 +126,55 @@ def test_a_press_counts_from_when_the_finger_came_down(page: Page, viewer: Viewe
     wait_until(lambda: bool(viewer.pressed()), "the press arrives")
     (press,) = [said.press for _, said in viewer.said if said.press is not None]
     assert press.at_ms < NOW_MS - 2000.0
+
+
+def test_stop_is_no_reason_to_call_anew_while_the_page_calls(page: Page, viewer: Viewer) -> None:
+    """On a slow link whoever pressed it again and again never got through."""
+    viewer.greet()
+    viewer.tell()
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    known = len(viewer.lines)
+    viewer.lines[-1].close()
+    wait_until(lambda: len(viewer.lines) > known, "the page calls again")
+    page.locator("#stop").evaluate("stop => { for (let i = 0; i < 3; i++) stop.click() }")
+    viewer.greet()
+    wait_until(viewer.is_heard, "the page has heard the greeting")
+    assert len(viewer.lines) == known + 1
+    wait_until(
+        lambda: sum(said.stop is not None for _, said in viewer.said) == 3, "all of them arrive"
+    )
+
+
+@contextmanager
+def unavailable(url: str) -> Iterator[list[str]]:
+    """A viewer that cannot be had, as behind a proxy; yields what it is asked for."""
+    asked: list[str] = []
+
+    class Refusal(BaseHTTPRequestHandler):
+        """Knows no method, and says so with a 501."""
+
+        def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
+            asked.append(f"{self.command} {urlsplit(self.path).path}")
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Say nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", urlsplit(url).port or 0), Refusal) as server:
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        yield asked
+        server.shutdown()
+        thread.join()
+
+
+def test_a_socket_is_opened_only_once_the_viewer_is_there_again(browser: Browser) -> None:
+    """Firefox lets sockets that fail wait, up to a minute, and a press of Stop with them."""
+    with ExitStack() as stack:
+        with scripted_viewer() as viewer:
+            page = stack.enter_context(page_of(browser, viewer))
+            viewer.greet()
+            viewer.tell()
+            expect(page.locator("body")).to_have_attribute("data-line", "open")
+        with unavailable(viewer.url) as asked:
+            wait_until(lambda: asked.count("HEAD /") > 2, "it is asked whether it is there")
+    assert "GET /line" not in asked

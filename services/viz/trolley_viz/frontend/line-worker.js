@@ -12,7 +12,7 @@ const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (one) =>
   one.toString(16).padStart(2, "0")).join("");
 const pending = new Set(); // the numbers of what was pressed and not answered
 const stops = new Map(); // by number: what is to stop, until it is answered
-let state = "loading", socket = null, viewerMs = null, isGreeted = false, opening = 0;
+let state = "loading", socket = null, asking = null, viewerMs = null, isGreeted = false, opening = 0;
 let openedMs = performance.now(), heardMs = openedMs, lookedMs = openedMs, saidMs = openedMs;
 
 function open() {
@@ -30,11 +30,20 @@ function close() {
   socket = null;
   isGreeted = false;
   if (old !== null) old.close();
+  if (asking !== null) asking.abort();
+  asking = null;
 }
 
+// A viewer that was lost is asked first whether it is there: browsers make sockets that fail wait, the
+// longer the more often they do, Firefox up to a minute.
 function reopen() {
   close();
-  open();
+  openedMs = performance.now();
+  ask((asking = new AbortController()));
+}
+
+function isCalling() {
+  return asking !== null || (socket !== null && socket.readyState < WebSocket.CLOSING);
 }
 
 function hear(told) {
@@ -59,28 +68,28 @@ function look() {
   if (isGreeted && now - saidMs > SPEAK_MS) send({ beat_ms: viewerMs ?? 0 });
   // A computer that slept hears first what has come meanwhile.
   if (now - lastMs > BUSY_MS) return;
-  const isConnecting = socket !== null && socket.readyState < WebSocket.CLOSING;
   const waitedMs = now - (isGreeted ? heardMs : openedMs);
   if (state === "open" && now - heardMs > SILENCE_MS) lose();
-  else if (state !== "open" && waitedMs > (isConnecting ? PATIENCE_MS : RETRY_MS)) reopen();
+  else if (state !== "open" && waitedMs > (isCalling() ? PATIENCE_MS : RETRY_MS)) reopen();
 }
 
 function lose() {
   close();
   for (const id of pending) settle({ id, is_done: false, is_unknown: true, text: UNANSWERED });
-  if (state === "open") become("lost");
-  else ask();
+  become(state === "open" ? "lost" : state);
 }
 
 // A socket does not say why it is refused; a page does.
-async function ask() {
+async function ask(mine) {
+  let status = 0; // as long as nobody has answered
   try {
-    const answer = await fetch("/", { method: "HEAD", redirect: "manual" });
-    if (state !== "open" && (answer.status === 401 || answer.status === 403)) become("refused");
-    else if (state === "loading") become("loading");
-  } catch {
-    if (state !== "open") become(state === "refused" ? "lost" : state);
-  }
+    ({ status } = await fetch("/", { method: "HEAD", redirect: "manual", signal: mine.signal }));
+  } catch { /* it is not there */ }
+  if (mine !== asking) return;
+  asking = null;
+  if (status === 200) open();
+  else if (status === 401 || status === 403) become("refused");
+  else become(state === "refused" ? "lost" : state);
 }
 
 function become(now) {
@@ -122,7 +131,7 @@ const DOES = {
   stop({ id, robots }) {
     stops.set(id, robots);
     if (isGreeted) send({ stop: { id, robots } });
-    else reopen();
+    else if (!isCalling()) reopen(); // to begin anew would only take longer
   },
   gesture({ ageMs, ...gesture }, seen) {
     if (isSeen(seen)) send({ gesture: { at_ms: viewerTime(ageMs), ...gesture } });
