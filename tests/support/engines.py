@@ -1,4 +1,4 @@
-"""Browsers with other engines than Chromium: Firefox over WebDriver BiDi, WebKitGTK over WebDriver."""
+"""Browsers with other engines than Chromium: Firefox over WebDriver BiDi, WebKit over WebDriver."""
 
 import base64
 import io

@@ -63,6 +63,34 @@ def test_stop_and_what_became_of_it_are_in_sight_beside_the_joystick(
     assert {name: those for name, those in wrong.items() if those} == {}
 
 
+def test_a_phone_that_lies_hides_nothing_by_its_camera_or_its_rim(
+    page: Page, viewer: Viewer
+) -> None:
+    width, height = SCREENS["phone, lying"]
+    camera, rim = 47, 21  # as on an iPhone, left and right, and below
+    page.set_viewport_size({"width": width, "height": height})
+    insets = {"left": camera, "right": camera, "bottom": rim}
+    session = page.context.new_cdp_session(page)
+    session.send("Emulation.setSafeAreaInsetsOverride", {"insets": insets})
+    controls = Controls()
+    with controls.add_bar():
+        view = [controls.add_button(name) for name in ("Show the whole map", "Past")]
+    viewer.greet()
+    viewer.tell_controls(controls)
+    expect(page.locator(".bar button")).to_have_count(len(view))
+    shown = [*BAR, ".bar button", "#title", "#controls"]
+    outside = page.evaluate(
+        """([names, left, right, bottom]) => names.filter((name) => {
+          const box = document.querySelector(name).getBoundingClientRect();
+          const isLow = name !== "#controls" && box.bottom > bottom; // those are scrolled
+          return box.left < left || box.right > right || isLow;
+        })""",
+        [shown, camera, width - camera, height - rim],
+    )
+    assert outside == []
+    assert page.evaluate(UNSEEN, [*BAR, ".bar button"]) == []
+
+
 def test_the_past_that_is_opened_on_a_phone_is_not_behind_the_joystick(
     page: Page, viewer: Viewer
 ) -> None:
