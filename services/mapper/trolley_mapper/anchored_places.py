@@ -34,15 +34,19 @@ class AnchoredPlaces:
     Args:
         anchors: of a run before, by the name of the place.
         saved_at: when these places had been saved, which a new pose changes, but not the mapper.
+        older: when those had been saved that were there before the map was begun; None while that
+            is not known.
     """
 
     def __init__(
         self,
         anchors: Mapping[str, Anchor] | None = None,
         saved_at: Mapping[str, str | None] | None = None,
+        older: Mapping[str, str | None] | None = None,
     ) -> None:
         self.anchors = dict(anchors or {})
         self.saved_at = dict(saved_at or {})
+        self.older = None if older is None else dict(older)
         self._stored: dict[str, SavedPose] = {}
         self._moved: dict[str, SavedPose] = {}
         """What is to be stored, is being stored, or was refused."""
@@ -61,6 +65,11 @@ class AnchoredPlaces:
             if name not in self.anchors or was_moved or is_saved_anew:
                 self.anchors[name] = core.anchor(place.pose)
         self.saved_at = {name: place.saved_at for name, place in self._stored.items()}
+
+    def is_newer(self, name: str, saved_at: str | None) -> bool:
+        """Say whether a place was saved since the map was begun."""
+        older = self.older
+        return older is not None and not (name in older and older[name] == saved_at)
 
     def recall(self, poses: Iterable[SavedPose], map_name: str) -> None:
         """Learn what is stored only after the map was saved: of what a run before tied to it."""

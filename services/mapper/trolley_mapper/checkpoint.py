@@ -24,7 +24,7 @@ PERIOD_NS = 30_000_000_000
 class Checkpoint(Struct, frozen=True, kw_only=True):
     """A map in the making as it is stored."""
 
-    schema: int = 5
+    schema: int = 6
     """Version of the file's format. Files of the first version have none."""
     name: MapName
     extends: str | None = None
@@ -34,6 +34,8 @@ class Checkpoint(Struct, frozen=True, kw_only=True):
     anchors: dict[str, Anchor] = {}
     saved_at: dict[str, str | None] = {}
     """When the places had been saved that are tied to the map."""
+    older: dict[str, str | None] | None = None
+    """When those had been saved that were there before the map was begun, if that is known."""
     mirrors: list[Zone] = []
     """Where the robot has seen its own image while exploring."""
     seconds: float = 0.0

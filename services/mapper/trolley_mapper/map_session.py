@@ -75,7 +75,7 @@ class MapSession:
         session.zones = AnchoredZones(
             checkpoint.zones, checkpoint.zone_ties, checkpoint.zones_deleted
         )
-        session.places = AnchoredPlaces(checkpoint.anchors, checkpoint.saved_at)
+        session.places = AnchoredPlaces(checkpoint.anchors, checkpoint.saved_at, checkpoint.older)
         session.barriers, session.home = Barriers(checkpoint.mirrors), checkpoint.home
         session.seconds, session.loops = checkpoint.seconds, checkpoint.loops
         session.core = Mapper.from_bytes(config, checkpoint.core)
@@ -237,6 +237,7 @@ class MapSession:
             zones_deleted=sorted(self.zones.deleted),
             anchors=dict(self.places.anchors),
             saved_at=dict(self.places.saved_at),
+            older=self.places.older,
             mirrors=list(self.barriers.mirrors),
             seconds=self.seconds,
             loops=self.loops,

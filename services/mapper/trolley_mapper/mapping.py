@@ -22,11 +22,12 @@ from trolley.runtime.service import Service, answers, every
 from trolley.scanning import Reject, ScanInput
 from trolley.slices import do_aside
 from trolley_mapper import checkpoint as checkpoints
+from trolley_mapper.anchored_places import AnchoredPlaces
 from trolley_mapper.checkpoint import Checkpoint, Checkpointer
 from trolley_mapper.explore import sentences
 from trolley_mapper.inputs import RobotInputs
 from trolley_mapper.map_session import MapSession
-from trolley_mapper.saved_places import SavedPlaces
+from trolley_mapper.saved_places import SavedPlaces, discard_places
 from trolley_mapper.saved_tours import SavedTours
 from trolley_mapper.wire import odom_transform, pose_message
 
@@ -86,7 +87,8 @@ class Mapping:
             note = f"Continuing the map {checkpoint.name}."
             if checkpoint.is_exploring:
                 note += f" {sentences.PAUSES[codes.RESTARTED]}"
-            session = MapSession(self._config.mapper, checkpoint.name)
+            session = MapSession(self._config.mapper, checkpoint.name, checkpoint.extends)
+            session.places = AnchoredPlaces(saved_at=checkpoint.saved_at, older=checkpoint.older)
             self.begin(session, note)
             self.load(session, checkpoint)
 
@@ -260,9 +262,15 @@ class Mapping:
         self._service.request(requests.LOCALIZER_YIELD, Yield(on=False), lambda _: None)
         if session.extends:
             return self.end(f"What was added to the map {session.name} was discarded.")
-        if self._places is not None:
-            self._places.discard()
-        return self.end(f"The map {session.name} was discarded.")
+        note = f"The map {session.name} was discarded."
+        discard_places(self._service, session, partial(self._not_discarded, note))
+        return self.end(note)
+
+    def _not_discarded(self, note: str, problem: str) -> None:
+        """Say which places are left of a map that was discarded."""
+        self._service.log.error(problem)
+        if self.session is None:
+            self.announce(f"{note} {problem}")
 
     def begin_saving(self) -> None:
         """Let the map rest while it is written and handed over."""

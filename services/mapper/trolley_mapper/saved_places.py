@@ -23,6 +23,39 @@ def why_not_stored(refused: Refused) -> str:
     return TOUR_IS_SILENT if refused.code in codes.UNANSWERED else refused.message
 
 
+def discard_places(service: Service, session: MapSession, told: Callable[[str], object]) -> None:
+    """Delete the places that were saved on a map that nobody will have.
+
+    Args:
+        service: that asks.
+        session: the map that was given up.
+        told: called with a sentence on which were not deleted, and why, if any.
+    """
+    places, left = session.places, list[str]()
+
+    def tell(names: list[str], why: str) -> None:
+        left.extend(names)
+        if left:
+            told(f"Places on it were not deleted ({', '.join(left)}): {why}")
+
+    def deleted(name: str, result: SavedPose | Refused) -> None:
+        if isinstance(result, Refused) and result.code != codes.UNKNOWN_NAME:
+            tell([name], why_not_stored(result))
+
+    def heard(found: dict[tuple[str, ...], SavedPoses]) -> None:
+        known = found.get(())
+        if known is None:
+            newer = [name for name, at in places.saved_at.items() if places.is_newer(name, at)]
+            tell(newer, TOUR_IS_SILENT)
+            return
+        for one in known.poses:
+            if one.map == session.name and places.is_newer(one.name, one.saved_at):
+                named = Named(name=one.name)
+                service.request(requests.POSES_DELETE, named, partial(deleted, one.name))
+
+    service.get(topics.POSES, then=heard)
+
+
 class SavedPlaces:
     """Keeps the stored places of one map where the map has them.
 
@@ -35,9 +68,6 @@ class SavedPlaces:
         self._service, self._session = service, session
         self._map = session.name
         self._is_heard = False
-        self._older: set[tuple[str, str | None]] = set()
-        """Name and time of those that were stored before: of a map of this name that is not there
-        now, say."""
         self._saved_as: str | None = None
         self._num_asked = self._num_stored = self._num_refused = 0
         self._problem = TOUR_IS_SILENT
@@ -56,8 +86,9 @@ class SavedPlaces:
     def update(self, poses: SavedPoses) -> None:
         """Tie the stored places to the map, until it is saved."""
         session = self._session
-        if not self._is_heard:
-            self._older = {(one.name, one.saved_at) for one in poses.poses if one.map == self._map}
+        if session.places.older is None:  # of a map of this name that is not there now, say
+            here = (one for one in poses.poses if one.map == self._map)
+            session.places.older = {one.name: one.saved_at for one in here}
         if self._saved_as is None:
             if session.core is not None:
                 session.places.update(poses.poses, session.name, session.core)
@@ -66,13 +97,6 @@ class SavedPlaces:
         else:
             session.places.recall(poses.poses, self._map)
         self._is_heard = True
-
-    def discard(self) -> None:
-        """Delete those that were saved on a map that nobody will have."""
-        latest = self._watch.latest
-        for place in [] if latest is None else latest.poses:
-            if place.map == self._map and (place.name, place.saved_at) not in self._older:
-                self._service.request(requests.POSES_DELETE, Named(name=place.name), lambda _: None)
 
     def go_along(self, map_name: str) -> None:
         """Store them as they lie on the map that was saved, under its name."""

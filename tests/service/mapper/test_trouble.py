@@ -19,6 +19,7 @@ from trolley.gridmap import GridMap, MapError
 from trolley.gridmap.wire import map_message
 from trolley.messages import PoseEstimate, SavedPose, Stop, Tour, Zone, Zones
 from trolley.messages.request_params import Capture, MapNamed, Named, PauseMap, SaveMap
+from trolley.runtime import state
 from trolley.runtime.lockstep import _LockstepHost
 from trolley.runtime.service import Service, every
 from trolley.scan_matching.sweep import read_sweep
@@ -89,6 +90,110 @@ def test_a_mapper_that_is_killed_goes_on_with_its_map(stage: Stage) -> None:
     stage.bus.run(2.0)
     assert stage.pose.state == "localized"
     assert stage.error_m(stage.straightened(true_T_map)) < 0.08
+
+
+OLD = SavedPose(name="sofa", map="home", pose=Pose2D.identity(), saved_at="2026-10-01T08:00:00Z")
+"""Of a map called home that is not there now."""
+
+
+@pytest.mark.usefixtures("often")
+def test_places_saved_before_the_mapper_was_killed_go_when_the_map_is_discarded(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    poses = stage.bus.record(topics.POSES)
+    stage.ask(requests.POSES_PUT, OLD)
+    stage.map(seconds=3.0)
+    stage.bus.run(1.5)
+    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    stage.drive(KEPT_S, 0.1)
+    stage.bus.run(1.5)
+    stage.ask(requests.POSE_CAPTURE, Capture(name="desk"))
+    stage.bus.kill("mapper")
+    stage.begin("mapper")
+    stage.drive(2.0, 0.1)
+    stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(0.5)
+    assert poses[-1].poses == [OLD]
+
+
+@pytest.mark.usefixtures("often")
+def test_an_unfinished_map_is_discarded_with_its_places_while_it_is_loaded(
+    make_stage: MakeStage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    poses = stage.bus.record(topics.POSES)
+    stage.ask(requests.POSES_PUT, OLD)
+    stage.map(seconds=3.0)
+    stage.bus.run(1.5)
+    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    stage.drive(KEPT_S, 0.1)
+    stage.bus.kill("mapper")
+    with held_up(monkeypatch, lambda fn: getattr(fn, "func", None) is mapping._load):
+        stage.begin("mapper")
+        stage.bus.run(0.5)
+        stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(0.5)
+    assert poses[-1].poses == [OLD]
+
+
+@pytest.mark.usefixtures("often")
+def test_an_extended_map_keeps_its_places_where_it_is_discarded_while_it_is_loaded(
+    make_stage: MakeStage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    poses = stage.bus.record(topics.POSES)
+    stage.map(seconds=3.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(3.0)
+    stage.ask(requests.MAP_EXTEND, MapNamed(name="home"))
+    stage.drive(2.0, 0.1)
+    stage.ask(requests.POSES_PUT, SavedPose(name="bed", map="home", pose=Pose2D.identity()))
+    stage.drive(KEPT_S, 0.1)
+    stage.bus.kill("mapper")
+    with held_up(monkeypatch, lambda fn: getattr(fn, "func", None) is mapping._load):
+        stage.begin("mapper")
+        stage.bus.run(0.5)
+        assert stage.status.extends == "home"
+        status = stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(0.5)
+    assert status.message == "What was added to the map home was discarded."
+    assert [one.name for one in poses[-1].poses] == ["bed"]
+
+
+def test_places_of_a_discarded_map_that_cannot_be_deleted_are_told_of(
+    make_stage: MakeStage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    stage.map(seconds=3.0)
+    stage.bus.run(1.5)
+    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    stage.bus.run(0.5)
+    with monkeypatch.context() as patched:
+        patched.setattr(state, "write_atomically", no_room)
+        stage.ask(requests.MAP_CANCEL)
+        stage.bus.run(0.5)
+    assert stage.status.message == (
+        "The map home was discarded. Places on it were not deleted (bed): poses.toml could not be "
+        "saved: No space left on device."
+    )
+
+
+def test_places_of_a_discarded_map_are_told_of_where_tour_is_not_running(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    stage.map(seconds=3.0)
+    stage.bus.run(1.5)
+    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    stage.bus.run(0.5)
+    stage.bus.kill("tour")
+    stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(0.5)
+    assert stage.status.message == (
+        "The map home was discarded. Places on it were not deleted (bed): the tour service does "
+        "not answer."
+    )
 
 
 @pytest.mark.usefixtures("often")
