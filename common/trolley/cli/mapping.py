@@ -107,7 +107,8 @@ def extend_map(name: str, explore: bool, as_json: bool) -> None:
     """Extend the map NAME, which the robot is using; saving keeps the old version."""
     with one_robot() as robot:
         status = _begin(robot, requests.MAP_EXTEND, name, explore=explore)
-    _show(status, as_json=as_json, text=f"Extending {name}. {EXPLORES if explore else DRIVE}")
+    text = f"Extending {name}. {EXPLORES if explore else DRIVE}"
+    _show(status, as_json=as_json, text=f"{text} {status.message}".rstrip())
 
 
 @click.command(name="explore")

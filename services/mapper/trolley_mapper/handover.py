@@ -18,7 +18,7 @@ from trolley.runtime.service import Later, Service, answers, every
 from trolley.slices import do_aside
 from trolley_mapper.edit.map_transform import moved_zones
 from trolley_mapper.edit.map_versions import write_map
-from trolley_mapper.map_names import check_name_is_free, configured_name
+from trolley_mapper.map_names import check_name_is_free, why_not_overwritten
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import ANSWER_NS, Mapping
 from trolley_mapper.slam import sentences
@@ -153,8 +153,10 @@ class MapSaver:
         """Write the map."""
         session = self._mapping.check_may_change()
         name = params.name or session.name
-        if name != session.extends or name == configured_name(self._config):
+        if name != session.extends:
             check_name_is_free(self._service.maps.path, self._config, name)
+        elif why := why_not_overwritten(self._config, name):
+            raise Refused(codes.EXISTS, why, name=name)
         core = session.mapped_core()
         session.zones.follow(core)
         # What is extended has its zones at the localizer; what was drawn since follows.

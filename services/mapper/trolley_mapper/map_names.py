@@ -20,6 +20,16 @@ def configured_name(config: RobotConfig) -> str | None:
     return None if file is None else file.stem
 
 
+def why_not_overwritten(config: RobotConfig, name: str) -> str:
+    """Say that a map is extended that must be saved under another name; "" if it need not be."""
+    if name != configured_name(config):
+        return ""
+    return (
+        f"The map {name} is your original file, which is never overwritten: save the extended map "
+        "under another name (`trolley map save NAME`)."
+    )
+
+
 def check_name_is_free(folder: Path, config: RobotConfig, name: str) -> None:
     """Refuse a name that a map has.
 

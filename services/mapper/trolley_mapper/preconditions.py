@@ -12,7 +12,7 @@ from trolley.gridmap.wire import grid_of
 from trolley.messages import MappingStatus, OccupancyGrid, PoseEstimate, Transform, Zones
 from trolley.messages.request_params import MapNamed
 from trolley.runtime.service import Later, Service, answers, every
-from trolley_mapper.map_names import check_name_is_free
+from trolley_mapper.map_names import check_name_is_free, why_not_overwritten
 from trolley_mapper.map_session import MapSession
 from trolley_mapper.mapping import ANSWER_NS, Mapping
 
@@ -216,5 +216,7 @@ class MapStarter:
             return
         pending.preconditions.apply(pending.session)
         self._explore(pending.params.explore, pending.params.speed)
-        pending.reply.reply(self._mapping.begin(pending.session))
+        extends = pending.session.extends
+        note = "" if extends is None else why_not_overwritten(self._config, extends)
+        pending.reply.reply(self._mapping.begin(pending.session, note))
         self._mapping.load(pending.session)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from trolley import codes, requests, topics
 from trolley.geometry import Pose2D
@@ -178,6 +179,32 @@ def test_an_extended_map_is_saved_under_another_name_with_its_zones_places_and_t
     assert {name: one.map for name, one in tours.items()} == {"round": "home2", "upstairs": "attic"}
     assert tours["round"].stops == [own]
     assert stage.ask(requests.MAP_LIST) == ["home", "home2"]
+
+
+def test_who_extends_the_original_file_hears_at_once_that_it_needs_another_name(
+    stage: Stage,
+) -> None:
+    stage.map(seconds=3.0)
+    stage.ask(requests.MAP_SAVE, SaveMap())
+    stage.bus.run(2.0)
+    original = stage.bus.state / "maps" / "home.yaml"
+    stage.config = replace(stage.config, map=replace(stage.config.map, file=str(original)))
+    for name in ("localizer", "mapper"):
+        stage.bus.kill(name)
+        stage.begin(name)
+    stage.bus.run(2.0)
+    why = (
+        "The map home is your original file, which is never overwritten: save the extended map "
+        "under another name (`trolley map save NAME`)."
+    )
+    assert stage.ask(requests.MAP_EXTEND, MapNamed(name="home")).message == why
+    stage.drive(2.0, 0.1)
+    assert stage.status.message.endswith(why)
+    refused = stage.refusal(requests.MAP_SAVE)
+    assert (refused.code, refused.message) == (codes.EXISTS, why)
+    stage.ask(requests.MAP_SAVE, SaveMap(name="home2"))
+    stage.bus.run(2.0)
+    assert (stage.pose.state, stage.pose.map) == ("localized", "home2")
 
 
 STAIRS = Zone(name="stairs", kind="keepout", points=[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])

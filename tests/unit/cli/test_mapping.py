@@ -61,6 +61,14 @@ def test_a_save_that_takes_long_says_whether_the_map_is_written(
     assert "still saving" not in output
 
 
+def test_who_extends_a_map_is_told_what_its_mapper_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    extending = replace(MAKING, extends="home", message="Save it under another name.")
+    robot = SimpleNamespace(ask=lambda *_: extending, latest=lambda _: extending)
+    monkeypatch.setattr(mapping, "one_robot", lambda: contextlib.nullcontext(robot))
+    output = CliRunner().invoke(mapping.extend_map, ["home"]).output
+    assert output.endswith("run `trolley map save`. Save it under another name.\n")
+
+
 @pytest.mark.parametrize(
     ("loose", "said"), [(1, ", 1 scan that hangs loose"), (2, ", 2 scans that hang loose")]
 )
