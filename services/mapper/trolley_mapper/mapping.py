@@ -341,6 +341,7 @@ class Mapping:
             if self._places is not None:
                 self._places.update_from_latest()
             self._publish_map(session)
+            self.save_checkpoint()  # that a map was begun is not forgotten, whatever happens
         job = None if session.core is None else session.core.take_job()
         if session.core is not None and job is not None:
             self._work_on(job, session.core)

@@ -92,6 +92,23 @@ def test_a_mapper_that_is_killed_goes_on_with_its_map(stage: Stage) -> None:
     assert stage.error_m(stage.straightened(true_T_map)) < 0.08
 
 
+def test_a_mapper_that_is_killed_just_after_its_map_began_goes_on_with_it(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    poses = stage.bus.record(topics.POSES)
+    stage.map(seconds=3.0)
+    stage.bus.run(1.5)
+    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    stage.bus.kill("mapper")
+    stage.begin("mapper")
+    stage.drive(2.0, 0.1)
+    assert (stage.status.state, stage.status.name) == ("mapping", "home")
+    stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(0.5)
+    assert poses[-1].poses == []
+
+
 OLD = SavedPose(name="sofa", map="home", pose=Pose2D.identity(), saved_at="2026-10-01T08:00:00Z")
 """Of a map called home that is not there now."""
 
