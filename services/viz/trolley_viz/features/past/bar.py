@@ -18,7 +18,7 @@ class PastBar:
     def __init__(self, gui: Controls, past: Looking) -> None:
         self._past = past
         self._base_ns = 0
-        """The midnight before the first time on the slider, local monotonic."""
+        """The midnight before the first time on the slider [ns since boot]."""
         self._strip = gui.add_strip()
         with self._strip:
             self._timeline = gui.add_timeline("Time of day")

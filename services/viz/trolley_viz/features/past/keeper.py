@@ -57,7 +57,7 @@ class Keeper:
             recorder.close()
             self._left[robot] = recorder.record
             self._save_trip(robot, recorder)
-        oldest_ns = self._service.monotonic_ns - KEPT_NS
+        oldest_ns = self._service.since_boot_ns - KEPT_NS
         self._left = {name: one for name, one in self._left.items() if one.last_ns > oldest_ns}
         for robot in wanted - self._recorders.keys():
             recorder = self._recorders[robot] = Recorder(self._service, robot)

@@ -43,7 +43,7 @@ MOVING: tuple[Request[Any, Any], ...] = (
 
 @dataclass(frozen=True)
 class Window:
-    """The time that can be looked at [ns, local monotonic]."""
+    """The time that can be looked at [ns since boot]."""
 
     first_ns: int
     last_ns: int
@@ -92,14 +92,14 @@ class Looking:
     @property
     def at_ns(self) -> int:
         """The time that is looked at."""
-        return self._at_ns if self.is_past else self._service.monotonic_ns
+        return self._at_ns if self.is_past else self._service.since_boot_ns
 
     @property
     def window(self) -> Window:
         """The time that can be looked at."""
         if self._record is not None:
             return Window(self._record.first_ns or 0, self._record.last_ns)
-        now_ns = self._service.monotonic_ns
+        now_ns = self._service.since_boot_ns
         first_ns = self._keeper.lately(self._robot()).first_ns
         return Window(now_ns if first_ns is None else first_ns, now_ns)
 
@@ -253,10 +253,10 @@ class Looking:
 
     def _when(self, then: Then) -> str:
         """Begin a sentence about a time."""
-        at, now = self.wall_time(then.at_ns), self.wall_time(self._service.monotonic_ns)
+        at, now = self.wall_time(then.at_ns), self.wall_time(self._service.since_boot_ns)
         if at.date() != now.date():
             return f"On {at:%d %b} at {at:%H:%M:%S}:".replace("On 0", "On ")
-        ago_s = max((self._service.monotonic_ns - then.at_ns) // 1_000_000_000, 0)
+        ago_s = max((self._service.since_boot_ns - then.at_ns) // 1_000_000_000, 0)
         return f"At {at:%H:%M:%S}, {duration(ago_s).replace('.0 s', ' s')} ago:"
 
 

@@ -1,7 +1,8 @@
 """What was known of a robot at each moment: where it was, what it saw and what was said.
 
-Times are local monotonic ones [ns]: neither the robot's clock nor that of this host can put them
-out of order. What a clock on the wall showed is known only by whoever shows them.
+Times are those since this host was started [ns], which go on while it sleeps: neither the robot's
+clock nor that of this host can put them out of order. What a clock on the wall showed is known only
+by whoever shows them.
 """
 
 from collections.abc import Sequence

@@ -66,8 +66,6 @@ STANDING_READ_NS = 2_000_000_000
 """Between two reads of the pose while the robot stands and has no goal."""
 STANDS_AFTER_NS = 5_000_000_000
 """A robot that has not moved for so long stands."""
-SLEPT_NS = 1_000_000_000
-"""A computer that slept for less need not be told of."""
 READ_BEFORE_S = 2.5
 """A pose was read up to two seconds ago, and that took a while [s]: it is not stale yet."""
 FARTHEST_M = 1e6
@@ -113,7 +111,7 @@ class Recorder:
         )
         self._laser = service.watch(topics.TF, "laser", robot=robot)
         self._streams.follow(WATCHED)
-        self._said_from_ns = service.monotonic_ns + SILENT_START_NS
+        self._said_from_ns = service.since_boot_ns + SILENT_START_NS
         self._epoch: int = 0
         """The run of the robot's base."""
         self._estimate: PoseEstimate | None = None
@@ -128,10 +126,8 @@ class Recorder:
         """Where the last scan was taken."""
         self._read_ns = 0
         """When the pose was last read."""
-        self._moved_ns = service.monotonic_ns
+        self._moved_ns = service.since_boot_ns
         """When the robot was last seen to move."""
-        self._slept_ns = service.since_boot_ns - service.monotonic_ns
-        """For how long this computer has slept since it was started."""
         self._scan: Scan | None = None
         """One that waits for the poses around it."""
 
@@ -139,7 +135,7 @@ class Recorder:
     def is_trip_over(self) -> bool:
         """Whether the last trip has ended, and its record with it."""
         ended_ns = None if self.trip is None else self.trip.ended_ns
-        return ended_ns is not None and self._service.monotonic_ns - ended_ns > AFTER_TRIP_NS
+        return ended_ns is not None and self._service.since_boot_ns - ended_ns > AFTER_TRIP_NS
 
     def close(self) -> None:
         """Hear nothing more."""
@@ -148,8 +144,7 @@ class Recorder:
 
     def sample(self) -> None:
         """Note what is said of the robot now, and ask where it is."""
-        service, now_ns = self._service, self._service.monotonic_ns
-        self._age_by_sleep()
+        service, now_ns = self._service, self._service.since_boot_ns
         self.record.drop_before(now_ns - KEPT_NS)
         self._begin_anew(now_ns)
         self._follow_trip(now_ns)
@@ -169,15 +164,6 @@ class Recorder:
         if now_ns >= self._health_due_ns:
             self._health_due_ns = now_ns + HEALTH_PERIOD_NS
             service.get(topics.HEALTH, then=self._take_health, robot=self._robot)
-
-    def _age_by_sleep(self) -> None:
-        """Let what was recorded be older by as long as this computer slept."""
-        more_ns = self._service.since_boot_ns - self._service.monotonic_ns - self._slept_ns
-        if more_ns < SLEPT_NS:
-            return
-        self._slept_ns += more_ns
-        for record in (self.record, *(() if self.trip is None else (self.trip.record,))):
-            record.shift(-more_ns)
 
     def _begin_anew(self, now_ns: int) -> None:
         """Forget what was heard before the robot's base began a new run."""
@@ -226,22 +212,22 @@ class Recorder:
             return
         before, self._estimate = self._estimate, estimate
         if before is None or _has_moved(before.pose, estimate.pose):
-            self._moved_ns = self._service.monotonic_ns
+            self._moved_ns = self._service.since_boot_ns
         age_ns = max(robot_ns - estimate.stamp_ns, 0)
         if estimate.pose is None or estimate.map is None or age_ns > STALE_S * 1e9:
             return
         if max(abs(estimate.pose.x), abs(estimate.pose.y)) > FARTHEST_M:
             return
-        at_ns = self._service.monotonic_ns - age_ns
+        at_ns = self._service.since_boot_ns - age_ns
         for record in self._records():
             record.add_pose(at_ns, estimate.stamp_ns, estimate.map, estimate.pose, estimate.state)
         if self._is_scan_due(estimate.map, estimate.pose):
-            self._scanned_ns = self._service.monotonic_ns
+            self._scanned_ns = self._service.since_boot_ns
             self._scanned_at = estimate.map, estimate.pose
             self._service.get(topics.SCAN, then=self._take_scan, robot=self._robot)
 
     def _is_scan_due(self, map_name: str, pose: Pose2D) -> bool:
-        waited_ns, last = self._service.monotonic_ns - self._scanned_ns, self._scanned_at
+        waited_ns, last = self._service.since_boot_ns - self._scanned_ns, self._scanned_at
         if last is None or last[0] != map_name or waited_ns >= STANDING_PERIOD_NS:
             return True
         return _has_moved(last[1], pose) and waited_ns >= SCAN_PERIOD_NS

@@ -71,7 +71,7 @@ class TripStore:
             self._service.log.error("A trip was not recorded", why=error.strerror)
 
     def read(self, name: TripName, then: Callable[[Record | str], None]) -> None:
-        """Read the record of a trip, by the local monotonic clock; a sentence where that fails.
+        """Read the record of a trip, in time since boot; a sentence where that fails.
 
         What is broken, or of a newer Trolley, is set aside.
         """
@@ -99,8 +99,8 @@ class TripStore:
 
     @property
     def unix_offset_ns(self) -> int:
-        """What is added to local monotonic time for the clock on the wall, as that is set now."""
-        return self._service.unix_ns - self._service.monotonic_ns
+        """What is added to time since boot for the clock on the wall, as that is set now."""
+        return self._service.unix_ns - self._service.since_boot_ns
 
     # Inside.
     @property

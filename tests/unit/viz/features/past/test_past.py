@@ -240,6 +240,56 @@ def test_what_was_before_the_computer_slept_is_told_with_the_time_at_which_it_wa
     assert wall_time(recorder.record.last_ns) - before[0] > datetime.timedelta(seconds=315)
 
 
+def test_a_page_that_looks_back_shows_the_same_moment_after_the_computer_slept(
+    stage: "Stage",
+) -> None:
+    browser = stage.browse()
+    drive(stage, 60.0)
+    open_past(stage)
+    look_back(stage, 20.0)
+    past = stage.session.past
+    at = past.wall_time(past.at_ns)
+    stage.runtime.slept_ns += 300_000_000_000
+    stage.runtime.run(0.5)
+    assert past.wall_time(past.at_ns) == at
+    assert "5 min ago: " in browser.state.sentence.headline
+
+
+def test_what_plays_does_not_play_on_while_the_computer_sleeps(stage: "Stage") -> None:
+    stage.browse()
+    drive(stage, 60.0)
+    open_past(stage)
+    look_back(stage, 50.0)
+    page_of(stage).press("Play")
+    past = stage.session.past
+    at = past.wall_time(past.at_ns)
+    stage.runtime.slept_ns += 300_000_000_000
+    stage.runtime.run(1.0)
+    assert past.is_past
+    assert past.wall_time(past.at_ns) - at < datetime.timedelta(seconds=2)
+
+
+def test_what_is_known_of_a_robot_that_was_followed_before_the_computer_slept_keeps_its_time(
+    stage: "Stage",
+) -> None:
+    stage.browse()
+    stage.runtime.add(type(stage.robot)(), robot="kart")
+    stage.session.follow("kart")
+    stage.runtime.run(5.0)
+    first_ns = record(stage, "kart").first_ns
+    assert first_ns is not None
+    wall_time = stage.session.past.wall_time
+    began = wall_time(first_ns)
+    stage.session.follow("trolley")
+    stage.runtime.run(3.0)
+    stage.runtime.slept_ns += 300_000_000_000
+    stage.session.follow("kart")
+    stage.runtime.run(1.0)
+    again_ns = record(stage, "kart").first_ns
+    assert again_ns is not None
+    assert wall_time(again_ns) == began
+
+
 def test_each_page_looks_at_a_time_of_its_own(stage: "Stage") -> None:
     drive(stage, 20.0)
     for number in range(4):
