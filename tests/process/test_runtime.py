@@ -2,6 +2,7 @@
 
 import signal
 import socket
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +18,7 @@ from trolley import topics
 from trolley.messages import BaseState, Health, SavedPoses
 from trolley.runtime import codec
 from trolley.runtime.bus import Query, Sample
-from trolley.runtime.clash import Run, host_name
+from trolley.runtime.clash import OlderRuns, Run, host_name
 from trolley.runtime.zenoh_bus import ZenohBus, open_bus
 from trolley.topics import Qos
 
@@ -269,6 +270,31 @@ def test_one_that_starts_ends_where_one_serves_whose_clock_is_ahead(
     later = service_process(KEEPER)
     assert later.wait() == 3
     assert "host=ahead" in later.log
+
+
+def test_one_that_starts_is_told_of_one_that_serves_before_it_goes_on(
+    router: RouterProcess, bus: ZenohBus
+):
+    """Also where what Zenoh tells of tokens by itself comes late, as on a busy computer."""
+    answer_for(bus, str(ELDER))
+    show(bus, ELDER)
+    wait_until(lambda: tokens_of(bus), "its token is known")
+    for number in range(5):
+        with open_bus([router.endpoint], PATIENCE_S) as own:
+            watch = own.watch_tokens
+
+            def watch_late(
+                key_expr: str, callback: Callable[[str, bool], None], watch: Any = watch
+            ) -> Any:
+                return watch(key_expr, lambda *told: threading.Timer(1.0, callback, told).start())
+
+            own.watch_tokens = watch_late
+            starts = Run(number, "copy", 80)
+            older = OlderRuns(own, "tester", "tour", starts, lambda: None)
+            while not older.settle():
+                older.ask()
+                time.sleep(0.01)
+            assert older.oldest() == ELDER
 
 
 def test_a_token_that_nobody_answers_for_ends_no_service(

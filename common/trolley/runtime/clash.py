@@ -32,7 +32,7 @@ ANSWER_S = 5.0
 
 @dataclasses.dataclass(frozen=True, order=True)
 class Run:
-    """A process of a service; of two of the same name that both serve the smaller stays.
+    """A process of a service; of two that both start, or both serve, the smaller stays.
 
     It began first, unless the clocks of their hosts differ.
     """
@@ -98,14 +98,13 @@ class OlderRuns:
         """By run, whether it serves."""
         self._serves = False
         self._are_all_known = False
-        """Whether the router has told of all that were there before this process."""
+        """Whether the router has told of all that were there before, or has had the time to."""
         self._known_by_s = time.monotonic() + TOLD_S
         self._ask_at_s = 0.0
         self._key = topics.HEALTH.key(robot, label)
         self._early = bus.serve(self._key, self._answer)
         self._tokens = topics.ALIVE.key(robot, label, "*")
         bus.declare_token(topics.ALIVE.key(robot, label, str(run)))
-        bus.watch_tokens(self._tokens, self._see)
 
     def serves(self) -> None:
         """Note that the service itself answers for its health from now on."""
@@ -113,13 +112,20 @@ class OlderRuns:
         self._early.close()
 
     def _ask_router(self) -> None:
-        """Ask the router who shows a token, until it has answered once; waits for the answer."""
+        """Ask the router who shows a token, until it has answered once; waits for the answer.
+
+        Only then are they watched: of what is watched Zenoh tells at once who is there as far as it
+        has heard by then, which is nobody, without asking the router.
+        """
         if self._are_all_known:
             return
         began_s = time.monotonic()
         for key in self._bus.alive(self._tokens, SHOWN_S):
             self._see(key, True)
-        self._are_all_known = time.monotonic() - began_s < SHOWN_S
+        now_s = time.monotonic()
+        self._are_all_known = now_s - began_s < SHOWN_S or now_s >= self._known_by_s
+        if self._are_all_known:
+            self._bus.watch_tokens(self._tokens, self._see)
 
     def ask(self) -> None:
         """Ask those that show a token for their run, where that is due; never waits."""
@@ -145,9 +151,9 @@ class OlderRuns:
         Asks the router who does, and waits for its answer.
         """
         self._ask_router()
-        now_s = time.monotonic()
-        if not self._are_all_known and now_s < self._known_by_s:
+        if not self._are_all_known:
             return False
+        now_s = time.monotonic()
         with self._lock:
             return "" in self._answered or all(
                 str(run) in self._answered or now_s - since_s > ANSWER_S
