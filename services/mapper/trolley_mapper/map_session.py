@@ -217,7 +217,8 @@ class MapSession:
         core = self.core
         grown = (0, 0) if core is None else (core.version, core.num_keyframes)
         zones = tuple((one.name, *one.points) for one in self.zones.all)
-        return (self, *grown, self.is_paused, self.is_exploring, self.home, zones)
+        is_unheard = self.places.older is None
+        return (self, *grown, self.is_paused, self.is_exploring, self.home, zones, is_unheard)
 
     def checkpoint(self) -> Callable[[], Checkpoint] | None:
         """Return what makes a checkpoint of the map as it is now; None while there is nothing.

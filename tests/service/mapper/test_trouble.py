@@ -109,6 +109,26 @@ def test_a_mapper_that_is_killed_just_after_its_map_began_goes_on_with_it(
     assert poses[-1].poses == []
 
 
+@pytest.mark.usefixtures("often")
+def test_places_go_with_a_map_that_was_begun_before_tour_ran_and_whose_robot_stood_still(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper")
+    stage.map(seconds=3.0)
+    stage.bus.run(KEPT_S)
+    stage.begin("tour")
+    stage.bus.run(1.5)
+    poses = stage.bus.record(topics.POSES)
+    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    stage.bus.run(KEPT_S)
+    stage.bus.kill("mapper")
+    stage.begin("mapper")
+    stage.bus.run(2.0)
+    stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(0.5)
+    assert poses[-1].poses == []
+
+
 OLD = SavedPose(name="sofa", map="home", pose=Pose2D.identity(), saved_at="2026-10-01T08:00:00Z")
 """Of a map called home that is not there now."""
 
