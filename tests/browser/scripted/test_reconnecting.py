@@ -178,3 +178,23 @@ def test_a_socket_is_opened_only_once_the_viewer_is_there_again(browser: Browser
         with unavailable(viewer.url) as asked:
             wait_until(lambda: asked.count("HEAD /") > 2, "it is asked whether it is there")
     assert "GET /line" not in asked
+
+
+def test_photos_that_do_not_come_keep_no_page_from_connecting_again(
+    page: Page, viewer: Viewer
+) -> None:
+    """A browser asks a host for six things at once, sockets aside, and no more until one comes."""
+    viewer.greet()
+    viewer.tell()
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    viewer.has_photos.clear()
+    page.evaluate(
+        """() => {
+          for (let i = 0; i < 6; i++) new Image().src = `/photo/r/${i}`;
+        }"""
+    )
+    wait_until(lambda: len(viewer.asked) == 6, "they are asked for")
+    known = len(viewer.lines)
+    viewer.lines[-1].close()
+    wait_until(lambda: len(viewer.lines) > known, "the page calls again")
+    viewer.has_photos.set()

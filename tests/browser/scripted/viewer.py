@@ -1,5 +1,6 @@
 """A viewer that tells a page what a test wants, without a robot."""
 
+import asyncio
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,11 +34,13 @@ class Viewer:
     Attributes:
         photos: those of robot `r`, by name.
         asked: names of photos that a page has asked for.
+        has_photos: set while it can give any; until then pages wait for them.
     """
 
     url: str
     photos: dict[str, bytes] = field(default_factory=dict[str, bytes])
     asked: list[str] = field(default_factory=list[str])
+    has_photos: threading.Event = field(default_factory=threading.Event)
     lines: list[Line] = field(default_factory=list)
     said: list[tuple[Line, Said]] = field(default_factory=list)
 
@@ -64,6 +67,8 @@ class Viewer:
     async def photo(self, robot: str, name: str) -> bytes | None:
         """A photo, as the robot would give it."""
         self.asked.append(name)
+        while not self.has_photos.is_set():
+            await asyncio.sleep(0.01)
         return self.photos.get(name) if robot == READY.robot else None
 
     def is_heard(self) -> bool:
@@ -93,6 +98,7 @@ def scripted_viewer() -> Iterator[Viewer]:
     """A viewer without a robot."""
     port = find_free_port()
     viewer = Viewer(f"http://127.0.0.1:{port}/")
+    viewer.has_photos.set()
     scene = open_scene()
     access = AccessControl(port, (), always_ask=False, tokens=AccessTokens.new())
     lines = Lines(

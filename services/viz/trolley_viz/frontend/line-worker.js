@@ -1,8 +1,8 @@
 // The life line's own thread: a socket on which viewer and page hear each other all the time. Here,
 // as drawing the scene may hold up the page for seconds. What is pressed carries its time and is
 // answered; Stop is kept until it is.
-const SILENCE_MS = 1350, RETRY_MS = 700, PATIENCE_MS = 4000, LOOK_MS = 150, BUSY_MS = 500;
-const SPEAK_MS = 300;
+const SILENCE_MS = 1350, RETRY_MS = 700, ASKED_MS = 1500, PATIENCE_MS = 4000, LOOK_MS = 150;
+const BUSY_MS = 500, SPEAK_MS = 300;
 const MAX_WAITING_BYTES = 1000;
 const t = (english) => english; // the page shows it in its language
 const UNANSWERED = t("The connection was lost before it was answered. Check whether it was done.");
@@ -16,6 +16,7 @@ let state = "loading", socket = null, asking = null, viewerMs = null, isGreeted 
 let openedMs = performance.now(), heardMs = openedMs, lookedMs = openedMs, saidMs = openedMs;
 
 function open() {
+  close();
   const url = new URL("/line", location.href);
   url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
   url.searchParams.set("page", key);
@@ -35,7 +36,8 @@ function close() {
 }
 
 // A viewer that was lost is asked first whether it is there: browsers make sockets that fail wait, the
-// longer the more often they do, Firefox up to a minute.
+// longer the more often they do, Firefox up to a minute. Where nothing comes back at all, it is called
+// all the same: photos that hang take all six connections that a browser has for it, beside sockets.
 function reopen() {
   close();
   openedMs = performance.now();
@@ -68,9 +70,10 @@ function look() {
   if (isGreeted && now - saidMs > SPEAK_MS) send({ beat_ms: viewerMs ?? 0 });
   // A computer that slept hears first what has come meanwhile.
   if (now - lastMs > BUSY_MS) return;
+  if (state === "open") return now - heardMs > SILENCE_MS && lose();
   const waitedMs = now - (isGreeted ? heardMs : openedMs);
-  if (state === "open" && now - heardMs > SILENCE_MS) lose();
-  else if (state !== "open" && waitedMs > (isCalling() ? PATIENCE_MS : RETRY_MS)) reopen();
+  if (asking !== null) return waitedMs > ASKED_MS && open();
+  if (waitedMs > (isCalling() ? PATIENCE_MS : RETRY_MS)) reopen();
 }
 
 function lose() {
