@@ -137,3 +137,17 @@ def test_stop_counts_from_when_it_is_touched_whatever_the_finger_does_then(
     touch("touchEnd")
     page.locator("#stop").press("Enter")
     wait_until(lambda: num_stops() == 3, "it stops by a key, which points at nothing")
+
+
+def test_stop_counts_beside_a_mouse_button_that_is_held(page: Page, viewer: Viewer) -> None:
+    """A second button that comes down is no pointer that comes down."""
+    viewer.greet()
+    viewer.tell()
+    expect(page.locator("body")).to_have_attribute("data-line", "open")
+    page.locator("#stop").click()
+    page.mouse.move(*middle(page.locator("#title")))
+    page.mouse.down(button="right")
+    page.mouse.move(*middle(page.locator("#stop")))
+    page.mouse.down()
+    page.mouse.up()
+    wait_until(lambda: sum(said.stop is not None for _, said in viewer.said) == 2, "it stops")

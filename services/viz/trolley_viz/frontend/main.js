@@ -36,7 +36,8 @@ scene.tapped = (x, y) => room.touch(x, y);
 speakNow(likelyLanguage());
 
 const stop = document.getElementById("stop");
-let pressedBy = null; // the pointer that pressed it last
+let pressedBy = null; // the pointer, if it was this that it pressed last
+addEventListener("pointerdown", () => { pressedBy = null; }, true);
 // As soon as it is touched: a finger that slides, or that comes beside another, makes no click.
 stop.addEventListener("pointerdown", ({ pointerId }) => {
   pressedBy = pointerId;
