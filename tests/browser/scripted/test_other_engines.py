@@ -71,9 +71,14 @@ def test_stop_the_joystick_and_a_card_work_in_other_engines(
     card.visible = True
     viewer.tell_controls(controls)
     wait_until(lambda: other.ask("document.querySelector('.card') !== null"), "the card is there")
-    x, y = other.middle(".card .button")
-    wait_until(lambda: is_green(other.picture()[y, x + 60]), "the card is seen")
+    wait_until(lambda: is_green(beside_word(other, ".card .button")), "the card is seen")
     assert num_stops(viewer) == 1
+
+
+def beside_word(other: Engine, button: str) -> NDArray[np.int64]:
+    """The colour of a button, which may not have come to its place yet."""
+    x, y = other.middle(button)
+    return other.picture()[y, x + 60]
 
 
 def is_green(pixel: NDArray[np.int64]) -> bool:
