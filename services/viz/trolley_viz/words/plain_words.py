@@ -31,6 +31,7 @@ _WORDS = {
     " (`--as NAME`)": "",
     " (`trolley map load NAME`)": "",
     " (`trolley map cancel`)": "",
+    " (`trolley map save NAME`)": "",
     codes.SENTENCES[codes.NOT_READY]: NOT_READY,
     codes.SENTENCES[codes.INTERNAL]: "Something went wrong in the robot's software; its log has "
     "the details.",
