@@ -4,10 +4,9 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from trolley_viz.controls.controls import Controls
-from trolley_viz.joystick.teleop import PadState
 from trolley_viz.robots.stop_presses import StopLine
-from trolley_viz.server.messages import Told
 
+from .test_holding import tell_pad
 from .viewer import Viewer
 
 pytestmark = pytest.mark.browser
@@ -39,8 +38,7 @@ def test_stop_and_what_became_of_it_are_in_sight_beside_the_joystick(
 ) -> None:
     viewer.greet()
     viewer.tell()
-    pad = PadState(can=True, mine=False, max_speed=0.5, text="", tone="idle")
-    viewer.lines[-1].send(Told(pad=pad))
+    tell_pad(viewer, is_mine=False)
     alarm = StopLine("NOT STOPPED: no connection", is_alarm=True)
     wrong: dict[str, list[str]] = {}
     for language in ("en", "de"):

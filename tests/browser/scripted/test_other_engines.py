@@ -11,10 +11,8 @@ from support.engines import Engine, engine, missing
 from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
-from trolley_viz.joystick.teleop import PadState
-from trolley_viz.server.messages import Told
 
-from .test_holding import grips
+from .test_holding import grips, tell_pad
 from .test_page_itself import num_stops
 
 if TYPE_CHECKING:
@@ -48,8 +46,7 @@ def test_stop_the_joystick_and_a_card_work_in_other_engines(
         controls.add_button("Go", colour="green")
     viewer.greet()
     viewer.tell_controls(controls)
-    pad = PadState(can=True, mine=False, max_speed=0.5, text="", tone="idle")
-    viewer.lines[-1].send(Told(pad=pad))
+    tell_pad(viewer, is_mine=False)
     wait_until(lambda: other.ask("document.body.dataset.line") == "open", "it is connected")
 
     other.press("#stop")

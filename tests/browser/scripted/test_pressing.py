@@ -6,10 +6,11 @@ from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
 from trolley_viz.controls.markup import details, lead, note
-from trolley_viz.joystick.teleop import PadState
 from trolley_viz.server.messages import Told
 from trolley_viz.words.sentences import StatusLine
 
+from .test_holding import tell_pad
+from .test_page_itself import num_stops
 from .viewer import Viewer
 
 pytestmark = pytest.mark.browser
@@ -112,8 +113,7 @@ def test_stop_counts_from_when_it_is_touched_whatever_the_finger_does_then(
     """Of a finger that slides, or that comes beside another, no browser makes a click."""
     viewer.greet()
     viewer.tell()
-    pad = PadState(can=True, mine=False, max_speed=0.5, text="", tone="idle")
-    viewer.lines[-1].send(Told(pad=pad))
+    tell_pad(viewer, is_mine=False)
     expect(page.locator("body")).to_have_attribute("data-line", "open")
     page.locator(".hand-open").click()
     fingers = page.context.new_cdp_session(page)
@@ -122,21 +122,18 @@ def test_stop_counts_from_when_it_is_touched_whatever_the_finger_does_then(
         points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(at)]
         fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
-    def num_stops() -> int:
-        return sum(said.stop is not None for _, said in viewer.said)
-
     thumb, stop = middle(page.locator(".hand-pad")), middle(page.locator("#stop"))
     touch("touchStart", stop)
     touch("touchMove", (stop[0] + 40.0, stop[1] + 5.0))
     touch("touchEnd")
-    wait_until(lambda: num_stops() == 1, "it stops under a finger that slides")
+    wait_until(lambda: num_stops(viewer) == 1, "it stops under a finger that slides")
     touch("touchStart", thumb)
     touch("touchStart", thumb, stop)
     touch("touchEnd", thumb)
-    wait_until(lambda: num_stops() == 2, "it stops while the other hand drives")
+    wait_until(lambda: num_stops(viewer) == 2, "it stops while the other hand drives")
     touch("touchEnd")
     page.locator("#stop").press("Enter")
-    wait_until(lambda: num_stops() == 3, "it stops by a key, which points at nothing")
+    wait_until(lambda: num_stops(viewer) == 3, "it stops by a key, which points at nothing")
 
 
 def test_stop_counts_beside_a_mouse_button_that_is_held(page: Page, viewer: Viewer) -> None:
@@ -150,4 +147,4 @@ def test_stop_counts_beside_a_mouse_button_that_is_held(page: Page, viewer: View
     page.mouse.move(*middle(page.locator("#stop")))
     page.mouse.down()
     page.mouse.up()
-    wait_until(lambda: sum(said.stop is not None for _, said in viewer.said) == 2, "it stops")
+    wait_until(lambda: num_stops(viewer) == 2, "it stops")

@@ -12,6 +12,7 @@ from support.waiting import wait_until
 
 from trolley_viz.controls.controls import Controls
 
+from .test_page_itself import num_stops
 from .viewer import NOW_MS, Viewer, page_of, scripted_viewer
 
 pytestmark = pytest.mark.browser
@@ -140,9 +141,7 @@ def test_stop_is_no_reason_to_call_anew_while_the_page_calls(page: Page, viewer:
     viewer.greet()
     wait_until(viewer.is_heard, "the page has heard the greeting")
     assert len(viewer.lines) == known + 1
-    wait_until(
-        lambda: sum(said.stop is not None for _, said in viewer.said) == 3, "all of them arrive"
-    )
+    wait_until(lambda: num_stops(viewer) == 3, "all of them arrive")
 
 
 @contextmanager

@@ -92,14 +92,19 @@ def test_a_mapper_that_is_killed_goes_on_with_its_map(stage: Stage) -> None:
     assert stage.error_m(stage.straightened(true_T_map)) < 0.08
 
 
+def map_with_bed(stage: Stage) -> None:
+    """Begin a map and save where the robot stands."""
+    stage.map(seconds=3.0)
+    stage.bus.run(1.5)
+    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+
+
 def test_a_mapper_that_is_killed_just_after_its_map_began_goes_on_with_it(
     make_stage: MakeStage,
 ) -> None:
     stage = make_stage("localizer", "mapper", "tour")
     poses = stage.bus.record(topics.POSES)
-    stage.map(seconds=3.0)
-    stage.bus.run(1.5)
-    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    map_with_bed(stage)
     stage.bus.kill("mapper")
     stage.begin("mapper")
     stage.drive(2.0, 0.1)
@@ -140,9 +145,7 @@ def test_places_saved_before_the_mapper_was_killed_go_when_the_map_is_discarded(
     stage = make_stage("localizer", "mapper", "tour")
     poses = stage.bus.record(topics.POSES)
     stage.ask(requests.POSES_PUT, OLD)
-    stage.map(seconds=3.0)
-    stage.bus.run(1.5)
-    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    map_with_bed(stage)
     stage.drive(KEPT_S, 0.1)
     stage.bus.run(1.5)
     stage.ask(requests.POSE_CAPTURE, Capture(name="desk"))
@@ -161,9 +164,7 @@ def test_an_unfinished_map_is_discarded_with_its_places_while_it_is_loaded(
     stage = make_stage("localizer", "mapper", "tour")
     poses = stage.bus.record(topics.POSES)
     stage.ask(requests.POSES_PUT, OLD)
-    stage.map(seconds=3.0)
-    stage.bus.run(1.5)
-    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    map_with_bed(stage)
     stage.drive(KEPT_S, 0.1)
     stage.bus.kill("mapper")
     with held_up(monkeypatch, lambda fn: getattr(fn, "func", None) is mapping._load):
@@ -202,9 +203,7 @@ def test_places_of_a_discarded_map_that_cannot_be_deleted_are_told_of(
     make_stage: MakeStage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage = make_stage("localizer", "mapper", "tour")
-    stage.map(seconds=3.0)
-    stage.bus.run(1.5)
-    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    map_with_bed(stage)
     stage.bus.run(0.5)
     with monkeypatch.context() as patched:
         patched.setattr(state, "write_atomically", no_room)
@@ -220,9 +219,7 @@ def test_places_of_a_discarded_map_are_told_of_where_tour_is_not_running(
     make_stage: MakeStage,
 ) -> None:
     stage = make_stage("localizer", "mapper", "tour")
-    stage.map(seconds=3.0)
-    stage.bus.run(1.5)
-    stage.ask(requests.POSE_CAPTURE, Capture(name="bed"))
+    map_with_bed(stage)
     stage.bus.run(0.5)
     stage.bus.kill("tour")
     stage.ask(requests.MAP_CANCEL)
