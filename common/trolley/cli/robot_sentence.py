@@ -42,6 +42,8 @@ def robot_sentence(
         return _sentence("Waiting" if base.mode == "held" else "It cannot drive", why)
     if pose is not None and is_stale:
         return "The pose is out of date."
+    if pose is not None and pose.map is None:
+        return "It has no map: make one (`trolley map new NAME`)."
     if pose is not None and pose.state in LOST:
         return LOST[pose.state]
     doing = _on_its_way(base, goal, trip)

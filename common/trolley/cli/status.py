@@ -199,7 +199,7 @@ def _base_text(base: BaseState | None) -> str:
 
 
 def _pose_text(pose: PoseEstimate | None, age_s: float | None) -> str:
-    if pose is None:
+    if pose is None or pose.map is None:
         return "-"
     state = pose.state if age_s is not None and age_s <= STALE_AFTER_S else "stale"
     at = f", {pose_text(pose.pose)} on {pose.map}" if pose.pose is not None else ""

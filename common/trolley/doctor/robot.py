@@ -203,7 +203,7 @@ def check_pose(facts: RobotFacts) -> list[Finding]:
     pose = facts.pose
     if "localizer" not in facts.runs or not facts.needs_map:
         return []
-    if pose is None:
+    if pose is None or pose.map is None:
         return [
             problem(
                 "localizer",

@@ -97,7 +97,8 @@ class PoseEstimate(Struct, frozen=True, kw_only=True):
     `pose` and `covariance` are null until first known. `match` is the share of beams that the map
     explains, `spread` [m] how far apart the hypotheses are, `candidates` the places between which a
     search cannot decide; `wants_turn` asks for a turn in place to tell them apart. `off_map` is how
-    far the robot has driven since it left the map [m], null on the map.
+    far the robot has driven since it left the map [m], null on the map. `map` is null if there is
+    none any more: what was published on `map` and `zones` is gone.
     """
 
     stamp_ns: StampNs

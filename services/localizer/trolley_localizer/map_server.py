@@ -143,6 +143,8 @@ class MapServer:
         self._gone = ""
         """Says that the map of the last run is gone, until another is chosen."""
         self.current: LoadedMap | None = None
+        self.is_gone = False
+        """Whether others know of a map that is gone: of the last run, or discarded half made."""
 
     @property
     def _store(self) -> MapStore:
@@ -218,6 +220,7 @@ class MapServer:
             "it back or choose another, and load it (`trolley map load NAME`)."
         )
         self._service.log.warning(self._gone)
+        self.is_gone = True
         return configured
 
     def _read_map(self, name: str, then: Callable[[LoadedMap | MapError], None]) -> None:
@@ -244,7 +247,7 @@ class MapServer:
     def _use(self, loaded: LoadedMap) -> None:
         """Put a map to use, by the settings of now."""
         loaded.localizer.set_config(self._config.localizer)
-        self.current = loaded
+        self.current, self.is_gone = loaded, False
         self._user.use_map(loaded)
 
     @answers(requests.MAP_LIST)

@@ -76,6 +76,11 @@ class PosePublisher:
             make = partial(particle_message, stamp_ns, loaded.localizer)
             service.publish_if_heard(topics.PARTICLES, make)
 
+    def say_no_map(self) -> None:
+        """Publish that there is no map any more."""
+        self.latest = unknown_pose(self._service.stamp_ns, None, "there is no map")
+        self._service.publish(topics.POSE, self.latest)
+
     def _publish_correction(self, estimate: Estimate) -> None:
         """Publish `tf/odom` if the pose is known."""
         if estimate.map_T_odom is not None and estimate.state in ("localized", "unsure"):

@@ -105,6 +105,8 @@ class LocalizerService(Service):
         loaded = self._maps.current
         if loaded is None:
             self.count("scan/no_map")
+            if self._maps.is_gone:
+                self._publisher.say_no_map()
             return
         if isinstance(scan, Reject):
             self.count(f"scan/{scan.name.lower()}")
@@ -215,5 +217,6 @@ class LocalizerService(Service):
         """Go on from where the odometry says that the robot has gone."""
         self._publisher.forget_told()
         self._changes.repeat()
+        self._maps.is_gone = self._maps.current is None
         self._publish_map()
         self._maps.say_health()

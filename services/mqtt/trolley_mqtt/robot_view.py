@@ -53,7 +53,7 @@ class RobotView:
     @property
     def position(self) -> str | None:
         """How sure the robot is of its pose: one of `POSITIONS`."""
-        if self.is_away or self.estimate is None:
+        if self.is_away or self.estimate is None or self.estimate.map is None:
             return None
         if self.age_s is None or self.age_s > STALE_S:
             return "stale"

@@ -155,8 +155,10 @@ class PlannerService(Service):
 
     @on(topics.POSE, wakes=False)
     def on_pose(self, pose: PoseEstimate) -> None:
-        """Keep the newest pose estimate."""
+        """Keep the newest pose estimate; if it has no map, the one that was there is gone."""
         self.navigator.inputs.pose = pose
+        if pose.map is None:
+            self.navigator.inputs.map = None
 
     @on(topics.BASE)
     def on_base(self, base: BaseState) -> None:

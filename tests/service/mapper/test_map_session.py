@@ -21,12 +21,14 @@ from trolley.messages.request_params import (
     Nothing,
     PauseMap,
     SaveMap,
+    SendGoal,
     SetPose,
     UndoMap,
 )
 from trolley.runtime import codec
 from trolley.state_file import parse
 from trolley.zones import ZoneFile
+from trolley_planner.service import PlannerService
 
 from .conftest import START, Planner, Stage
 
@@ -153,6 +155,22 @@ def test_places_that_were_saved_on_a_map_go_when_it_is_discarded(make_stage: Mak
     stage.ask(requests.MAP_CANCEL)
     stage.bus.run(0.5)
     assert [one.name for one in answers_to(stage, topics.POSES)[0].poses] == ["sofa"]
+
+
+def test_nothing_goes_to_a_first_map_that_was_discarded(make_stage: MakeStage) -> None:
+    stage = make_stage("localizer", "mapper", "tour")
+    planner = stage.bus.add(PlannerService(stage.config))
+    stage.map(seconds=3.0)
+    stage.ask(requests.MAP_CANCEL)
+    stage.bus.run(1.0)
+    assert (stage.pose.map, stage.pose.message) == (None, "there is no map")
+    here = SavedPose(name="sofa", pose=Pose2D.identity())
+    assert stage.refusal(requests.POSES_PUT, here).code == codes.NOT_READY
+    goal = SendGoal(pose=Pose2D(0.3, 0.0, 0.0))
+    assert stage.refusal(requests.GOAL_SEND, goal).details["missing"] == ["map"]
+    stage.map(seconds=3.0)
+    assert (stage.pose.state, stage.pose.map) == ("mapping", "home")
+    assert planner.navigator.inputs.map is not None
 
 
 def test_an_extended_map_is_saved_under_another_name_with_its_zones_places_and_tours(

@@ -3,6 +3,7 @@
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from trolley import topics
 from trolley.cli.columns import Column, table_lines
@@ -159,6 +160,7 @@ BASE = BaseState(stamp_ns=1, mode="ok")
 STOPPED = "Stopped. `trolley resume` lets it drive."
 NO_POSE = "It has no pose yet: there is no map, or its localizer is not running."
 HERE = pose("localized")
+DISCARDED = replace(pose("searching"), map=None, pose=None, message="there is no map")
 
 
 def goal(state: GoalState, **fields: Any) -> GoalStatus:
@@ -173,6 +175,7 @@ def goal(state: GoalState, **fields: Any) -> GoalStatus:
         ((BASE, None, None, None), "Ready."),
         ((BASE, None, goal("idle"), None), NO_POSE),
         ((BASE, None, goal("idle", frame="odom"), None), "Ready."),
+        ((BASE, DISCARDED, None, None), "It has no map: make one (`trolley map new NAME`)."),
         ((BASE, pose("lost"), None, None), "The robot does not know where it is."),
         (
             (BaseState(stamp_ns=1, mode="stopped", reason="button"), HERE, None, None),

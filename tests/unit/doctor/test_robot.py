@@ -162,6 +162,11 @@ CASES: dict[str, tuple[RobotFacts, Level, str]] = {
         "battery is at 10%",
     ),
     "no pose": (replace(GOOD, pose=None), Level.PROBLEM, "There is no pose."),
+    "no map any more": (
+        replace(GOOD, pose=msgspec.structs.replace(pose("searching"), map=None)),
+        Level.PROBLEM,
+        "There is no pose.",
+    ),
     "lost": (replace(GOOD, pose=pose("lost")), Level.PROBLEM, "is lost"),
     "searching": (
         replace(GOOD, pose=pose("searching")),

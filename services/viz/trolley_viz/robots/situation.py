@@ -171,7 +171,7 @@ def _mapping(known: RobotState) -> StatusLine | None:
         return None
     match mapping.state:
         case "idle":
-            if known.has_map or known.estimate is not None:
+            if known.has_map or (known.estimate is not None and known.estimate.map is not None):
                 return None
             return StatusLine("It has no map yet. Make one in the “Map” tab.", "warn")
         case "starting":

@@ -73,8 +73,10 @@ class View:
 
     @property
     def map(self) -> OccupancyGrid | None:
-        """The robot's map."""
-        return self.streams.latest(topics.MAP)
+        """The robot's map, None if it has none, or none any more."""
+        estimate = self.streams.latest(topics.POSE)
+        is_gone = estimate is not None and estimate.map is None
+        return None if is_gone else self.streams.latest(topics.MAP)
 
     def place_frames(self) -> None:
         """Bring the frames to where the newest messages say that they are."""

@@ -134,7 +134,7 @@ class MapLayer(Layer):
     def draw(self, view: View) -> None:
         """Draw the map when another one arrived."""
         self._map.update(view.now_ns)
-        grid = view.streams.latest(topics.MAP)
+        grid = view.map
         world_T_map = None if grid is None else view.placement.world_T(grid.frame)
         if not self.changed(grid, world_T_map):
             return
@@ -223,7 +223,7 @@ def picture_size(grid: OccupancyGrid, factor: int) -> tuple[float, float]:
 
 def map_bounds(view: View) -> Bounds | None:
     """The box around what is known of the map [m] in the world, None without a map."""
-    grid = view.streams.latest(topics.MAP)
+    grid = view.map
     world_T_map = None if grid is None else view.placement.world_T(grid.frame)
     if grid is None or world_T_map is None or grid.width * grid.height == 0:
         return None

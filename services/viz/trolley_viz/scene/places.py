@@ -37,7 +37,7 @@ APPEARED_COLOUR, GONE_COLOUR = (240, 110, 0), (128, 132, 140)
 
 def current_places(view: View) -> list[SavedPose]:
     """The saved poses that lie on the map in use."""
-    saved, grid = view.streams.latest(topics.POSES), view.streams.latest(topics.MAP)
+    saved, grid = view.streams.latest(topics.POSES), view.map
     if saved is None:
         return []
     return [one for one in saved.poses if grid is None or one.map == grid.name]
@@ -121,7 +121,7 @@ class ZoneLayer(Layer):
 
     def draw(self, view: View) -> None:
         """Draw all of them again when one has changed."""
-        zones = view.streams.latest(topics.ZONES)
+        zones = None if view.map is None else view.streams.latest(topics.ZONES)
         world_T_map = view.placement.world_T("map")
         if not self.changed(zones, world_T_map):
             return

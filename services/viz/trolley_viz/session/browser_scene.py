@@ -112,7 +112,7 @@ class BrowserScene:
         """The names of the places, and that of the one that the robot drives to."""
         streams, world_T_map = view.streams, view.placement.world_T(MAP)
         goal = streams.latest(topics.GOAL)
-        made_of = (streams.latest(topics.POSES), streams.latest(topics.MAP), goal)
+        made_of = (streams.latest(topics.POSES), view.map, goal)
         if is_same((*made_of, world_T_map, is_shown), self._named):
             return self._names
         self._named = (*made_of, world_T_map, is_shown)

@@ -114,6 +114,8 @@ def position_line(estimate: PoseEstimate | None, age_s: float | None) -> StatusL
     """Say how well the robot knows where it is; `age_s` [s] of the estimate, None if unknown."""
     if estimate is None:
         return StatusLine("No position", "idle", "The localizer is still starting.")
+    if estimate.map is None:
+        return StatusLine("No position", "idle", "There is no map: make one in the “Map” tab.")
     if age_s is None or age_s > STALE_S:
         stale = StatusLine("Stale", "bad", "The last position is too old to rely on.")
         return aged(stale, age_s)

@@ -23,6 +23,16 @@ from trolley_viz.words.sentences import GOES_ON
 
 KITCHEN = SavedPose(name="kitchen", map="room", pose=Pose2D(2.0, 1.0, 0.0))
 TOUR = Tour(name="round", stops=[Stop(name="hall"), Stop(name="kitchen"), Stop(name="door")])
+DISCARDED = PoseEstimate(
+    stamp_ns=1,
+    map=None,
+    pose=None,
+    covariance=None,
+    state="searching",
+    match=0.0,
+    spread=0.0,
+    message="there is no map",
+)
 IDLE = GoalStatus(stamp_ns=1, id=None, state="idle")
 
 
@@ -181,6 +191,10 @@ CASES = [
     (known(at="lost", has_map=False), "Ready."),
     (
         known(mapping=mapping("idle"), estimate=None, has_map=False),
+        "It has no map yet. Make one in the “Map” tab.",
+    ),
+    (
+        known(mapping=mapping("idle"), estimate=DISCARDED, has_map=False),
         "It has no map yet. Make one in the “Map” tab.",
     ),
     (known(mapping=mapping("idle")), "Ready."),

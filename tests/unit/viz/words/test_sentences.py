@@ -49,6 +49,13 @@ def test_old_estimates_are_stale_whatever_they_say() -> None:
     assert position_line(estimate("localized"), None).headline == "Stale"
 
 
+def test_without_a_map_any_more_there_is_no_position_however_old_that_is() -> None:
+    gone = msgspec.structs.replace(estimate("searching"), map=None, message="there is no map")
+    assert position_line(gone, None) == StatusLine(
+        "No position", "idle", "There is no map: make one in the “Map” tab."
+    )
+
+
 def test_a_search_says_between_how_many_places() -> None:
     places = [Candidate(pose=Pose2D(0.0, float(i), 0.0), match=0.8) for i in range(2)]
     words = position_line(estimate("searching", candidates=places, wants_turn=True), 0.1)
