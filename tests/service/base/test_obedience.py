@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -136,6 +137,33 @@ def test_a_board_that_drives_by_itself_is_told_of(rig: Rig) -> None:
     break_wheels(rig, Trouble())
     rig.run(5.0)
     assert (rig.state.mode, rig.state.not_stopped) == ("fault", False)
+
+
+def test_a_board_that_goes_on_is_restarted_once_a_second_until_it_stands(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    restarted_s: list[float] = []
+
+    def restart(_: SimulatedChassis) -> bool:
+        restarted_s.append(rig.now_ns * 1e-9)
+        return True
+
+    monkeypatch.setattr(SimulatedChassis, "restart", restart)
+    rig.run(3.0)
+    break_wheels(rig, Trouble(pushed=0.4))
+    rig.run(1.0)
+    break_wheels(rig, Trouble())
+    rig.run(2.0)
+    assert restarted_s == [], "whoever pushes it is no fault of the board"
+    rig.drive(1.0, 0.3)
+    began_s = break_wheels(rig, Trouble(goes_on=True))
+    rig.drive(2.6, 0.0)
+    assert restarted_s[0] - began_s < 1.0
+    assert [b - a for a, b in pairwise(restarted_s)] == pytest.approx([1.0] * 2, abs=0.05)
+    assert rig.counters["motion/board_restarts"] == 3
+    break_wheels(rig, Trouble())
+    rig.run(3.0)
+    assert len(restarted_s) == 3
 
 
 def test_a_robot_that_was_pushed_by_hand_may_drive_on_when_it_stands(rig: Rig) -> None:

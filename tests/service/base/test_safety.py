@@ -2,6 +2,8 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,8 @@ from trolley import codes, requests, topics
 from trolley.geometry import Twist2D
 from trolley.messages import BaseState
 from trolley.runtime.bus import Reply
+from trolley_base.persistence import LATCH_FILE
+from trolley_base.simulation.simulated_hardware import SimulatedChassis
 
 from .conftest import EXACT, REAL, MakeRig, Rig
 
@@ -88,7 +92,10 @@ def test_a_stop_is_answered_when_no_crash_can_undo_it(
 def test_a_stop_is_saved_later_where_the_disk_was_full(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: object, **__: object) -> None:
+    tried: list[str] = []
+
+    def fail(path: Path, *_: object, **__: object) -> None:
+        tried.append(path.name)
         raise OSError(28, "No space left on device")
 
     healths = rig.lockstep.record(topics.HEALTH, "base")
@@ -96,6 +103,7 @@ def test_a_stop_is_saved_later_where_the_disk_was_full(
         full.setattr("trolley.runtime.state.write_atomically", fail)
         assert rig.lockstep.ask(requests.BASE_STOP).mode == "stopped"
         rig.run(6.0)
+        assert tried.count(LATCH_FILE) in (2, 3), "now and then, not over and over"
         assert healths[-1].state == "degraded"
         assert "would be forgotten if base restarted" in healths[-1].message
         assert "No space left on device" in healths[-1].message
@@ -127,6 +135,28 @@ def test_a_stop_does_not_queue_behind_the_saves_of_a_flood(
         for fn, then in done:
             then(fn())
     assert [json.loads(reply.payload)["mode"] for reply in replies + more] == ["stopped"] * 2
+    rig.restart()
+    rig.run(0.1)
+    assert rig.state.mode == "stopped"
+
+
+def test_a_button_that_is_pressed_while_a_resume_is_saved_is_saved_after_it(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig.lockstep.ask(requests.BASE_STOP)
+    jobs: list[tuple[Callable[[], object], Callable[[Any], None]]] = []
+    monkeypatch.setattr(rig.base, "work", lambda fn, then: jobs.append((fn, then)))
+    assert rig.lockstep.ask(requests.BASE_RESUME).mode == "ok"
+    read = SimulatedChassis.read
+    with monkeypatch.context() as pressed:
+        pressed.setattr(
+            SimulatedChassis, "read", lambda self: replace(read(self), alarms=(codes.BUTTON,))
+        )
+        rig.run(0.1)
+    assert rig.state.mode == "stopped"
+    while jobs:
+        fn, then = jobs.pop(0)
+        then(fn())
     rig.restart()
     rig.run(0.1)
     assert rig.state.mode == "stopped"

@@ -53,6 +53,15 @@ def test_a_sudden_drop_is_doubted_though_it_is_high(monitor: TrackingMonitor) ->
     assert monitor.doubts
 
 
+def test_what_changes_slowly_becomes_usual(monitor: TrackingMonitor) -> None:
+    for hundredths in range(90, 64, -1):  # into a room with more furniture, say
+        watch(monitor, 0.01 * hundredths, 2.0)
+        assert not monitor.doubts
+    watch(monitor, 0.95, 40.0)
+    watch(monitor, 0.65, 2.0)
+    assert monitor.doubts, "the same support, all at once"
+
+
 def test_a_search_that_found_nothing_better_vouches_for_a_while(monitor: TrackingMonitor) -> None:
     watch(monitor, 0.9, 1.0)
     watch(monitor, 0.45, 1.5)

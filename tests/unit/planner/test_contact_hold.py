@@ -72,6 +72,13 @@ def test_stands_while_who_came_touches_it_but_not_for_ever() -> None:
     assert not watch.must_stand(6 * SECOND_NS)
 
 
+def test_does_not_stand_for_ever_for_somebody_who_steps_about_before_it() -> None:
+    watch = touched()
+    for tenth in range(55):
+        watch.update(tenth * SECOND_NS // 10, TOUCHING, mover(0.3, 0.0, -1.0, 0.0), HERE)
+    assert not watch.must_stand(55 * SECOND_NS // 10)
+
+
 def test_drives_on_when_who_touched_it_has_gone() -> None:
     watch = touched()
     watch.update(0, BESIDE, mover(0.4, 0.0, -1.0, 0.0), HERE)

@@ -3,13 +3,18 @@
 import math
 
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.flatland import empty_room, with_block
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, integrate_twist
 from trolley_planner.context.planning_context import PlanningContext, empty_grid
-from trolley_planner.control.controller import Motion, limits_of, safe_command
+from trolley_planner.control.controller import Motion, limited_change, limits_of, safe_command
 from trolley_planner.costmap.footprint import Footprint
+from trolley_planner.fleet.neighbours import NEIGHBOURS
+from trolley_planner.people.moving_obstacles import ROBOT_DT_S
 from trolley_planner.sensing.beams import ScanShape, Sweep
 
 CORNERS = [(0.15, 0.12), (-0.15, 0.12), (-0.15, -0.12), (0.15, -0.12)]
@@ -89,3 +94,30 @@ def test_a_robot_that_obeys_late_does_not_drive_deeper_into_what_has_come() -> N
     # It will be in the block before it obeys; without `here` it seems to stand there already.
     motion = Motion(Pose2D(2.95, 3.0, 0.0), ahead, here=Pose2D(2.6, 3.0, 0.0))
     assert safe_command(motion, ahead, context.local_costmap, LIMITS).is_zero
+
+
+@pytest.mark.parametrize(("vx", "drives_on"), [(-0.5, False), (0.0, True), (0.5, True)])
+def test_it_does_not_drive_into_another_robot_on_its_way(vx: float, drives_on: bool) -> None:
+    context, pose, ahead = context_with_block(), Pose2D(1.5, 3.0, 0.0), Twist2D(0.4, 0.0, 0.0)
+    track = [[2.1 + ROBOT_DT_S * vx * step, 3.0, 0.2] for step in range(NEIGHBOURS.track_steps)]
+    context.costmap.moving.set_robots(np.empty((0, 3)), [np.array([track])], 0)
+    local = context.local_costmap
+    local.update_moving(0)
+    local.update(pose.x, pose.y)
+    given = safe_command(Motion(pose, Twist2D.zero()), ahead, local, LIMITS)
+    assert (given == ahead) is drives_on
+    local.leave_people_out()
+    assert safe_command(Motion(pose, Twist2D.zero()), ahead, local, LIMITS) == given
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-1.5, 1.5), st.floats(0.02, 0.3))
+def test_it_speeds_up_brakes_and_turns_as_fast_as_it_may(
+    before: float, wanted: float, turn: float, elapsed_s: float
+) -> None:
+    limits = LIMITS._replace(acceleration=0.4, deceleration=0.9, turn_acceleration=2.0)
+    after = limited_change(Twist2D(before, 0.0, 0.0), Twist2D(wanted, 0.0, turn), limits, elapsed_s)
+    slows_down = before * (wanted - before) < 0.0
+    most = elapsed_s * (limits.deceleration if slows_down else limits.acceleration)
+    assert after.vx == pytest.approx(before + np.clip(wanted - before, -most, most))
+    most = elapsed_s * limits.turn_acceleration
+    assert after.wz == pytest.approx(np.clip(turn, -most, most))

@@ -51,8 +51,6 @@ def within(twist: Twist2D, limits: MotionLimits) -> Twist2D:
     if possible.speed < STANDS and abs(possible.wz) < STANDS:
         return Twist2D.zero()
     excess = max(1.0, possible.speed / limits.speed, abs(possible.wz) / limits.wz)
-    if not math.isfinite(excess):  # a speed whose square is no float
-        return Twist2D.zero()
     return possible if excess == 1.0 else possible.scaled(1.0 / excess)
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from trolley.geometry import Twist2D
@@ -55,6 +55,26 @@ def test_a_sudden_stop_may_still_be_driven_slowly_or_promptly() -> None:
     assert 0.05 < ways[True] < 0.1
 
 
+twists = st.builds(Twist2D, st.floats(-2.0, 2.0), st.just(0.0), st.floats(-2.0, 2.0))
+
+
+@given(twists, twists, st.floats(0.005, 0.5))
+def test_at_the_slowest_wheels_lose_as_much_as_the_brakes_surely_take(
+    now: Twist2D, wanted: Twist2D, seconds: float
+) -> None:
+    under_way = driven(0.2, (now, 12))
+    vx, _, wz = under_way.at_slowest(np.array([[wanted.vx, 0.0, wanted.wz]]), seconds)[0]
+    for slowest, before, after, rate in (
+        (vx, now.vx, wanted.vx, LIMITS.deceleration),
+        (wz, now.wz, wanted.wz, LIMITS.angular_acceleration),
+    ):
+        most = rate * seconds if before * after < before * before else math.inf
+        assert slowest == pytest.approx(before + np.clip(after - before, -most, most))
+    for _ in range(115):  # 2 s of braking, and the delay
+        under_way.add(Twist2D.zero(), PERIOD)
+    assert under_way.is_standing
+
+
 def test_before_it_turns_back_every_delay_has_its_own_path() -> None:
     poses, _ = driven(0.2, (Twist2D(0.1, 0.0, 0.0), 30), (Twist2D(-0.1, 0.0, 0.0), 5)).paths(0.01)
     ends = poses[:, -1, 0]
@@ -62,6 +82,7 @@ def test_before_it_turns_back_every_delay_has_its_own_path() -> None:
 
 
 @given(vx=st.floats(-2.0, 2.0), wz=st.floats(-2.0, 2.0))
+@example(vx=0.0, wz=2.0)
 def test_it_brakes_over_the_way_of_even_braking(vx: float, wz: float) -> None:
     steps = braking_steps(np.array([[vx, 0.0, wz]]), LIMITS, 0.05)[0]
     way, turn = steps[0].sum(axis=0)[[0, 2]]

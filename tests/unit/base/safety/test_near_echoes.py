@@ -99,6 +99,21 @@ def test_a_wall_that_is_too_near_to_be_measured_is_not_forgotten() -> None:
         drive(track, 0.02)
 
 
+def test_a_stray_beam_here_and_there_makes_nothing_forgotten_that_is_too_near() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    echoes.update(scan_of(wall_ranges(0.16)), track)
+    drive(track, 0.03)
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        ranges = wall_ranges(0.13)
+        ranges[(ranges == 0.0) & (rng.random(BEAMS) < 0.1)] = np.inf
+        echoes.update(scan_of(ranges, track.stamp_ns), track)
+    points = echoes.points(track.odom_T_base)
+    for y in np.linspace(-0.05, 0.05, 6):
+        gaps = np.hypot(points[:, 0] - 0.13, points[:, 1] - y)
+        assert np.min(gaps) < 0.02
+
+
 def test_a_thing_that_has_gone_is_forgotten_when_a_beam_sees_past() -> None:
     echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
     echoes.update(scan_of(wall_ranges(0.16)), track)

@@ -2,6 +2,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from trolley import sight
 from trolley.geometry import Twist2D, footprint_from_box
@@ -51,6 +53,20 @@ def test_farther_away_it_drives_so_fast_that_it_can_stop_there() -> None:
     speed = FAST.speed * look.scale
     way = 0.06 * speed + 0.5 * speed * speed
     assert way == pytest.approx(0.2 - PARAMS.margin_m, abs=0.01)
+
+
+@given(st.floats(0.1, 3.0), st.floats(0.0, 0.2), st.floats(0.0, 0.5), st.floats(0.06, 2.0))
+def test_whatever_its_brakes_a_program_stops_just_before_what_was_not_seen(
+    deceleration: float, slope: float, delay_s: float, gap_m: float
+) -> None:
+    limits = MotionLimits(0.5, 1.5, 0.8, deceleration, 4.0, slope=slope)
+    never = np.array([False])
+    unseen = Unseen(np.array([[0.2 + gap_m, 0.0]]), never, never)
+    look = SightDistance(FOOTPRINT, limits, delay_s).look(FAST, unseen, by_hand=False)
+    speed = FAST.speed * look.scale
+    way = delay_s * speed + 0.5 * speed * speed / limits.downhill_deceleration
+    assert way <= gap_m - PARAMS.margin_m + 1e-9
+    assert look == CLEAR or way == pytest.approx(gap_m - PARAMS.margin_m)
 
 
 @pytest.mark.parametrize(

@@ -141,6 +141,13 @@ def test_a_round_robot_turns_anywhere() -> None:
         assert field.scale(LEFT, ring) == 1.0
 
 
+def test_the_farther_a_round_robot_drives_the_more_room_it_needs_beside_it() -> None:
+    field = StopField(footprint_from_radius(0.2), replace(LIMITS, speed=1.5), 0.05)
+    fast, beside_m = Twist2D(1.5, 0.0, 0.0), 0.2 + PARAMS.side_margin_m + 0.02
+    assert field.scale(fast, np.array([[0.3, beside_m]])) == 1.0
+    assert field.scale(fast, np.array([[0.9, beside_m]])) < 1.0
+
+
 def test_the_own_body_is_not_an_obstacle_but_what_touches_is(field: StopField) -> None:
     mast = np.array([[0.2 - PARAMS.body_depth_m - 0.01, 0.0]])
     touching = np.array([[0.2 - 0.5 * PARAMS.body_depth_m, 0.0]])

@@ -156,6 +156,13 @@ def test_after_forgetting_it_stands_until_a_new_command(drive: Drive) -> None:
     assert decision.mode == "ok"
 
 
+def test_a_loss_that_was_forgotten_is_not_told_of(drive: Drive) -> None:
+    drive.step(Twist2D(0.5, 0.0, 0.0), steps=50)
+    assert drive.step(steps=10).reason == codes.COMMAND_LOST
+    drive.limiter.forget()
+    assert drive.step().mode == "ok"
+
+
 def test_a_pause_of_the_process_is_no_leap_in_speed(drive: Drive) -> None:
     drive.step(steps=2)
     drive.now_ns += 3_000 * MS
