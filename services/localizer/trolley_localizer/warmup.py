@@ -11,6 +11,7 @@ from trolley.scanning import ScanInput
 from trolley_localizer.changes.change_detector import ChangeDetector
 from trolley_localizer.changes.mirror_detector import MirrorDetector
 from trolley_localizer.core import Localizer
+from trolley_localizer.filter.wall_depth import WallDepth
 from trolley_localizer.kernels import changes as kernels
 from trolley_localizer.kernels.layout import Lines
 from trolley_localizer.kernels.resting import count_same
@@ -58,6 +59,9 @@ def warm_up() -> None:
     field = localizer.field
     beams = read_beams(scans[0], field.resolution, 60.0)
     SeenSurface(field).add(np.array([40.0, 30.0, 0.0]), beams)
+    # Nor does one that looks all round ask how deep beams end in walls.
+    points = beams.points(beams.used)
+    WallDepth(field).update(points, beams.laser, np.array([40.0, 30.0, 0.0]), 0.1)
     no_lines = Lines(*(np.empty(0) for _ in range(4)))
     MirrorDetector(field).update(np.array([40.0, 30.0, 0.0]), beams, beams.classes, no_lines)
     _watch_for_changes(field, beams)

@@ -16,6 +16,7 @@ from trolley.geometry import Pose2D
 from trolley.scanning import Points
 from trolley_localizer.filter.motion_model import move_covariance, split_step, step_covariance
 from trolley_localizer.filter.particle_filter import ParticleFilter, lower_root
+from trolley_localizer.filter.wall_depth import WallDepth, lengthened
 from trolley_localizer.kernels.matching import refine_pose, score_pose
 from trolley_localizer.matching.likelihood_field import LikelihoodField
 from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher
@@ -134,9 +135,7 @@ class AlignedPose:
         information = np.zeros((3, 3))
         cells = 1.0 / self._field.resolution
         prior_information = self._prior_information(is_free=is_free)
-        beams = points.x.size
-        share = min(MATCHER.independent_beams, beams) / max(beams, 1)
-        gain = share / (MATCHER.beam_dev_m * cells) ** 2
+        gain = self.information_of_beam(points)
         for width_m in MATCHER.widths_m:
             refine_pose(
                 pose,
@@ -149,6 +148,12 @@ class AlignedPose:
                 MATCHER.max_steps,
             )
         return pose, information
+
+    def information_of_beam(self, points: Points) -> float:
+        """Return the information of one of so many beams [1/cells^2]."""
+        beams = points.x.size
+        share = min(MATCHER.independent_beams, beams) / max(beams, 1)
+        return share / (MATCHER.beam_dev_m / self._field.resolution) ** 2
 
     def _prior_information(self, *, is_free: bool) -> NDArray[np.float64]:
         """Return how firmly the odometry holds the pose (3, 3)."""
@@ -197,6 +202,7 @@ class PoseEstimator:
         self._config = config
         self._filter = ParticleFilter(field, config, seed)
         self._aligned = AlignedPose(field, config)
+        self._depth = WallDepth(field)
         self._pending = Pose2D.identity()
         self._usual_score = 0.0
         self._given_root: NDArray[np.float64] | None = None
@@ -284,6 +290,8 @@ class PoseEstimator:
         points = seen.spread(self._config.refine_beams)
         if points.x.size == 0:
             return
+        if not beams.looks_all_round:
+            points = self._as_deep_as_walls(points, beams.laser, is_trusted=is_trusted)
         view = ScanView(seen, points, 0.0, self._possible_drift(), is_trusted)
         self._align(view)
         if self._has_moved():
@@ -291,6 +299,15 @@ class PoseEstimator:
         elif self._is_doubtful(view):
             self._try_around(view, beams)
         self._usual_score += PARAMS.usual_smoothing * (view.score - self._usual_score)
+
+    def _as_deep_as_walls(
+        self, points: Points, laser: tuple[float, float], *, is_trusted: bool
+    ) -> Points:
+        """Return end points as deep in walls as they have to be, and learn how deep that is."""
+        if is_trusted:
+            gain = self._aligned.information_of_beam(points)
+            self._depth.update(points, laser, self.pose, gain)
+        return lengthened(points, laser, self._depth.cells)
 
     def _align(self, view: ScanView) -> None:
         """Align the prediction with the scan, unless that makes it worse."""

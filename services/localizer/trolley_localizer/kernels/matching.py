@@ -390,6 +390,29 @@ _MAX_TURN = 0.1
 
 
 @kernel
+def slope_at(field: NDArray[np.float32], x: float, y: float) -> tuple[float, float, float]:
+    """Interpolate a field between cell centres, with its slopes along x and y; off the map all 0.
+
+    Args:
+        field: (rows + 2, cols + 2), with a ring of one cell.
+        x: column [cells].
+        y: row [cells].
+    """
+    col = x + 0.5
+    row = y + 0.5
+    if not (0.0 <= col <= field.shape[1] - 1.001 and 0.0 <= row <= field.shape[0] - 1.001):
+        return 0.0, 0.0, 0.0
+    c = int(col)
+    r = int(row)
+    fx = col - c
+    fy = row - r
+    low = field[r, c] + fx * (field[r, c + 1] - field[r, c])
+    high = field[r + 1, c] + fx * (field[r + 1, c + 1] - field[r + 1, c])
+    gx = (1.0 - fy) * (field[r, c + 1] - field[r, c]) + fy * (field[r + 1, c + 1] - field[r + 1, c])
+    return low + fy * (high - low), gx, high - low
+
+
+@kernel
 def _accumulate(
     hessian: NDArray[np.float64],
     gradient: NDArray[np.float64],
@@ -403,26 +426,10 @@ def _accumulate(
     cos = math.cos(pose[2])
     sin = math.sin(pose[2])
     scale = -0.5 / (sigma * sigma)
-    last_row = field.shape[0] - 1.001
-    last_col = field.shape[1] - 1.001
     for j in range(points.x.size):
         turned_x = cos * points.x[j] - sin * points.y[j]
         turned_y = sin * points.x[j] + cos * points.y[j]
-        col = pose[0] + turned_x + 0.5
-        row = pose[1] + turned_y + 0.5
-        if not (0.0 <= col <= last_col and 0.0 <= row <= last_row):
-            continue
-        c = int(col)
-        r = int(row)
-        fx = col - c
-        fy = row - r
-        low = field[r, c] + fx * (field[r, c + 1] - field[r, c])
-        high = field[r + 1, c] + fx * (field[r + 1, c + 1] - field[r + 1, c])
-        d = low + fy * (high - low)
-        gx = (1.0 - fy) * (field[r, c + 1] - field[r, c]) + fy * (
-            field[r + 1, c + 1] - field[r + 1, c]
-        )
-        gy = high - low
+        d, gx, gy = slope_at(field, pose[0] + turned_x, pose[1] + turned_y)
         gyaw = gy * turned_x - gx * turned_y
         weight = gain * math.exp(scale * d * d)
         gradient[0] += weight * d * gx
@@ -434,6 +441,49 @@ def _accumulate(
         hessian[2, 0] += weight * gyaw * gx
         hessian[2, 1] += weight * gyaw * gy
         hessian[2, 2] += weight * gyaw * gyaw
+
+
+@kernel
+def gather_depth(
+    out_hessian: NDArray[np.float64],
+    out_gradient: NDArray[np.float64],
+    field: NDArray[np.float32],
+    points: Points,
+    laser: tuple[float, float],
+    pose: NDArray[np.float64],
+    tuning: NDArray[np.float64],
+) -> None:
+    """Add the normal equations of pose and depth: by how much beams are longer.
+
+    Args:
+        out_hessian: (4, 4) of x, y, yaw, depth, added to; symmetric.
+        out_gradient: (4,), added to.
+        field: (rows + 2, cols + 2) distance to the nearest wall [cells].
+        points: (n,) end points in `base_link` [cells].
+        laser: x, y of the laser in `base_link` [cells].
+        pose: (3,) x, y [cells], yaw [rad] in `grid`.
+        tuning: as `refine_pose` has it.
+    """
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    scale = -0.5 / (tuning[0] * tuning[0])
+    slope = np.empty(4)
+    for j in range(points.x.size):
+        turned_x = cos * points.x[j] - sin * points.y[j]
+        turned_y = sin * points.x[j] + cos * points.y[j]
+        d, slope[0], slope[1] = slope_at(field, pose[0] + turned_x, pose[1] + turned_y)
+        slope[2] = slope[1] * turned_x - slope[0] * turned_y
+        along_x = points.x[j] - laser[0]
+        along_y = points.y[j] - laser[1]
+        ahead_x = cos * along_x - sin * along_y
+        ahead_y = sin * along_x + cos * along_y
+        length = max(math.sqrt(along_x * along_x + along_y * along_y), 1.0)
+        slope[3] = (slope[0] * ahead_x + slope[1] * ahead_y) / length
+        weight = tuning[1] * math.exp(scale * d * d)
+        for a in range(4):
+            out_gradient[a] += weight * d * slope[a]
+            for b in range(4):
+                out_hessian[a, b] += weight * slope[a] * slope[b]
 
 
 @kernel

@@ -25,6 +25,10 @@ FRONT_END = FrontEndParams(
 )
 
 
+ALL_ROUND_RAD = 1.7 * math.pi
+"""Field of view from which on a lidar looks all round, but for what a housing hides (by hand)."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamSet:
     """The beams of a scan in `base_link` at its stamp, corrected for the motion during the scan.
@@ -66,6 +70,17 @@ class BeamSet:
         chosen = Points(np.empty(few), np.empty(few))
         take_evenly(chosen, self.end, self.start, self.used, phase)
         return chosen
+
+    @property
+    def looks_all_round(self) -> bool:
+        """Whether the lidar sees the opposite of each wall that it sees."""
+        return self.step_rad * self.classes.size >= ALL_ROUND_RAD
+
+    @property
+    def laser(self) -> tuple[float, float]:
+        """About where the laser was, x, y [cells]."""
+        middle = self.classes.size // 2
+        return float(self.start.x[middle]), float(self.start.y[middle])
 
     def only(self, classes: NDArray[np.uint8], used: NDArray[np.int64]) -> "BeamSet":
         """Return the same beams with other classes, fewer of them used."""
