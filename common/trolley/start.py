@@ -28,6 +28,18 @@ def command() -> None:
         _end_at_once()  # there is nothing left to tidy up
 
 
+def program(*words: str) -> list[str]:
+    """The command that runs one of our modules as a program of its own.
+
+    `-P` leaves out the current folder, where a file of the user's may be called as a module is:
+    Python would run their `queue.py`, or the `trolley.py` that drives their robot, in its place.
+
+    Args:
+        words: the module, and its arguments.
+    """
+    return [sys.executable, "-P", "-m", *words]
+
+
 def service(module: str, name: str) -> None:
     """Run a service as this process.
 
