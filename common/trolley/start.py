@@ -16,6 +16,7 @@ INTERRUPTED = 130
 
 def command() -> None:
     """Run the command line."""
+    _open_closed_streams()
     try:
         with EndingAtOnce():
             from importlib import import_module
@@ -77,6 +78,15 @@ class EndingAtOnce:
     def __exit__(self, *_: object) -> None:
         if signal.getsignal(signal.SIGINT) is not self._before:
             signal.signal(signal.SIGINT, self._before)
+
+
+def _open_closed_streams() -> None:
+    """Let what goes to a closed stream (`>&-`) go nowhere, and not into what is opened next."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            # The lowest number that is free, which is this one; services inherit it.
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+            setattr(sys, name, os.fdopen(number, mode))
 
 
 def _end_at_once() -> None:
