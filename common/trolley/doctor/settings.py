@@ -17,6 +17,7 @@ from trolley.files import BROKEN, NEWER, read_file, read_text
 from trolley.gridmap import GridMap
 from trolley.gridmap.io import MapError, load_map
 from trolley.messages import SavedPose, Zone
+from trolley.messages.mapping import MAP_NAME, MAP_NAME_RULE
 from trolley.runtime.state import saved_for_others_only
 from trolley.state_file import Unreadable, parse
 
@@ -227,6 +228,12 @@ def check_map(facts: MapFacts) -> list[Finding]:
 
 def read_map(file: Path) -> GridMap | Finding:
     """A map, or what is wrong with its files."""
+    if MAP_NAME.fullmatch(file.stem) is None:
+        return problem(
+            "map",
+            f"{file}: {file.stem!r} cannot name a map, so the localizer does not load it.",
+            f"Rename the file, and name it anew in [map] file: {MAP_NAME_RULE}.",
+        )
     try:
         return load_map(file)
     except MapError as error:

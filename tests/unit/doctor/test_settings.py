@@ -177,6 +177,11 @@ def test_a_map_is_read_or_it_is_said_what_is_wrong(room: GridMap, tmp_path: Path
     assert isinstance(broken, Finding)
     assert broken.level is Level.PROBLEM
     assert isinstance(read_map(tmp_path / "nowhere.yaml"), Finding)
+    save_map(room, tmp_path / "room.yaml")
+    (tmp_path / "room.yaml").rename(tmp_path / "K\u00fcche.yaml")
+    foreign = read_map(tmp_path / "K\u00fcche.yaml")
+    assert isinstance(foreign, Finding)
+    assert "'K\u00fcche' cannot name a map" in foreign.sentence
 
 
 def test_places_lie_on_free_floor(room: GridMap) -> None:
