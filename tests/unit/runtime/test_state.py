@@ -165,6 +165,7 @@ def test_a_kill_in_between_leaves_one_content_whole(tmp_path: Path):
         ({"STATE_DIRECTORY": "/b:/c"}, "/b"),
         ({"XDG_STATE_HOME": "/x"}, "/x/trolley"),
         ({"HOME": "/home/me"}, "/home/me/.local/state/trolley"),
+        ({"HOME": "/home/me", "XDG_STATE_HOME": "~/state"}, "/home/me/.local/state/trolley"),
     ],
 )
 def test_the_state_folder_is_named_by_the_environment(
