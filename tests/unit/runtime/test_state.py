@@ -40,6 +40,13 @@ def test_what_is_written_is_read(folder: StateFolder):
     assert stat.S_IMODE((folder.path / "notes.toml").stat().st_mode) == 0o644
 
 
+def test_a_mark_that_windows_editors_put_first_is_not_read(folder: StateFolder):
+    folder.write("notes.toml", Notes(name="a"))
+    file = folder.path / "notes.toml"
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    assert folder.read("notes.toml", Notes) == Notes(name="a")
+
+
 def test_nothing_is_read_where_nothing_is(folder: StateFolder):
     assert folder.read("notes.toml", Notes) is None
 
