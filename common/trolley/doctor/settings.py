@@ -27,6 +27,8 @@ LARGE_CELLS = 25_000_000
 """From here on the services need much memory: about 10 bytes a cell in two of them."""
 LEAST_FLOOR_M2 = 1.0
 """A map with less free floor leaves a robot nowhere to go, however large its canvas is."""
+MOST_FREE_EDGE = 0.5
+"""Of a map in which all is known more of its edge is free only where the outside is, too."""
 MOST_NAMED = 5
 
 
@@ -154,12 +156,16 @@ class MapFacts:
     """Share of the known cells with something in them."""
     floor_m2: float
     """Area of the cells that are free."""
+    free_edge: float
+    """Share of the cells at the map's edge that are free."""
 
 
 def facts_of(grid: GridMap) -> MapFacts:
     """Measure a map."""
     is_known = grid.cells >= 0
     known, occupied = int(is_known.sum()), int(grid.occupied_mask().sum())
+    is_free = is_known & ~grid.occupied_mask()
+    edge = np.concatenate([is_free[0], is_free[-1], is_free[1:-1, 0], is_free[1:-1, -1]])
     return MapFacts(
         grid.name,
         grid.resolution,
@@ -168,6 +174,7 @@ def facts_of(grid: GridMap) -> MapFacts:
         float(np.mean(~is_known)),
         occupied / max(known, 1),
         (known - occupied) * grid.resolution**2,
+        float(np.mean(edge)),
     )
 
 
@@ -215,6 +222,16 @@ def check_map(facts: MapFacts) -> list[Finding]:
                 f"The map {facts.name} is {width_m:.0f} x {height_m:.0f} m in "
                 f"{facts.cells / 1e6:.0f} million cells, which takes much memory.",
                 "Cut off its empty margin, or use larger cells.",
+            )
+        )
+    if facts.unknown == 0.0 and facts.free_edge > MOST_FREE_EDGE:
+        found.append(
+            warning(
+                "map",
+                f"The map {facts.name} has no unknown cells, and what lies outside its walls is "
+                "free: the robot may plan to drive there.",
+                "Paint the outside in grey (205), and save the image without transparency, which "
+                "makes grey free (GIMP: Image, Flatten Image).",
             )
         )
     return found or [
