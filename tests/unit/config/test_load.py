@@ -58,6 +58,10 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
         ("[zenoh]\nconnect = []", "[zenoh.connect]"),
         ("[zenoh]\nconnect = ['127.0.0.1:7447']", "not an endpoint"),
         ("[zenoh]\nuplink = ['tls/home.lan']", "not an endpoint"),
+        (
+            f"[zenoh]\nconnect = ['unixsock-stream//{'x' * 107}']",
+            "a Unix socket's path has 107 bytes at most, this one 108",
+        ),
         ("[zenoh]\nconnect = ['tcp/127.0.0.1:99999']", "its port must be from 1 to 65535"),
         ("[zenoh]\nuplink = ['tls/home.lan:0']", "its port must be from 1 to 65535"),
         (
