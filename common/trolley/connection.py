@@ -272,11 +272,13 @@ class Connection:
             Refused: With the contract's code; `timeout` if no answer came. RobotUnreachable: Nobody
             of that name is on the network.
         """
+        try:
+            payload = codec.encode_parameters(params)
+        except UnicodeEncodeError as error:  # bytes of another encoding, as Python keeps them
+            problem = f"{error.object!r} is not UTF-8 text; save or type it as UTF-8."
+            raise Refused(codes.BAD_REQUEST, f"{request.name}: {problem}") from error
         replies, timed_out = self._gather(
-            f"{request.key(robot)}?format=msgpack",
-            timeout_s,
-            codec.encode_parameters(params),
-            codec.MIME["msgpack"],
+            f"{request.key(robot)}?format=msgpack", timeout_s, payload, codec.MIME["msgpack"]
         )
         if not replies:
             alive = self.services(robot)

@@ -112,6 +112,11 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def expand_home(name: str | Path) -> Path:
+    """A path in which `~` stands for a home folder; of a user who is unknown it stays as it is."""
+    return Path(os.path.expanduser(name))
+
+
 def open_file(path: Path) -> BinaryIO:
     """Open a regular file to read: a pipe would never end, and a device may do anything.
 

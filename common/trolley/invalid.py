@@ -8,13 +8,13 @@ from msgspec import inspect as shapes
 from trolley.geometry.pose import LARGEST
 from trolley.messages.driving import GoalId
 from trolley.messages.editing import EditId
-from trolley.messages.mapping import MapName
+from trolley.messages.mapping import MAP_NAME_RULE, MapName
 from trolley.messages.motion import RobotName
 from trolley.messages.request_params import PhotoName
 from trolley.messages.touring import TimeOfDay
 
 _KINDS: dict[Any, str] = {
-    MapName: "a map's name has 1 to 64 of A-Z, a-z, 0-9, _, - and ., and no dot first",
+    MapName: MAP_NAME_RULE,
     RobotName: "a robot's name has 1 to 32 of a-z, 0-9, _ and -",
     GoalId: "an id has 1 to 36 of a-z, 0-9 and -",
     EditId: "an id has 1 to 36 of a-z, 0-9 and -",

@@ -20,7 +20,7 @@ import sys
 import tempfile
 import types
 from collections.abc import Callable, Iterator
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, cast
 
@@ -119,20 +119,20 @@ def _leave_out_blas() -> None:
     linalg.ensure_blas = ensure_blas
 
 
+class _OnlyRead(_caching.InTreeCacheLocator):
+    """Beside the source, where nothing can be written: what an installer has compiled is there."""
+
+    def ensure_cache_path(self) -> None:
+        """Need no folder that can be written to."""
+
+
 def _keep_on_disk(compiled: Any) -> None:
-    """Give a dispatcher a cache on disk, where there is a folder to write to."""
-    try:
-        compiled.enable_caching()
-    except RuntimeError as error:  # numba's "no locator available": nowhere to write
-        _log.warning(
-            "compiled kernels cannot be cached, so every start compiles them again (%s); set "
-            "NUMBA_CACHE_DIR to a writable folder",
-            error,
-        )
-        return
+    """Give a dispatcher a cache on disk."""
+    compiled.enable_caching()
     compiled._cache._cache_file = KernelFiles(compiled, Path(compiled._cache.cache_path))
     compiled._cache._impl.rebuild = _rebuild
     compiled._cache.load_overload = partial(_load, compiled._cache)
+    compiled._cache.save_overload = partial(_save, compiled._cache)
 
 
 def _load(cache: Any, signature: Any, target_context: Any) -> Any:
@@ -143,6 +143,23 @@ def _load(cache: Any, signature: Any, target_context: Any) -> Any:
     """
     _memory.initialize(target_context)  # what code that makes arrays calls
     return cache._load_overload(signature, target_context)
+
+
+def _save(kept: Any, signature: Any, result: Any) -> None:
+    """Write code to disk as numba does, but go on where that is not possible any more."""
+    if kept._impl.check_cachable(result):
+        key = kept._index_key(signature, result.codegen)
+        kept._cache_file.save(key, kept._impl.reduce(result))
+
+
+@cache
+def _say_unkept(why: str) -> None:
+    """Say once, not for each of hundreds of kernels, that they cannot be written."""
+    _log.warning(
+        "compiled kernels cannot be cached, so every start compiles them again (%s); set "
+        "NUMBA_CACHE_DIR to a writable folder",
+        why,
+    )
 
 
 def _rebuild(target_context: Any, payload: Any) -> Any:
@@ -207,15 +224,19 @@ class KernelFiles:
     def save(self, key: tuple[Any, ...], data: object) -> None:
         """Keep data under a key and drop what older versions of the kernel have left."""
         payload = cast("bytes", _caching.dumps(data))
-        handle, temporary = tempfile.mkstemp(dir=self._folder, prefix=f"{self._prefix}.tmp.")
+        temporary = ""
         try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            handle, temporary = tempfile.mkstemp(dir=self._folder, prefix=f"{self._prefix}.tmp.")
             with os.fdopen(handle, "wb") as file:
                 os.fchmod(handle, 0o644)  # others may read what an installer has compiled
                 file.write(hashlib.sha256(payload).digest() + payload)
             Path(temporary).replace(self._folder / self._name(key))
         except OSError as error:  # a full disk must not stop a robot that could compile
-            Path(temporary).unlink(missing_ok=True)
-            _log.warning("compiled kernel %s cannot be cached: %s", self._prefix, error)
+            if temporary:
+                Path(temporary).unlink(missing_ok=True)
+            _say_unkept(error.strerror or str(error))
+            return
         if (
             self._compiled.py_func.__closure__
         ):  # made several times over, each with values of its own
@@ -308,4 +329,5 @@ def _value_parts(value: object, seen: set[int]) -> Iterator[bytes]:
 
 
 _leave_out_blas()
+_caching.CacheImpl._locator_classes.append(_OnlyRead)  # the last choice
 _events.register("numba:compile", _Patience())

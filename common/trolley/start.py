@@ -16,6 +16,7 @@ INTERRUPTED = 130
 
 def command() -> None:
     """Run the command line."""
+    _open_closed_streams()
     try:
         with EndingAtOnce():
             from importlib import import_module
@@ -26,6 +27,18 @@ def command() -> None:
         leave("interrupted\n", INTERRUPTED)
     finally:
         _end_at_once()  # there is nothing left to tidy up
+
+
+def program(*words: str) -> list[str]:
+    """The command that runs one of our modules as a program of its own.
+
+    `-P` leaves out the current folder, where a file of the user's may be called as a module is:
+    Python would run their `queue.py`, or the `trolley.py` that drives their robot, in its place.
+
+    Args:
+        words: the module, and its arguments.
+    """
+    return [sys.executable, "-P", "-m", *words]
 
 
 def service(module: str, name: str) -> None:
@@ -65,6 +78,15 @@ class EndingAtOnce:
     def __exit__(self, *_: object) -> None:
         if signal.getsignal(signal.SIGINT) is not self._before:
             signal.signal(signal.SIGINT, self._before)
+
+
+def _open_closed_streams() -> None:
+    """Let what goes to a closed stream (`>&-`) go nowhere, and not into what is opened next."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            # The lowest number that is free, which is this one; services inherit it.
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+            setattr(sys, name, os.fdopen(number, mode))
 
 
 def _end_at_once() -> None:

@@ -77,7 +77,7 @@ def parse_any_schema(content: bytes, kind: type[Struct]) -> Read:
         Unreadable: As `parse` does.
     """
     try:
-        plain: dict[str, Any] = tomllib.loads(content.decode())
+        plain: dict[str, Any] = tomllib.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise Unreadable(str(error) or type(error).__name__) from error
     schema = _take_schema(plain, kind)

@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trolley.start import program
+
 SERVICES = "trolley.services"
 MOST_MB = 400
 """A process that has more resident memory begins anew. Each kernel that is compiled leaves
@@ -137,7 +139,7 @@ def _resident_mb() -> float:
 def _begin_anew(progress: Progress) -> None:
     """Become a new process, which reads from disk what is compiled."""
     arguments = [str(value) for value in progress]
-    os.execv(sys.executable, [sys.executable, "-m", "trolley.warmup", *arguments])
+    os.execv(sys.executable, program("trolley.warmup", *arguments))
 
 
 def _say(text: str) -> None:

@@ -4,6 +4,8 @@ import os
 import sys
 from pathlib import Path
 
+from trolley.files import expand_home
+
 VARIABLE = "TROLLEY_WORLDS"
 
 
@@ -35,7 +37,7 @@ def find(name: str | Path, beside: Path | None = None) -> Path:
     Raises:
         FileNotFoundError: It is in none of these places.
     """
-    path = Path(name).expanduser()
+    path = expand_home(name)
     places = [path] if path.is_absolute() else [(beside or Path.cwd()) / path, folder() / path]
     if not path.suffix and not path.is_absolute():
         places.append(folder() / f"{path}.toml")

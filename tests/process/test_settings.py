@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from support.processes import Process
+from support.read_only import READ_ONLY
 from support.waiting import PATIENCE_S, wait_until
 
 from trolley import codes, topics
@@ -93,17 +94,6 @@ def test_a_setting_is_read_changed_and_saved(
             "angular_acceleration_radps2": "file",
             "slope": "file",
         }
-
-
-READ_ONLY = """
-import os, sys
-folder, *words = sys.argv[1:]
-if os.geteuid() == 0:  # as systemd does with /etc; root may write whatever a mode says
-    script = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"'
-    os.execvp("unshare", ["unshare", "-m", "sh", "-c", script, folder, *words])
-os.chmod(folder, 0o555)
-os.execv(words[0], words)
-"""
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Which robot is meant, where it is looked for, and signals that close what waits for it."""
 
+import os
 import sys
 import threading
 from collections.abc import Callable
@@ -10,10 +11,12 @@ from typing import Any
 import pytest
 from support.waiting import PATIENCE_S
 
-from trolley import Robot, RobotUnreachable, connection, topics
+from trolley import Robot, RobotUnreachable, connection, requests, topics
+from trolley.codes import Refused
 from trolley.config import ConfigError
 from trolley.connection import DEFAULT_ENDPOINT, Connection, Subscription, Target, find_target
 from trolley.messages import Clock
+from trolley.messages.request_params import SendGoal
 from trolley.runtime import codec
 from trolley.runtime.bus import Reply, Sample
 
@@ -65,6 +68,12 @@ def test_keys_are_looked_for_where_an_endpoint_needs_them(config: Path) -> None:
     # Those in /etc/trolley/keys were taken where the robot was named, too.
     with pytest.raises(ConfigError, match=str(config.parent / "keys")):
         find_target("kiwi", ["tls/home.local:7448"], config)
+
+
+def test_a_name_in_another_encoding_is_refused_before_anybody_is_asked() -> None:
+    latin1 = os.fsdecode(b"K\xfcche")  # as an argument of a command arrives
+    with pytest.raises(Refused, match=r"goal/send: 'K\\udcfcche' is not UTF-8 text"):
+        Connection([DEFAULT_ENDPOINT]).ask("one", requests.GOAL_SEND, SendGoal(name=latin1))
 
 
 def test_a_message_to_many_keys_at_once_is_none() -> None:

@@ -87,7 +87,10 @@ def _check_map(file: Path) -> None:
             f"--map: {file} is not there; leave it out, and make a map with `trolley map new`"
         )
     from trolley.gridmap import MapError, load_map
+    from trolley.messages.mapping import MAP_NAME, MAP_NAME_RULE
 
+    if MAP_NAME.fullmatch(file.stem) is None:
+        raise click.UsageError(f"--map: {file.stem!r} cannot name a map: {MAP_NAME_RULE}")
     try:
         load_map(file)
     except MapError as error:

@@ -14,6 +14,7 @@ from trolley.cli.options import json_option
 from trolley.cli.printing import say, say_block
 from trolley.cli.show import print_json
 from trolley.doctor.computer import FIRST_YEAR
+from trolley.files import expand_home
 from trolley.ports import ROUTER_TLS_PORT
 from trolley.security.certificates import (
     ROLES,
@@ -67,7 +68,7 @@ def keys_command(context: click.Context, folder: Path) -> None:
 
     Each host has one certificate, and each certificate one role. Keep the folder in a safe place.
     """
-    context.obj = Keyring(folder.expanduser())
+    context.obj = Keyring(expand_home(folder))
 
 
 _replace = click.option("--replace", is_flag=True, help="Make new keys; the old ones stop working.")

@@ -4,11 +4,13 @@ What is printed may come from a stranger, so nothing but the colours asked for h
 terminal (see `trolley.sanitize`), and a terminal that lacks a letter gets another in its place.
 """
 
+import errno
 import io
 import sys
 
 import click
 
+from trolley.cli import exits
 from trolley.sanitize import escape, fit
 
 
@@ -36,7 +38,7 @@ def say(
     stream = sys.stderr if err else sys.stdout
     fitting = fit(escape(text, "\t"), stream.encoding)
     styled = click.style(fitting, fg=fg, bg=bg, bold=bold) if fg or bg or bold else fitting
-    click.echo(styled, err=err, nl=nl)
+    _echo(styled, err=err, nl=nl)
 
 
 def say_block(text: str, *, err: bool = False, nl: bool = True, fg: str | None = None) -> None:
@@ -50,10 +52,10 @@ def say_block(text: str, *, err: bool = False, nl: bool = True, fg: str | None =
     """
     for number, line in enumerate(text.removesuffix("\n").split("\n")):
         if number:
-            click.echo(err=err)
+            _echo(err=err)
         say(line, err=err, nl=False, fg=fg)
     if nl or text.endswith("\n"):
-        click.echo(err=err)
+        _echo(err=err)
 
 
 def say_over(text: str) -> None:
@@ -68,6 +70,21 @@ def can_say(text: str) -> bool:
     except UnicodeEncodeError:
         return False
     return True
+
+
+def _echo(text: str = "", *, err: bool, nl: bool = True) -> None:
+    """Write to a stream.
+
+    Raises:
+        SystemExit: What is written to stdout finds no room, as in a file on a full disk.
+    """
+    try:
+        click.echo(text, err=err, nl=nl)
+    except OSError as error:
+        if err or error.errno == errno.EPIPE:  # a reader that has enough is no failure
+            raise
+        _echo(f"The output cannot be written: {error.strerror}.", err=True)
+        raise SystemExit(exits.FAILED) from error
 
 
 def show_error(error: click.ClickException) -> None:

@@ -2,7 +2,6 @@
 
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
@@ -38,6 +37,7 @@ from trolley.security.host_keys import (
     find_keys,
     keys_for,
 )
+from trolley.start import program
 
 SERVICES = "trolley.services"
 VIEWER = "viz"
@@ -237,7 +237,7 @@ def compile_if_new() -> None:
     if not warmup.nothing_is_compiled():
         return
     say("Compiling the kernels, once after the installation; on a small computer it takes minutes.")
-    done = subprocess.run([sys.executable, "-m", warmup.__name__], check=False)
+    done = subprocess.run(program(warmup.__name__), check=False)
     if done.returncode != 0:
         raise ConfigError("the kernels cannot be compiled; what of stands above")
 

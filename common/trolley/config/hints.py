@@ -15,6 +15,12 @@ UNKNOWN_KEY = re.compile(r"Object contains unknown field `(.*?)`(?: - at `\$\.(.
 """What msgspec says of an unknown key: the key, and the table where it stands, if any."""
 
 
+AT_LINE = re.compile(r"\(at line (\d+), column \d+\)\Z")
+CURLY_QUOTES = set("\u2018\u2019\u201a\u201c\u201d\u201e\u00ab\u00bb")
+"""As web pages and word processors put them in place of straight ones."""
+DECIMAL_COMMA = re.compile(r"\d,\d")
+
+
 def in_words_of_robot_toml(problem: str, file: type[Struct]) -> str:
     """What msgspec says is wrong with a `robot.toml`; of an unknown key also what may be meant.
 
@@ -37,6 +43,22 @@ def in_words_of_robot_toml(problem: str, file: type[Struct]) -> str:
         last = f" or {places.pop()}" if len(places) > 1 else ""
         return f"{words}; it belongs in {', '.join(places)}{last}"
     return f"{words}. {did_you_mean(key, tables[table])}" if table in tables else words
+
+
+def typed_hint(text: str, error: ValueError) -> str:
+    """What to write in place of a value that TOML does not know, if that can be seen; else "".
+
+    Args:
+        text: the file.
+        error: Python's words, which end with the line.
+    """
+    place = AT_LINE.search(str(error))
+    line = text.split("\n")[int(place[1]) - 1] if place else ""
+    if CURLY_QUOTES & set(line):
+        return '; text stands in straight quotes: "text"'
+    if DECIMAL_COMMA.search(line):
+        return "; decimals have a point: 0.5"
+    return ""
 
 
 def _tables(struct: type[Struct], name: str = "") -> Iterator[tuple[str, list[str]]]:

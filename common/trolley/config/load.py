@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Struct
 
 from trolley.config.base import BaseConfig
-from trolley.config.hints import in_words_of_robot_toml
+from trolley.config.hints import in_words_of_robot_toml, typed_hint
 from trolley.config.localizer import LocalizerConfig
 from trolley.config.mapper import MapperConfig
 from trolley.config.mcp import McpConfig
@@ -21,7 +21,7 @@ from trolley.config.ros2 import Ros2Config
 from trolley.config.tour import TourConfig
 from trolley.config.viz import VizConfig
 from trolley.config.webhook import WebhookConfig
-from trolley.files import read_text
+from trolley.files import expand_home, read_text
 
 DEFAULT_PATH = Path("/etc/trolley/robot.toml")
 
@@ -71,7 +71,7 @@ class HostConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def path(self, name: str) -> Path:
         """A file named in the configuration; a relative name counts from the file's folder."""
-        return Path(self.folder) / Path(name).expanduser()
+        return Path(self.folder) / expand_home(name)
 
 
 class RobotConfig(HostConfig, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -104,6 +104,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises:
         ConfigError: It cannot be read.
     """
+    text = ""
     try:
         text = read_text(path)
         if text.startswith("\ufeff"):
@@ -119,7 +120,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except RecursionError as error:
         raise ConfigError(f"{path}: is nested too deeply") from error
     except ValueError as error:  # a number of 5000 digits is a plain one
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from error
+        raise ConfigError(f"{path}: is not valid TOML: {error}{typed_hint(text, error)}") from error
 
 
 def load_host_config(path: Path) -> HostConfig:

@@ -1,5 +1,6 @@
 """`[robot]`, `[map]`, `[start]`, `[zenoh]`: what more than one service needs."""
 
+import os
 import re
 from typing import Annotated
 
@@ -103,12 +104,22 @@ class StartSection(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Start here even if a last pose is known."""
 
 
+MOST_SOCKET_BYTES = 107
+"""`sun_path` of unix(7) has 108, one of them for the end of the path."""
+
+
 def why_no_endpoint(text: str) -> str:
     """Why this is no endpoint in Zenoh's words, "" where it is one."""
     protocol, _, address = text.partition("/")
     port = re.search(r":([0-9]{1,9})([?#].*)?\Z", address)
     if protocol in WITHOUT_PORT:
-        return ""
+        length = len(os.fsencode(address))
+        return (
+            f"{text!r} is not an endpoint: a Unix socket's path has {MOST_SOCKET_BYTES} bytes at "
+            f"most, this one {length}"
+            if length > MOST_SOCKET_BYTES
+            else ""
+        )
     if protocol in PROTOCOLS and port is not None:
         is_port = 0 < int(port[1]) < 65536
         return "" if is_port else f"{text!r} is not an endpoint: its port must be from 1 to 65535"

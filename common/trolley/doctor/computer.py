@@ -264,6 +264,19 @@ class Wifi:
     """None: unknown, since `iw` is missing."""
 
 
+def check_loopback(*, is_up: bool | None) -> list[Finding]:
+    """Whether this computer's programs reach each other (None: unknown)."""
+    if is_up is False:
+        return [
+            problem(
+                "network",
+                "This computer's programs cannot reach each other: its loopback interface is down.",
+                "`sudo ip link set lo up`; let the network settings do that at each start.",
+            )
+        ]
+    return [ok("network", "This computer's programs can reach each other.")]
+
+
 def check_wifi(networks: list[Wifi]) -> list[Finding]:
     """Whether the wireless network is strong, and awake."""
     if not networks:

@@ -142,6 +142,12 @@ def read_disk(path: Path) -> Disk:
     )
 
 
+def read_loopback(host: Host) -> bool | None:
+    """Whether the loopback interface is up (`IFF_UP`), None where the kernel does not tell."""
+    flags = host.text("sys/class/net/lo/flags")
+    return None if flags is None else bool(int(flags, 16) & 1)
+
+
 def read_wifi(host: Host) -> list[Wifi]:
     """Wireless interfaces that are connected."""
     levels: dict[str, float] = {}

@@ -98,6 +98,10 @@ def examine_host(place: Place) -> list[Finding]:
         ("processor", lambda: computer.check_processor(computer_facts.read_processor(host))),
         ("memory", lambda: _check_memory(host)),
         ("disk", lambda: computer.check_disk(computer_facts.read_disk(place.state))),
+        (
+            "network",
+            lambda: computer.check_loopback(is_up=computer_facts.read_loopback(host)),
+        ),
         ("wi-fi", lambda: computer.check_wifi(computer_facts.read_wifi(host))),
         ("settings", lambda: settings.check_file(place.config_path)),
         ("settings", lambda: _check_role(place)),

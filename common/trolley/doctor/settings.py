@@ -17,6 +17,7 @@ from trolley.files import BROKEN, NEWER, read_file, read_text
 from trolley.gridmap import GridMap
 from trolley.gridmap.io import MapError, load_map
 from trolley.messages import SavedPose, Zone
+from trolley.messages.mapping import MAP_NAME, MAP_NAME_RULE
 from trolley.runtime.state import saved_for_others_only
 from trolley.state_file import Unreadable, parse
 
@@ -26,6 +27,8 @@ LARGE_CELLS = 25_000_000
 """From here on the services need much memory: about 10 bytes a cell in two of them."""
 LEAST_FLOOR_M2 = 1.0
 """A map with less free floor leaves a robot nowhere to go, however large its canvas is."""
+MOST_FREE_EDGE = 0.5
+"""Of a map in which all is known more of its edge is free only where the outside is, too."""
 MOST_NAMED = 5
 
 
@@ -153,12 +156,16 @@ class MapFacts:
     """Share of the known cells with something in them."""
     floor_m2: float
     """Area of the cells that are free."""
+    free_edge: float
+    """Share of the cells at the map's edge that are free."""
 
 
 def facts_of(grid: GridMap) -> MapFacts:
     """Measure a map."""
     is_known = grid.cells >= 0
     known, occupied = int(is_known.sum()), int(grid.occupied_mask().sum())
+    is_free = is_known & ~grid.occupied_mask()
+    edge = np.concatenate([is_free[0], is_free[-1], is_free[1:-1, 0], is_free[1:-1, -1]])
     return MapFacts(
         grid.name,
         grid.resolution,
@@ -167,6 +174,7 @@ def facts_of(grid: GridMap) -> MapFacts:
         float(np.mean(~is_known)),
         occupied / max(known, 1),
         (known - occupied) * grid.resolution**2,
+        float(np.mean(edge)),
     )
 
 
@@ -216,6 +224,16 @@ def check_map(facts: MapFacts) -> list[Finding]:
                 "Cut off its empty margin, or use larger cells.",
             )
         )
+    if facts.unknown == 0.0 and facts.free_edge > MOST_FREE_EDGE:
+        found.append(
+            warning(
+                "map",
+                f"The map {facts.name} has no unknown cells, and what lies outside its walls is "
+                "free: the robot may plan to drive there.",
+                "Paint the outside in grey (205), and save the image without transparency, which "
+                "makes grey free (GIMP: Image, Flatten Image).",
+            )
+        )
     return found or [
         ok(
             "map",
@@ -227,6 +245,12 @@ def check_map(facts: MapFacts) -> list[Finding]:
 
 def read_map(file: Path) -> GridMap | Finding:
     """A map, or what is wrong with its files."""
+    if MAP_NAME.fullmatch(file.stem) is None:
+        return problem(
+            "map",
+            f"{file}: {file.stem!r} cannot name a map, so the localizer does not load it.",
+            f"Rename the file, and name it anew in [map] file: {MAP_NAME_RULE}.",
+        )
     try:
         return load_map(file)
     except MapError as error:

@@ -22,6 +22,7 @@ from trolley.config.kept_settings import load_with_kept
 from trolley.doctor.finding import Finding, note, ok, problem, warning
 from trolley.doctor.users import User
 from trolley.runtime.state import state_root
+from trolley.start import program
 from trolley.supervision import PARENT_VARIABLE, end_with_parent
 
 SERVICES = "trolley.services"
@@ -59,7 +60,7 @@ class Running:
     def __init__(
         self, config: Path | None, environment: Mapping[str, str], user: User | None = None
     ) -> None:
-        words = [sys.executable, "-m", "trolley.doctor.trial", *([str(config)] if config else [])]
+        words = program("trolley.doctor.trial", *([str(config)] if config else []))
         self._process: subprocess.Popen[bytes] | None = None
         self._trouble = ""
         try:

@@ -20,6 +20,7 @@ from trolley.messages.types import (
 MAP_NAME = re.compile(r"(?!\.)[A-Za-z0-9_.-]{1,64}")
 MapName = Annotated[str, Meta(pattern=rf"\A{MAP_NAME.pattern}\Z")]
 """A map's name: the stem of its file."""
+MAP_NAME_RULE = "a map's name has 1 to 64 of A-Z, a-z, 0-9, _, - and ., and no dot first"
 
 Size = Annotated[int, Meta(ge=1, le=2**31 - 1)]
 """Columns or rows of a grid, at least one."""

@@ -51,8 +51,8 @@ def state_root(config: Path | None = None) -> Path:
             return Path(value)
     if config == DEFAULT_PATH:
         return INSTALLED_STATE
-    base = os.environ.get("XDG_STATE_HOME")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "trolley"
+    base = Path(os.environ.get("XDG_STATE_HOME", ""))  # XDG: one that is relative does not count
+    return (base if base.is_absolute() else Path.home() / ".local" / "state") / "trolley"
 
 
 def saved_for_others_only(root: Path, name: str) -> list[str]:

@@ -6,13 +6,13 @@ On a robot systemd does this for the services; here it is for a terminal.
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from types import TracebackType
 from typing import Self
 
+from trolley.start import program
 from trolley.supervision import PARENT_VARIABLE, WATCHDOG_S, Watchdog
 
 EXIT_CONFIG = 2
@@ -255,7 +255,7 @@ class Supervisor:
 
 def _command(module: str | Sequence[str]) -> list[str]:
     words = [module] if isinstance(module, str) else module
-    return [sys.executable, "-m", *words]
+    return program(*words)
 
 
 def _how_it_ended(code: int) -> str:

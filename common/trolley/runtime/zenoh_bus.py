@@ -84,6 +84,15 @@ class NotConnected(Exception):
     """No router answers at the endpoints; the text says what to do."""
 
 
+def _why_not_listening(listen: Sequence[str], error: Exception) -> str:
+    """Say why a router cannot be opened; Zenoh has much the same words for everything."""
+    for one in listen:
+        folder = Path(one.removeprefix(SOCKET)).parent
+        if one.startswith(SOCKET) and not folder.is_dir():
+            return f"cannot listen at {one}: there is no folder {folder}"
+    return f"cannot listen at {', '.join(listen)}: is another router running there? ({error})"
+
+
 @contextmanager
 def open_router(
     listen: Sequence[str],
@@ -116,10 +125,7 @@ def open_router(
                 lambda: zenoh.open(config), lambda: takes_new_sessions(near, ANSWERS_S)
             )
         except (zenoh.ZError, OSError, ValueError) as error:
-            where = ", ".join(listen)
-            raise NotConnected(
-                f"cannot listen at {where}: is another router running there? ({error})"
-            ) from error
+            raise NotConnected(_why_not_listening(listen, error)) from error
         stack.enter_context(session)
         for one in listen:
             if one.startswith(SOCKET):

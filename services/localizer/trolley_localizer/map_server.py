@@ -17,7 +17,7 @@ from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap, MapError, load_map
 from trolley.gridmap.wire import map_message
 from trolley.messages import MapInfo, Zone
-from trolley.messages.mapping import MAP_NAME
+from trolley.messages.mapping import MAP_NAME, MAP_NAME_RULE
 from trolley.messages.request_params import LoadMap, Nothing
 from trolley.runtime.service import Later, Service, answers
 from trolley.suggestions import did_you_mean
@@ -70,10 +70,7 @@ class MapStore:
         if file is None:
             return None
         if MAP_NAME.fullmatch(file.stem) is None:
-            return (
-                f"[map] file: {file.name!r} cannot name a map: use 1 to 64 letters, digits, "
-                f"'_', '-' and '.'"
-            )
+            return f"[map] file: {file.name!r} cannot name a map: {MAP_NAME_RULE}"
         twin = self._folder / f"{file.stem}.yaml"
         if twin.exists() and twin.resolve() != file.resolve():
             return (

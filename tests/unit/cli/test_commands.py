@@ -154,6 +154,7 @@ def test_init_writes_a_file_that_loads_and_never_overwrites(
         (["--map", "none.yaml"], "none.yaml is not there; leave it out"),
         (["--map", "song.yaml"], "not valid YAML (not text)"),
         (["--map", "torn.yaml"], "there is no such image"),
+        (["--map", "my home.yaml"], "'my home' cannot name a map: a map's name has 1 to 64 of A-Z"),
         (["--length", "0.01"], "it must be at least 0.02"),
     ],
 )
@@ -161,6 +162,7 @@ def test_init_writes_nothing_that_no_robot_could_use(
     runner: CliRunner, tmp_path: Path, words: list[str], why: str
 ) -> None:
     (tmp_path / "torn.yaml").write_text(MAP)
+    (tmp_path / "my home.yaml").write_text(MAP)
     (tmp_path / "song.yaml").write_bytes(b"\x89\xff\0")
     result = runner.invoke(cli, ["init", str(tmp_path / "robot.toml"), *words])
     assert result.exit_code == 2

@@ -2,13 +2,16 @@
 
 import io
 import json
+import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 
 import click
 import pytest
 
-from trolley.cli import show
+from trolley.cli import exits, show
 from trolley.cli.printing import say, say_block, say_over, show_error
 from trolley.messages import GoalStatus
 
@@ -52,6 +55,27 @@ def test_a_name_from_outside_moves_no_terminal(take_terminal: Callable[[], Termi
     shown = terminal.shown
     assert shown.replace("\n", "").isprintable()
     assert "lime" in shown or "K" in shown
+
+
+def test_an_output_without_room_ends_the_command_with_a_sentence(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Path("/dev/full").open("w", buffering=1) as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        with pytest.raises(SystemExit, match=str(exits.FAILED)):
+            say("all of it")
+        monkeypatch.undo()
+        with suppress(OSError):  # what it still holds has no room either
+            full.close()
+    assert capsys.readouterr().err == "The output cannot be written: No space left on device.\n"
+
+
+@pytest.mark.programs
+def test_a_command_runs_where_its_streams_are_closed(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "trolley.cli", "init", str(tmp_path / "robot.toml")]
+    done = subprocess.run(["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *words], check=False)
+    assert done.returncode == 0
+    assert (tmp_path / "robot.toml").read_text().startswith("#")
 
 
 def test_a_text_from_outside_begins_no_line_of_its_own(take_terminal: Callable[[], Terminal]):

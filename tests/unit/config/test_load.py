@@ -30,6 +30,9 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
     config = load_config(file)
     assert config.path("maps/home.yaml") == tmp_path / "maps" / "home.yaml"
     assert config.path("/srv/home.yaml") == Path("/srv/home.yaml")
+    assert config.path("~/home.yaml") == Path.home() / "home.yaml"
+    # Of a user who is not there; such a name is also that of a file that an office program locks.
+    assert config.path("~no body/home.yaml") == tmp_path / "~no body" / "home.yaml"
 
 
 @pytest.mark.parametrize(
@@ -55,6 +58,10 @@ def test_paths_count_from_the_file(file: Path, tmp_path: Path):
         ("[zenoh]\nconnect = []", "[zenoh.connect]"),
         ("[zenoh]\nconnect = ['127.0.0.1:7447']", "not an endpoint"),
         ("[zenoh]\nuplink = ['tls/home.lan']", "not an endpoint"),
+        (
+            f"[zenoh]\nconnect = ['unixsock-stream//{'x' * 107}']",
+            "a Unix socket's path has 107 bytes at most, this one 108",
+        ),
         ("[zenoh]\nconnect = ['tcp/127.0.0.1:99999']", "its port must be from 1 to 65535"),
         ("[zenoh]\nuplink = ['tls/home.lan:0']", "its port must be from 1 to 65535"),
         (
@@ -136,6 +143,23 @@ def test_a_byte_order_mark_is_named(file: Path) -> None:
     file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
     with pytest.raises(ConfigError, match="byte order mark; save it as UTF-8 without"):
         load_config(file)
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("title = \u201cKiwi\u201d", "(at line 4, column 9); text stands in straight quotes"),
+        ("title = \u201eKiwi\u201c", "(at line 4, column 9); text stands in straight quotes"),
+        ("[planner]\nmax_speed_mps = 0,3", "(at line 5, column 18); decimals have a point: 0.5"),
+        ("title = Kiwi", "(at line 4, column 9)"),
+    ],
+)
+def test_what_people_type_in_place_of_toml_is_named(file: Path, line: str, told: str) -> None:
+    file.write_text(f"[robot]\nname = 'a'\nfootprint = {{radius_m = 0.2}}\n{line}\n")
+    with pytest.raises(ConfigError) as error:
+        load_config(file)
+    assert told in str(error.value)
+    assert (";" in told) == (";" in str(error.value))
 
 
 def test_the_file_is_found_where_it_is_named(tmp_path: Path):

@@ -15,6 +15,7 @@ from trolley.doctor.computer import (
     Wifi,
     check_clock,
     check_disk,
+    check_loopback,
     check_memory,
     check_processor,
     check_system,
@@ -24,6 +25,7 @@ from trolley.doctor.computer_facts import (
     Host,
     read_clock,
     read_disk,
+    read_loopback,
     read_memory,
     read_processor,
     read_system,
@@ -192,6 +194,15 @@ def test_a_computer_is_read_from_its_files(raspberry_pi: Host) -> None:
 def test_the_firmware_is_asked_where_the_kernel_does_not_tell(tmp_path: Path) -> None:
     host = Host(tmp_path, lambda words: "throttled=0x1\n" if words[0] == "vcgencmd" else None)
     assert read_processor(host).throttled == 1
+
+
+@pytest.mark.parametrize(("flags", "level"), [("0x9", Level.OK), ("0x8", Level.PROBLEM)])
+def test_a_loopback_that_is_down_is_told(tmp_path: Path, flags: str, level: Level) -> None:
+    host = Host(tmp_path, lambda _: None)
+    assert worst(check_loopback(is_up=read_loopback(host))) is Level.OK
+    (tmp_path / "sys/class/net/lo").mkdir(parents=True)
+    (tmp_path / "sys/class/net/lo/flags").write_text(f"{flags}\n")
+    assert worst(check_loopback(is_up=read_loopback(host))) is level
 
 
 def test_wifi_is_found_without_the_kernels_table(tmp_path: Path) -> None:

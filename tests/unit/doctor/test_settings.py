@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from trolley.config import load_config
 from trolley.config.problems import find_problems
@@ -26,7 +27,7 @@ from trolley.doctor.settings import (
 )
 from trolley.geometry import Pose2D
 from trolley.gridmap import GridMap
-from trolley.gridmap.io import save_map
+from trolley.gridmap.io import load_map, save_map
 from trolley.messages import SavedPose, Zone
 from trolley.state_file import render
 from trolley.zones import ZoneFile
@@ -153,11 +154,30 @@ def test_maps(room: GridMap) -> None:
         "hardly any free floor": replace(good, floor_m2=0.5),
         "cells of 0.5 m": replace(good, resolution_m=0.5),
         "much memory": replace(good, cells=50_000_000),
+        "outside its walls is free": replace(good, unknown=0.0, free_edge=0.9),
     }
     for words, facts in bad.items():
         found = check_map(facts)
         assert any(words in one.sentence + one.remedy for one in found), words
         assert max(one.level for one in found) >= Level.WARNING
+
+
+def test_grey_that_transparency_makes_free_is_told(tmp_path: Path) -> None:
+    cells = np.full((60, 60), -1, dtype=np.int8)
+    cells[10:50, 10:50] = 100
+    cells[11:49, 11:49] = 0
+    save_map(
+        GridMap("room", 0.05, Pose2D(0.0, 0.0, 0.0), cells),
+        tmp_path / "room.yaml",
+        image_format="png",
+    )
+    assert [one.level for one in check_map(facts_of(load_map(tmp_path / "room.yaml")))] == [
+        Level.OK
+    ]
+    Image.open(tmp_path / "room.png").convert("RGBA").save(tmp_path / "room.png")  # as GIMP does
+    (said,) = check_map(facts_of(load_map(tmp_path / "room.yaml")))
+    assert said.level is Level.WARNING
+    assert "without transparency" in said.remedy
 
 
 def test_a_good_map_on_a_large_canvas_is_good(room: GridMap) -> None:
@@ -177,6 +197,11 @@ def test_a_map_is_read_or_it_is_said_what_is_wrong(room: GridMap, tmp_path: Path
     assert isinstance(broken, Finding)
     assert broken.level is Level.PROBLEM
     assert isinstance(read_map(tmp_path / "nowhere.yaml"), Finding)
+    save_map(room, tmp_path / "room.yaml")
+    (tmp_path / "room.yaml").rename(tmp_path / "K\u00fcche.yaml")
+    foreign = read_map(tmp_path / "K\u00fcche.yaml")
+    assert isinstance(foreign, Finding)
+    assert "'K\u00fcche' cannot name a map" in foreign.sentence
 
 
 def test_places_lie_on_free_floor(room: GridMap) -> None:

@@ -40,6 +40,13 @@ def test_what_is_written_is_read(folder: StateFolder):
     assert stat.S_IMODE((folder.path / "notes.toml").stat().st_mode) == 0o644
 
 
+def test_a_mark_that_windows_editors_put_first_is_not_read(folder: StateFolder):
+    folder.write("notes.toml", Notes(name="a"))
+    file = folder.path / "notes.toml"
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    assert folder.read("notes.toml", Notes) == Notes(name="a")
+
+
 def test_nothing_is_read_where_nothing_is(folder: StateFolder):
     assert folder.read("notes.toml", Notes) is None
 
@@ -165,6 +172,7 @@ def test_a_kill_in_between_leaves_one_content_whole(tmp_path: Path):
         ({"STATE_DIRECTORY": "/b:/c"}, "/b"),
         ({"XDG_STATE_HOME": "/x"}, "/x/trolley"),
         ({"HOME": "/home/me"}, "/home/me/.local/state/trolley"),
+        ({"HOME": "/home/me", "XDG_STATE_HOME": "~/state"}, "/home/me/.local/state/trolley"),
     ],
 )
 def test_the_state_folder_is_named_by_the_environment(

@@ -62,6 +62,21 @@ def test_a_supervisor_without_a_file_left_tries_again(module: Callable) -> None:
     assert said[0] == "one cannot be started (Too many open files); trying again"
 
 
+def test_a_child_runs_no_file_of_the_folder_where_it_is_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / "queue.py").write_text("raise SystemExit(1)\n")
+    monkeypatch.chdir(here)
+    (tmp_path / "asking.py").write_text(f"import queue\nopen('runs', 'w')\n{OBEDIENT}")
+    environment = {"PYTHONPATH": str(tmp_path)}
+    with Supervisor({"one": "asking"}, environment, said.append):
+        wait_until(lambda: said or (here / "runs").exists(), "it runs, or ends")
+    assert said == []
+
+
 def test_a_killed_child_comes_back(module: Callable) -> None:
     said: list[str] = []
     environment = module("obedient", OBEDIENT)

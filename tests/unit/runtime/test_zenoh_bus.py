@@ -1,12 +1,19 @@
 """A router in which nobody gets a session is opened anew, and its links are read."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from trolley.runtime.uplink_sockets import FarLink
-from trolley.runtime.zenoh_bus import MOST_OPENINGS, _far_links, open_answering
+from trolley.runtime.zenoh_bus import (
+    MOST_OPENINGS,
+    NotConnected,
+    _far_links,
+    open_answering,
+    open_router,
+)
 
 
 class Opened:
@@ -17,6 +24,15 @@ class Opened:
 
     def close(self) -> None:
         self.is_open = False
+
+
+def test_a_socket_in_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
+    folder = tmp_path / "nowhere"
+    with (
+        pytest.raises(NotConnected, match=f": there is no folder {folder}"),
+        open_router([f"unixsock-stream/{folder}/router"]),
+    ):
+        pass
 
 
 @pytest.mark.parametrize("num_deaf", [0, 1, MOST_OPENINGS - 1, MOST_OPENINGS + 5])

@@ -38,12 +38,13 @@ from trolley.runtime.log import set_up_logging
 from trolley.runtime.service import Service, answers, every
 from trolley.runtime.zenoh_bus import NotConnected, open_router
 from trolley.security.host_keys import KeysError, keys_for
+from trolley.start import program
 from trolley_base.commands.setup_desk import SetupDesk
 from trolley_base.commands.setup_dialogue import EVERYWHERE, STEPS, USUAL_NAME, SetupDialogue
 from trolley_base.setup.person import StoppedByHand
 from trolley_base.setup.record import SetupRefused
 
-CLI = ("-m", "trolley.cli")
+CLI = "trolley.cli"
 PERIOD_S = 0.5
 KNOWN_WITHIN_S = 6.0
 """How long it may take until it is known what else of the robot runs: two gets [s]."""
@@ -166,7 +167,7 @@ def _start_robot(path: Path) -> NoReturn:
     """Go on as `trolley up`."""
     say(f"`trolley viewer-link --qr --config {path}` prints the page's link again.")
     sys.stdout.flush()
-    os.execv(sys.executable, [sys.executable, *CLI, "up", "--config", str(path)])
+    os.execv(sys.executable, program(CLI, "up", "--config", str(path)))
 
 
 def _talk(desk: SetupDesk, dialogue: SetupDialogue, *, again: bool, may_start: bool) -> int | None:
@@ -267,7 +268,7 @@ def _viewer(path: Path, folder: Path, interrupts: Interrupts) -> Generator[Viewe
 
 def _print_links(path: Path) -> None:
     """Print the links with which other devices get in."""
-    command = [sys.executable, *CLI, "viewer-link", "--config", str(path)]
+    command = program(CLI, "viewer-link", "--config", str(path))
     if sys.stdout.isatty():
         command.append("--qr")
     left = LINKS_TRIES

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from trolley.config import ConfigError
 from trolley.config.base import LimitsConfig
+from trolley.files import expand_home
 from trolley.geometry import angle_problem
 from trolley_base.importers.findings import Findings, Value
 from trolley_base.importers.parameters import read_parameters
@@ -337,7 +338,7 @@ def _take_map(findings: Findings, parameters: Parameters) -> Iterator[str]:
     found = _find(parameters, "map_server.yaml_filename")
     if found is None or not str(found[1].value).strip():
         return
-    path = Path(str(found[1].value)).expanduser()
+    path = expand_home(str(found[1].value))
     take_map(findings, found[1]._replace(value=findings.folder / path))
     yield found[0]
 
