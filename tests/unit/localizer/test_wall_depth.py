@@ -80,6 +80,11 @@ def errors_m(grid: GridMap, angles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array(found[60:])
 
 
+def test_behind_it_too_it_may_see_a_little() -> None:
+    most_round = np.linspace(-0.75 * math.pi, 0.75 * math.pi, 271)
+    assert np.median(errors_m(room(0.1, 0.4), most_round)) < 0.015
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 @pytest.mark.parametrize("wall_m", [0.1, 0.15, 0.2])
 def test_on_a_drawn_map_it_is_not_ahead_of_itself(wall_m: float, turn: float) -> None:
