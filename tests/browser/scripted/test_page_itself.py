@@ -111,6 +111,30 @@ def test_arrow_keys_point_only_while_something_is_to_be_pointed_out(
         assert viewer.pressed() == [up, turn, number]
 
 
+def test_enter_presses_the_button_that_has_the_focus_though_a_point_is_set(
+    page: Page, viewer: Viewer
+) -> None:
+    """Who goes from the point to the button that cancels does not want to set off."""
+    controls = Controls()
+    right, take = (controls.add_command(key, key, lambda: None).id for key in ("→", "⏎"))
+    cancel = controls.add_button("Press again to cancel").id
+    tabs = controls.add_tabs()
+    for name in ("Go", "Map"):
+        tabs.add_tab(name, "map")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    viewer.tell_state(is_pointing=True, has_cursor=True, hint="0.1 m")
+    expect(page.locator("#hint")).to_be_visible()
+    page.keyboard.press("ArrowRight")
+    button, tab = page.get_by_role("button", name="cancel"), page.get_by_role("tab", name="Go")
+    button.press("Enter")
+    tab.press("ArrowRight")  # to the next tab
+    button.press("ArrowRight")
+    button.press("Enter")
+    wait_until(lambda: take in viewer.pressed(), "the point is taken where it was moved last")
+    assert viewer.pressed() == [right, cancel, tabs.id, right, take]
+
+
 def test_a_page_of_another_release_loads_itself_anew_once_and_then_says_so(
     page: Page, viewer: Viewer
 ) -> None:

@@ -454,6 +454,7 @@ const MAKERS = {
     row.addEventListener("keydown", (event) => {
       const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
       if (by === undefined) return;
+      event.preventDefault(); // it moves nothing else
       const tabs = [...row.children], at = tabs.indexOf(event.target);
       const next = tabs[(at + by + tabs.length) % tabs.length];
       drawn.chosen(next.dataset.id);
