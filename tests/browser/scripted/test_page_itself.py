@@ -1,9 +1,12 @@
 """The page with a viewer that only plays its part: long names, letter keys, another release."""
 
+from pathlib import Path
+
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 from support.waiting import wait_until
 
+from browser.conftest import ARGUMENTS, CHROMIUM
 from browser.seeing import canvas, scene
 from trolley_viz.controls.controls import Controls
 from trolley_viz.robots.stop_presses import StopLine
@@ -149,7 +152,7 @@ def test_a_page_of_another_release_loads_itself_anew_once_and_then_says_so(
 
 def test_what_ends_an_edit_is_always_in_view(page: Page, viewer: Viewer) -> None:
     controls = Controls()
-    with controls.add_folder():
+    with controls.add_tabs().add_tab("Map", "map"), controls.add_folder():
         for i in range(30):
             controls.add_text(f"field {i}", "")
         with controls.add_actions():
@@ -167,6 +170,70 @@ def test_what_ends_an_edit_is_always_in_view(page: Page, viewer: Viewer) -> None
         assert field is not None
         assert row is not None
         assert field["y"] + field["height"] <= row["y"]
+    tabs = page.get_by_role("tablist").bounding_box()
+    assert tabs is not None
+    for i in reversed(range(30)):  # nor do the tabs, for who goes back
+        page.get_by_label(f"field {i}", exact=True).focus()
+        field = page.locator(":focus").bounding_box()
+        assert field is not None
+        assert field["y"] >= tabs["y"] + tabs["height"]
+
+
+def test_buttons_icons_and_the_open_tab_are_seen_in_the_colours_of_the_system(
+    page: Page, viewer: Viewer
+) -> None:
+    """As Windows has them for people who see little contrast."""
+    controls = Controls()
+    tabs = controls.add_tabs()
+    with tabs.add_tab("Go", "map"):
+        controls.add_button("kitchen", icon="map-pin")
+    tabs.add_tab("Map", "map")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    expect(page.get_by_role("button", name="kitchen")).to_be_visible()
+    page.emulate_media(forced_colors="active")
+
+    def style(selector: str, name: str) -> str:
+        return page.locator(selector).evaluate("(it, name) => getComputedStyle(it)[name]", name)
+
+    button, colour = ".control.button", "backgroundColor"
+    assert style(f"{button} > .icon", colour) != style(button, colour)
+    assert style(button, "borderTopWidth") == style("#stop", "borderTopWidth") == "1px"
+    assert style("#stop", colour) == "rgb(210, 31, 31)"
+    opened, other = (f"[role=tab][aria-selected={is_open}]" for is_open in ("true", "false"))
+    assert style(opened, colour) not in (style(other, colour), style(opened, "color"))
+
+
+def test_on_an_enlarged_page_what_stop_did_is_seen_and_the_joystick_is_put_away(
+    page: Page, viewer: Viewer
+) -> None:
+    page.set_viewport_size({"width": 320, "height": 256})  # 1280 by 1024 pixels at 400 %
+    viewer.greet()
+    viewer.tell_state(is_stopped=True, stopped_by="Stopped from this computer")
+    seen = [page.locator(one) for one in ("#stop", "#resume", "#stop-line")]
+    page.locator(".hand-open").press("Enter")
+    for one in (*seen, page.locator(".hand-close")):
+        expect(one).to_be_in_viewport(ratio=1.0)
+    width = seen[2].evaluate("it => it.clientWidth")
+    assert width > 250
+
+
+def test_texts_are_as_large_as_the_browser_is_set_to(
+    browser: Browser, viewer: Viewer, tmp_path: Path
+) -> None:
+    (tmp_path / "Default").mkdir()
+    preferences = '{"webkit": {"webprefs": {"default_font_size": 24}}}'
+    (tmp_path / "Default" / "Preferences").write_text(preferences, encoding="utf-8")
+    context = browser.browser_type.launch_persistent_context(
+        tmp_path, executable_path=CHROMIUM, args=ARGUMENTS, viewport={"width": 900, "height": 700}
+    )
+    page = context.new_page()
+    page.goto(viewer.url, wait_until="domcontentloaded")
+    size = "(it) => parseFloat(getComputedStyle(it).fontSize)"
+    assert page.locator("body").evaluate(size) == 24.0
+    for name in ("sentence", "stop", "resume"):
+        assert page.locator(f"#{name}").evaluate(size) >= 24.0
+    context.close()
 
 
 def test_nothing_flashes_or_slides_for_who_asks_for_less_motion(page: Page, viewer: Viewer) -> None:
