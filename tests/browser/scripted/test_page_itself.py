@@ -9,6 +9,7 @@ from support.waiting import wait_until
 from browser.conftest import ARGUMENTS, CHROMIUM
 from browser.seeing import canvas, scene
 from trolley_viz.controls.controls import Controls
+from trolley_viz.controls.markup import heading
 from trolley_viz.robots.stop_presses import StopLine
 
 from .viewer import Viewer
@@ -216,6 +217,29 @@ def test_on_an_enlarged_page_what_stop_did_is_seen_and_the_joystick_is_put_away(
         expect(one).to_be_in_viewport(ratio=1.0)
     width = seen[2].evaluate("it => it.clientWidth")
     assert width > 250
+
+
+def test_a_screen_reader_finds_headings_and_hears_of_no_valid_number_that_it_is_invalid(
+    page: Page, viewer: Viewer
+) -> None:
+    controls = Controls()
+    controls.add_html(heading("Go to"))
+    controls.add_number("x (m)", 0.549, step=0.01)
+    controls.add_slider("Brush (m)", 0.1, min=0.0, max=1.0, step=0.1)
+    viewer.greet()
+    viewer.tell_controls(controls)
+    expect(page.get_by_role("heading", name="Go to")).to_be_visible()
+    reader = page.context.new_cdp_session(page)
+    heard: dict[tuple[str, str], dict[str, object]] = {}
+    for node in reader.send("Accessibility.getFullAXTree")["nodes"]:
+        role, name = (node.get(one, {}).get("value", "") for one in ("role", "name"))
+        properties = {one["name"]: one["value"].get("value") for one in node.get("properties", ())}
+        if not node["ignored"]:
+            heard[role, name] = properties
+    assert heard["spinbutton", "x (m)"]["invalid"] == "false"
+    assert ("slider", "Brush (m)") in heard
+    outputs = page.locator("#controls output").all()
+    assert [one.get_attribute("aria-live") for one in outputs] == ["off"]
 
 
 def test_texts_are_as_large_as_the_browser_is_set_to(
