@@ -7,14 +7,13 @@ export function countOnce(root) {
   root.addEventListener("click", (event) => {
     if (event.detail === 0) return; // by a key or a screen reader
     const { target, clientX: x, clientY: y, timeStamp: ms } = event;
-    const button = target.closest("button"), text = button?.textContent;
+    const button = target.closest("button");
     const isTwice = last !== null && ms - last.ms < TWICE_MS
       && Math.hypot(x - last.x, y - last.y) < NEAR_PX;
-    if (isTwice && button !== null && button.id !== "stop"
-      && (button !== last.button || text !== last.text)) {
+    if (isTwice && button !== null && button !== last.button && button.id !== "stop") {
       event.preventDefault();
       event.stopPropagation();
     }
-    last = { button, text, x, y, ms };
+    last = { button, x, y, ms };
   }, { capture: true });
 }
