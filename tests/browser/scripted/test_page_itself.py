@@ -1,11 +1,15 @@
 """The page with a viewer that only plays its part: long names, letter keys, another release."""
 
+from pathlib import Path
+
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 from support.waiting import wait_until
 
+from browser.conftest import ARGUMENTS, CHROMIUM
 from browser.seeing import canvas, scene
 from trolley_viz.controls.controls import Controls
+from trolley_viz.controls.markup import heading
 from trolley_viz.robots.stop_presses import StopLine
 
 from .viewer import Viewer
@@ -111,6 +115,30 @@ def test_arrow_keys_point_only_while_something_is_to_be_pointed_out(
         assert viewer.pressed() == [up, turn, number]
 
 
+def test_enter_presses_the_button_that_has_the_focus_though_a_point_is_set(
+    page: Page, viewer: Viewer
+) -> None:
+    """Who goes from the point to the button that cancels does not want to set off."""
+    controls = Controls()
+    right, take = (controls.add_command(key, key, lambda: None).id for key in ("→", "⏎"))
+    cancel = controls.add_button("Press again to cancel").id
+    tabs = controls.add_tabs()
+    for name in ("Go", "Map"):
+        tabs.add_tab(name, "map")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    viewer.tell_state(is_pointing=True, has_cursor=True, hint="0.1 m")
+    expect(page.locator("#hint")).to_be_visible()
+    page.keyboard.press("ArrowRight")
+    button, tab = page.get_by_role("button", name="cancel"), page.get_by_role("tab", name="Go")
+    button.press("Enter")
+    tab.press("ArrowRight")  # to the next tab
+    button.press("ArrowRight")
+    button.press("Enter")
+    wait_until(lambda: take in viewer.pressed(), "the point is taken where it was moved last")
+    assert viewer.pressed() == [right, cancel, tabs.id, right, take]
+
+
 def test_a_page_of_another_release_loads_itself_anew_once_and_then_says_so(
     page: Page, viewer: Viewer
 ) -> None:
@@ -125,7 +153,7 @@ def test_a_page_of_another_release_loads_itself_anew_once_and_then_says_so(
 
 def test_what_ends_an_edit_is_always_in_view(page: Page, viewer: Viewer) -> None:
     controls = Controls()
-    with controls.add_folder():
+    with controls.add_tabs().add_tab("Map", "map"), controls.add_folder():
         for i in range(30):
             controls.add_text(f"field {i}", "")
         with controls.add_actions():
@@ -143,6 +171,93 @@ def test_what_ends_an_edit_is_always_in_view(page: Page, viewer: Viewer) -> None
         assert field is not None
         assert row is not None
         assert field["y"] + field["height"] <= row["y"]
+    tabs = page.get_by_role("tablist").bounding_box()
+    assert tabs is not None
+    for i in reversed(range(30)):  # nor do the tabs, for who goes back
+        page.get_by_label(f"field {i}", exact=True).focus()
+        field = page.locator(":focus").bounding_box()
+        assert field is not None
+        assert field["y"] >= tabs["y"] + tabs["height"]
+
+
+def test_buttons_icons_and_the_open_tab_are_seen_in_the_colours_of_the_system(
+    page: Page, viewer: Viewer
+) -> None:
+    """As Windows has them for people who see little contrast."""
+    controls = Controls()
+    tabs = controls.add_tabs()
+    with tabs.add_tab("Go", "map"):
+        controls.add_button("kitchen", icon="map-pin")
+    tabs.add_tab("Map", "map")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    expect(page.get_by_role("button", name="kitchen")).to_be_visible()
+    page.emulate_media(forced_colors="active")
+
+    def style(selector: str, name: str) -> str:
+        return page.locator(selector).evaluate("(it, name) => getComputedStyle(it)[name]", name)
+
+    button, colour = ".control.button", "backgroundColor"
+    assert style(f"{button} > .icon", colour) != style(button, colour)
+    assert style(button, "borderTopWidth") == style("#stop", "borderTopWidth") == "1px"
+    assert style("#stop", colour) == "rgb(210, 31, 31)"
+    opened, other = (f"[role=tab][aria-selected={is_open}]" for is_open in ("true", "false"))
+    assert style(opened, colour) not in (style(other, colour), style(opened, "color"))
+
+
+def test_on_an_enlarged_page_what_stop_did_is_seen_and_the_joystick_is_put_away(
+    page: Page, viewer: Viewer
+) -> None:
+    page.set_viewport_size({"width": 320, "height": 256})  # 1280 by 1024 pixels at 400 %
+    viewer.greet()
+    viewer.tell_state(is_stopped=True, stopped_by="Stopped from this computer")
+    seen = [page.locator(one) for one in ("#stop", "#resume", "#stop-line")]
+    page.locator(".hand-open").press("Enter")
+    for one in (*seen, page.locator(".hand-close")):
+        expect(one).to_be_in_viewport(ratio=1.0)
+    width = seen[2].evaluate("it => it.clientWidth")
+    assert width > 250
+
+
+def test_a_screen_reader_finds_headings_and_hears_of_no_valid_number_that_it_is_invalid(
+    page: Page, viewer: Viewer
+) -> None:
+    controls = Controls()
+    controls.add_html(heading("Go to"))
+    controls.add_number("x (m)", 0.549, step=0.01)
+    controls.add_slider("Brush (m)", 0.1, min=0.0, max=1.0, step=0.1)
+    viewer.greet()
+    viewer.tell_controls(controls)
+    expect(page.get_by_role("heading", name="Go to")).to_be_visible()
+    reader = page.context.new_cdp_session(page)
+    heard: dict[tuple[str, str], dict[str, object]] = {}
+    for node in reader.send("Accessibility.getFullAXTree")["nodes"]:
+        role, name = (node.get(one, {}).get("value", "") for one in ("role", "name"))
+        properties = {one["name"]: one["value"].get("value") for one in node.get("properties", ())}
+        if not node["ignored"]:
+            heard[role, name] = properties
+    assert heard["spinbutton", "x (m)"]["invalid"] == "false"
+    assert ("slider", "Brush (m)") in heard
+    outputs = page.locator("#controls output").all()
+    assert [one.get_attribute("aria-live") for one in outputs] == ["off"]
+
+
+def test_texts_are_as_large_as_the_browser_is_set_to(
+    browser: Browser, viewer: Viewer, tmp_path: Path
+) -> None:
+    (tmp_path / "Default").mkdir()
+    preferences = '{"webkit": {"webprefs": {"default_font_size": 24}}}'
+    (tmp_path / "Default" / "Preferences").write_text(preferences, encoding="utf-8")
+    context = browser.browser_type.launch_persistent_context(
+        tmp_path, executable_path=CHROMIUM, args=ARGUMENTS, viewport={"width": 900, "height": 700}
+    )
+    page = context.new_page()
+    page.goto(viewer.url, wait_until="domcontentloaded")
+    size = "(it) => parseFloat(getComputedStyle(it).fontSize)"
+    assert page.locator("body").evaluate(size) == 24.0
+    for name in ("sentence", "stop", "resume"):
+        assert page.locator(f"#{name}").evaluate(size) >= 24.0
+    context.close()
 
 
 def test_nothing_flashes_or_slides_for_who_asks_for_less_motion(page: Page, viewer: Viewer) -> None:

@@ -107,6 +107,35 @@ def test_what_is_written_anew_keeps_the_focus_and_what_was_opened(
     expect(look).to_have_attribute("data-press", "one")
 
 
+def test_a_second_press_counts_for_nothing_where_another_button_has_come_under_it(
+    page: Page, viewer: Viewer
+) -> None:
+    """Hands that shake press twice."""
+    controls = Controls()
+    pause, go_on = controls.add_button("Pause"), controls.add_button("Continue", visible=False)
+    other = controls.add_button("Other")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    spot = middle(page.get_by_role("button", name="Pause"))
+
+    def press(at_s: float) -> None:
+        """Press when the page's clock says so: the presses follow each other as a person's."""
+        page.evaluate(f"performance.now = () => {1000 * at_s}")
+        page.mouse.click(*spot)
+
+    press(100.0)
+    press(100.3)
+    wait_until(lambda: viewer.pressed() == [pause.id] * 2, "the same button counts again")
+    pause.visible, go_on.visible = False, True
+    viewer.lines[-1].send(Told(controls=controls.take_changes()))
+    expect(page.get_by_role("button", name="Continue")).to_be_visible()
+    press(100.6)
+    page.get_by_role("button", name="Other").click()
+    press(100.7)
+    wait_until(lambda: go_on.id in viewer.pressed(), "what was seen for a while is pressed")
+    assert viewer.pressed() == [pause.id, pause.id, other.id, go_on.id]
+
+
 def test_stop_counts_from_when_it_is_touched_whatever_the_finger_does_then(
     page: Page, viewer: Viewer
 ) -> None:

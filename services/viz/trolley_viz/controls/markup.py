@@ -23,12 +23,12 @@ def row(words: StatusLine, names: Collection[str] = ()) -> str:
 
 def title(text: str) -> str:
     """What all below it is about."""
-    return f'<div class="title">{html.escape(text)}</div>'
+    return f'<h2 class="title">{html.escape(text)}</h2>'
 
 
 def heading(text: str) -> str:
     """A line over a group of buttons."""
-    return f'<div class="heading">{html.escape(text)}</div>'
+    return f'<h2 class="heading">{html.escape(text)}</h2>'
 
 
 def sentence(words: StatusLine) -> str:
@@ -44,9 +44,10 @@ def note(text: str) -> str:
     return f'<div class="note">{html.escape(text)}</div>'
 
 
-def verbatim(text: str) -> str:
-    """A line of small print that is no text of ours, such as a value."""
-    return f'<div class="note" translate="no">{html.escape(text)}</div>'
+def verbatim(text: str, language: str = "") -> str:
+    """A line of small print that stays as it is, such as a value, or one in this language."""
+    spoken = f' lang="{html.escape(language)}"' if language else ""
+    return f'<div class="note" translate="no"{spoken}>{html.escape(text)}</div>'
 
 
 def card(name: str, summary: str, names: Collection[str] = ()) -> str:

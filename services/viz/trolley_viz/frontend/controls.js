@@ -155,6 +155,9 @@ function haveChanged(look, before) {
   return String(named(before)) !== String(named(look));
 }
 
+// The value of a slider, which a screen reader tells of the slider itself.
+const newOutput = () => make("output", { ariaLive: "off" });
+
 const newIcon = () => make("i", { className: "icon", ariaHidden: "true" });
 
 // A field with its label before it, and what says more behind.
@@ -277,7 +280,8 @@ const MAKERS = {
   },
 
   number(controls, id) {
-    const input = make("input", { type: "number", inputMode: "decimal" });
+    // Between two steps it is no less valid.
+    const input = make("input", { type: "number", inputMode: "decimal", ariaInvalid: "false" });
     const { element, name } = field(id, input);
     const send = () => Number.isFinite(input.valueAsNumber)
       && controls.typed(id, input.valueAsNumber);
@@ -287,7 +291,7 @@ const MAKERS = {
   },
 
   slider(controls, id) {
-    const input = make("input", { type: "range" }), output = make("output");
+    const input = make("input", { type: "range" }), output = newOutput();
     const { element, name } = field(id, input);
     element.append(output);
     input.addEventListener("input", () => {
@@ -374,7 +378,7 @@ const MAKERS = {
 
   // What it is dragged to is said as soon as what was said before is answered.
   timeline(controls, id) {
-    const input = make("input", { type: "range" }), output = make("output");
+    const input = make("input", { type: "range" }), output = newOutput();
     const marks = make("div", { className: "marks", ariaHidden: "true" });
     const { element, name } = field(id, input);
     element.append(marks, output);
@@ -454,6 +458,7 @@ const MAKERS = {
     row.addEventListener("keydown", (event) => {
       const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
       if (by === undefined) return;
+      event.preventDefault(); // it moves nothing else
       const tabs = [...row.children], at = tabs.indexOf(event.target);
       const next = tabs[(at + by + tabs.length) % tabs.length];
       drawn.chosen(next.dataset.id);

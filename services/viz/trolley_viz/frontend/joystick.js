@@ -17,7 +17,7 @@ const MARKUP = `
     <div class="hand-knob"></div>
   </div>
   <div class="hand-side">
-    <label>Speed <output></output>
+    <label>Speed <output aria-live="off"></output>
       <input type="range" min="0.05" max="0.25" step="0.05" value="0.25" aria-label="Speed">
     </label>
     <p class="hand-say" role="status"></p>
@@ -111,6 +111,7 @@ export class Joystick {
     this.card.classList.toggle("hand-off", !this.can);
     this.card.classList.toggle("hand-held", this.pointer !== null && this.isMine);
     this.speed.textContent = `${Number(this.slider.value).toFixed(2)} m/s`;
+    this.slider.setAttribute("aria-valuetext", this.speed.textContent);
   }
 
   press(event) {

@@ -9,6 +9,7 @@ export class Keys {
     this.controls = controls;
     this.joystick = joystick;
     this.commands = [];
+    this.pointedFrom = null; // what had the focus when arrow keys moved the point, and has it still
     this.palette = document.getElementById("palette");
     this.find = document.getElementById("palette-find");
     this.list = document.getElementById("palette-list");
@@ -24,8 +25,9 @@ export class Keys {
       this.palette.contains(target) || this.palette.close());
   }
 
-  listenTo(target) {
-    target.addEventListener("keydown", (event) => this.typed(event));
+  listenTo(target, options) {
+    target.addEventListener("keydown", (event) => this.typed(event), options);
+    target.addEventListener("focusin", () => { this.pointedFrom = null; }, options);
   }
 
   typed(event) {
@@ -63,15 +65,19 @@ export class Keys {
     }
   }
 
-  // While something is to be pointed out, arrow keys move the point; Enter takes it once they have.
+  // While something is to be pointed out, arrow keys move the point; Enter takes it once they have,
+  // but presses a button that the focus has gone to since, such as one that cancels.
   points(event, key) {
-    const state = this.status.state, arrow = ARROWS[key];
-    const isTaken = key === "enter" && state?.has_cursor && !event.repeat;
+    const state = this.status.state, arrow = ARROWS[key], into = event.target;
+    const isForButton = into !== this.pointedFrom && into.closest("button, summary, a, input") !== null;
+    const isTaken = key === "enter" && state?.has_cursor && !event.repeat && !isForButton;
     if (event.defaultPrevented || !state?.is_pointing || !(arrow || isTaken)) return false;
     const wanted = arrow ? (event.shiftKey ? "⇧" : "") + arrow : "⏎";
     const command = this.commands.find((one) => one.key === wanted);
     if (command === undefined) return false;
     event.preventDefault();
+    event.stopPropagation();
+    if (arrow) this.pointedFrom = into;
     this.controls.press(command.id);
     return true;
   }

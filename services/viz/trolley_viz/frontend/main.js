@@ -7,6 +7,7 @@ import { Overlays } from "./overlays.js";
 import { Notices } from "./notices.js";
 import { Keys } from "./keys.js";
 import { Room } from "./room.js";
+import { countOnce } from "./pressing.js";
 import { Sheet } from "./sheet.js";
 import { Status } from "./status.js";
 import { deviceLanguage, follow, likelyLanguage, speak, t } from "./words.js";
@@ -28,10 +29,12 @@ const room = new Room(
   ...["map", "scene", "over", "stop-line"].map((id) => document.getElementById(id)),
 );
 keys.listenTo(document);
+countOnce(document);
 scene.waits = (why) => {
   for (const one of document.querySelectorAll("#scene-wait p")) one.hidden = one.dataset.why !== why;
 };
-scene.opened = (frame) => keys.listenTo(frame.document);
+// Before viser, which turns the picture by the arrow keys.
+scene.opened = (frame) => keys.listenTo(frame.document, { capture: true });
 scene.tapped = (x, y) => room.touch(x, y);
 speakNow(likelyLanguage());
 

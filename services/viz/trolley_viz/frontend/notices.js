@@ -1,5 +1,6 @@
-// Notices at the edge of the page, gone after a few seconds.
+// Notices at the edge of the page, gone after a few seconds, or after as long as slow readers need.
 const SECONDS = { good: 4, busy: 4, idle: 5, warn: 8, bad: 8 }, MOST = 2;
+const READ_PER_S = 10; // characters
 
 export class Notices {
   constructor(root) {
@@ -16,6 +17,7 @@ export class Notices {
     notice.append(head, body);
     this.root.append(notice);
     while (this.root.children.length > MOST) this.root.firstElementChild.remove();
-    setTimeout(() => notice.remove(), 1000 * SECONDS[tone]);
+    const reading = notice.textContent.length / READ_PER_S;
+    setTimeout(() => notice.remove(), 1000 * Math.max(SECONDS[tone], reading));
   }
 }

@@ -6,7 +6,8 @@ const LOOK_MS = 100, LOADING_MS = 180000, GIVEN_UP_MS = 8000, LOST_MS = 3000;
 const LOST_AGAIN_MS = 60000;
 const TAP_PX = 12, TAP_MS = 700, PASSED_ON = ["fixedDpr"];
 const HIDDEN = `
-[data-dock-region], .mantine-Paper-root, .mantine-Notifications-root { display: none !important }`;
+[data-dock-region], .mantine-Paper-root, .mantine-Notifications-root { display: none !important }
+canvas:focus-visible { outline: 3px solid #2f74ff; outline-offset: -3px }`;
 
 function canDraw() {
   const context = document.createElement("canvas").getContext("webgl2");
@@ -55,6 +56,7 @@ export class Scene {
       return this.load();
     }
     if (this.hasSession) {
+      this.letFocus();
       if (this.failures > 0) this.waits("loading"); // should there be no picture later
       this.failures = 0;
       return this.tellSize();
@@ -114,6 +116,13 @@ export class Scene {
       const { pointerId: id, pointerType: kind, clientX: x, clientY: y, timeStamp: ms } = event;
       this.held = { id, kind, x, y, ms };
     }
+  }
+
+  // Its keys turn and move the picture: what has the focus is seen, and has a name.
+  letFocus() {
+    if (this.canvas === null) return;
+    this.canvas.tabIndex = 0;
+    this.canvas.ariaLabel = this.frame.title;
   }
 
   // viser's picture follows the size of the frame some time later.

@@ -297,7 +297,8 @@ class NamedPanel:
             return
         self._shown = one
         default = "" if one.default is None else f" Default: {to_toml(one.default)}."
-        self._meaning.content = verbatim(f"{one.meaning} Allowed: {one.allowed}.{default}")
+        meaning = f"{one.meaning} Allowed: {one.allowed}.{default}"
+        self._meaning.content = verbatim(meaning, language="en")
         self._counts.content = note(_counts(one))
         self._value.value = "" if one.next is None else to_toml(one.next)
         self._value.disabled = self._set.disabled = one.acts == "file"
