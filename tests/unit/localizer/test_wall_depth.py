@@ -52,8 +52,8 @@ def ranges(at: Pose2D, angles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.minimum(to_x, to_y)
 
 
-def errors_m(grid: GridMap, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far off the robot is said to be in a circle through the room, once it has begun."""
+def error_m(grid: GridMap, angles: NDArray[np.float64]) -> float:
+    """How far off it is said to be in 95 % of a circle through the room, once it has begun [m]."""
     localizer, rng = Localizer(grid, [], LocalizerConfig(), 1), np.random.default_rng(2)
     found: list[float] = []
     for k in range(160):
@@ -77,25 +77,25 @@ def errors_m(grid: GridMap, angles: NDArray[np.float64]) -> NDArray[np.float64]:
         assert isinstance(estimate, Estimate)
         assert estimate.map_T_base is not None
         found.append(estimate.map_T_base.distance_to(at))
-    return np.array(found[60:])
+    return float(np.percentile(found[60:], 95))
 
 
 def test_behind_it_too_it_may_see_a_little() -> None:
     most_round = np.linspace(-0.75 * math.pi, 0.75 * math.pi, 271)
-    assert np.median(errors_m(room(0.1, 0.4), most_round)) < 0.015
+    assert error_m(room(0.1, 0.4), most_round) < 0.015
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 @pytest.mark.parametrize("wall_m", [0.1, 0.15, 0.2])
 def test_on_a_drawn_map_it_is_not_ahead_of_itself(wall_m: float, turn: float) -> None:
-    assert np.median(errors_m(room(wall_m, turn), AHEAD)) < 0.025
+    assert error_m(room(wall_m, turn), AHEAD) < 0.04
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_on_a_map_made_from_scans_nothing_is_made_up_for(turn: float) -> None:
-    assert np.median(errors_m(as_scanned(turn), AHEAD)) < 0.015
+    assert error_m(as_scanned(turn), AHEAD) < 0.015
 
 
 def test_who_looks_all_round_is_between_opposite_walls_anyway() -> None:
     round_about = np.linspace(-math.pi, math.pi, 360, endpoint=False)
-    assert np.median(errors_m(room(0.1, 0.4), round_about)) < 0.01
+    assert error_m(room(0.1, 0.4), round_about) < 0.01

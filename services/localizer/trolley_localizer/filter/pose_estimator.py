@@ -89,6 +89,8 @@ class AlignedPose:
     def __init__(self, field: LikelihoodField, config: LocalizerConfig) -> None:
         self._field = field
         self._config = config
+        self.walls = field.distance
+        """(rows + 2, cols + 2) distance to where beams may end [cells]."""
         self.pose = np.zeros(3)
         self.covariance = np.eye(3)
         self._inverted = self._inverse = np.eye(3)
@@ -119,7 +121,7 @@ class AlignedPose:
     def score(self, pose: NDArray[np.float64], points: Points) -> float:
         """Return the mean robust score of a pose, 0 ... 1."""
         width = MATCHER.widths_m[-1] / self._field.resolution
-        return score_pose(self._field.distance, points, pose, width)
+        return score_pose(self.walls, points, pose, width)
 
     def align(
         self, start: NDArray[np.float64], points: Points, *, is_free: bool
@@ -140,7 +142,7 @@ class AlignedPose:
             refine_pose(
                 pose,
                 information,
-                self._field.distance,
+                self.walls,
                 points,
                 start if is_free else self.pose,
                 prior_information,
@@ -304,6 +306,7 @@ class PoseEstimator:
         self, points: Points, laser: tuple[float, float], *, is_trusted: bool
     ) -> Points:
         """Return end points as deep in walls as they have to be, and learn how deep that is."""
+        self._aligned.walls = self._depth.walls
         if is_trusted:
             gain = self._aligned.information_of_beam(points)
             self._depth.update(points, laser, self.pose, gain)

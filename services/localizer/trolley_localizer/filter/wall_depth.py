@@ -8,13 +8,14 @@ who looks ahead only was told to be 6 cm farther ahead where walls are 10 cm thi
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trolley.scanning import Points
 from trolley_localizer.kernels.matching import gather_depth, refine_pose
-from trolley_localizer.matching.likelihood_field import LikelihoodField
+from trolley_localizer.matching.likelihood_field import LikelihoodField, hollow
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,11 @@ class WallDepth:
         self._information = 0.0
         self._learned = 0.0
 
+    @cached_property
+    def walls(self) -> NDArray[np.float32]:
+        """(rows + 2, cols + 2) distance to where beams may end [cells]; 0.3 s for 4000 x 4000."""
+        return hollow(self._field)
+
     @property
     def cells(self) -> float:
         """By how much beams are to be longer, so that they end in the middle of walls [cells]."""
@@ -72,7 +78,7 @@ class WallDepth:
             pose: (3,) x, y [cells], yaw [rad] in `grid`, near the true one.
             gain: information of one beam [1/cells^2].
         """
-        field, sigma = self._field.distance, PARAMS.width_m / self._field.resolution
+        field, sigma = self.walls, PARAMS.width_m / self._field.resolution
         deeper, tuning = lengthened(points, laser, self._learned), np.array([sigma, gain])
         there, of_pose = pose.copy(), np.empty((3, 3))
         refine_pose(there, of_pose, field, deeper, pose, self._weak, tuning, PARAMS.steps)

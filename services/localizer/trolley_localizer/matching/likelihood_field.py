@@ -20,6 +20,12 @@ LEAST_VARIANCE = 1e-6
 MOST_VARIANCE = 25.0
 """Largest variance that a pose can be set with [m^2, rad^2]."""
 
+SHELL_CELLS = 2.5
+"""Farther from the floor no beam ends in a wall [cells] (by hand)."""
+BEHIND_M = 0.3
+"""Walls within this of one where beams end are behind it; others were seen across the unknown [m]
+(by hand)."""
+
 FULL_SCORE = 65535
 """Score of a cell that holds a wall."""
 
@@ -89,9 +95,7 @@ def build_field(grid: GridMap, config: LocalizerConfig) -> LikelihoodField:
         Thrun, Burgard, Fox, Probabilistic Robotics (2005), table 6.3.
     """
     far = MAX_DISTANCE_M / grid.resolution
-    distance = np.full((grid.rows + 2, grid.cols + 2), far, np.float32)
-    # In cells: resolution 1 gives the distance in cell edges.
-    distance[1:-1, 1:-1] = distance_transform(grid.occupied_mask(), 1.0, far)
+    distance = _distances(grid.occupied_mask(), far)
     sigma = config.sigma_hit_m / grid.resolution
     # Squared distances between cells are whole numbers: each has its score in a short table.
     squares = np.arange(math.ceil(far * far) + 1, dtype=np.float64)
@@ -105,6 +109,26 @@ def build_field(grid: GridMap, config: LocalizerConfig) -> LikelihoodField:
     known = (distance <= config.explained_within_m / grid.resolution).astype(np.uint8)
     known[1:-1, 1:-1] |= floor_of(grid)
     return LikelihoodField(grid, distance, score, log_range, known)
+
+
+def _distances(walls: NDArray[np.uint8], far: float) -> NDArray[np.float32]:
+    """Return the distance to the nearest wall (rows + 2, cols + 2) [cells], at most `far`."""
+    distance = np.full((walls.shape[0] + 2, walls.shape[1] + 2), far, np.float32)
+    # In cells: resolution 1 gives the distance in cell edges.
+    distance[1:-1, 1:-1] = distance_transform(walls, 1.0, far)
+    return distance
+
+
+def hollow(field: LikelihoodField) -> NDArray[np.float32]:
+    """Return the distance to the nearest wall (rows + 2, cols + 2) [cells], thick ones hollow.
+
+    Only the first two cells from the floor on count: in what is behind them no beam ends.
+    """
+    walls, far = field.grid.occupied_mask(), MAX_DISTANCE_M / field.resolution
+    shell = walls & (distance_transform(floor_of(field.grid), 1.0, far) <= SHELL_CELLS)
+    behind = distance_transform(shell, field.resolution, MAX_DISTANCE_M) <= BEHIND_M
+    outer = walls & (shell | ~behind)
+    return field.distance if (outer == walls).all() else _distances(outer, far)
 
 
 def floor_of(grid: GridMap) -> NDArray[np.uint8]:
