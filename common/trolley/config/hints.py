@@ -18,7 +18,8 @@ UNKNOWN_KEY = re.compile(r"Object contains unknown field `(.*?)`(?: - at `\$\.(.
 AT_LINE = re.compile(r"\(at line (\d+), column \d+\)\Z")
 CURLY_QUOTES = set("\u2018\u2019\u201a\u201c\u201d\u201e\u00ab\u00bb")
 """As web pages and word processors put them in place of straight ones."""
-DECIMAL_COMMA = re.compile(r"\d,\d")
+DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d")
+"""Right after the `=`: in an array it is the comma between two values."""
 
 
 def in_words_of_robot_toml(problem: str, file: type[Struct]) -> str:

@@ -77,6 +77,7 @@ class PlannerService(Service):
         self._command_ns = command_period_ns(config.planner)
         self._valid_s = command_valid_s(config.planner)
         self.parts = (LiveConfig(self, config, self._use),)
+        self._map: OccupancyGrid | None = None
         self._commanded_ns = 0
         self._scan_ns = 0
         self._scan_period_ns = 0
@@ -119,7 +120,7 @@ class PlannerService(Service):
     @on(topics.MAP)
     def on_map(self, grid: OccupancyGrid) -> None:
         """Keep the map."""
-        self.navigator.inputs.map = grid
+        self._map = self.navigator.inputs.map = grid
 
     @on(topics.ZONES)
     def on_zones(self, zones: Zones) -> None:
@@ -155,10 +156,9 @@ class PlannerService(Service):
 
     @on(topics.POSE, wakes=False)
     def on_pose(self, pose: PoseEstimate) -> None:
-        """Keep the newest pose estimate; if it has no map, the one that was there is gone."""
-        self.navigator.inputs.pose = pose
-        if pose.map is None:
-            self.navigator.inputs.map = None
+        """Keep the newest pose estimate; as long as it has no map, there is none."""
+        inputs = self.navigator.inputs
+        inputs.pose, inputs.map = pose, None if pose.map is None else self._map
 
     @on(topics.BASE)
     def on_base(self, base: BaseState) -> None:

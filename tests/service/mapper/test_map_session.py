@@ -24,6 +24,7 @@ from trolley.messages.request_params import (
     SendGoal,
     SetPose,
     UndoMap,
+    Yield,
 )
 from trolley.runtime import codec
 from trolley.state_file import parse
@@ -171,6 +172,23 @@ def test_nothing_goes_to_a_first_map_that_was_discarded(make_stage: MakeStage) -
     stage.map(seconds=3.0)
     assert (stage.pose.state, stage.pose.map) == ("mapping", "home")
     assert planner.navigator.inputs.map is not None
+
+
+def test_goals_are_taken_again_after_a_mapper_that_was_silent_for_a_while(
+    make_stage: MakeStage,
+) -> None:
+    stage = make_stage("localizer", "mapper")
+    stage.bus.add(PlannerService(stage.config))
+    stage.map(seconds=3.0)
+    stage.bus.run(2.0)
+    num_maps = len(stage.maps)
+    stage.ask(requests.LOCALIZER_YIELD, Yield(on=False))  # as if it had not been renewed in time
+    stage.bus.run(3.0)
+    assert None in [pose.map for pose in stage.poses]
+    assert (stage.pose.map, len(stage.maps)) == ("home", num_maps)
+    assert stage.pose.pose is not None
+    goal = SendGoal(pose=stage.pose.pose @ Pose2D(0.3, 0.0, 0.0))
+    assert stage.ask(requests.GOAL_SEND, goal).state == "driving"
 
 
 def test_an_extended_map_is_saved_under_another_name_with_its_zones_places_and_tours(

@@ -151,6 +151,8 @@ def test_a_byte_order_mark_is_named(file: Path) -> None:
         ("title = \u201cKiwi\u201d", "(at line 4, column 9); text stands in straight quotes"),
         ("title = \u201eKiwi\u201c", "(at line 4, column 9); text stands in straight quotes"),
         ("[planner]\nmax_speed_mps = 0,3", "(at line 5, column 18); decimals have a point: 0.5"),
+        ("[start]\npose = {x = -0,5, y = 0}", "; decimals have a point: 0.5"),
+        ("points = [[0.2,0.1], [0.2.0,1]]", "Unclosed array (at line 4, column 26)"),
         ("title = Kiwi", "(at line 4, column 9)"),
     ],
 )

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry.kernels import solve_spd
 from trolley.gridmap.kernels import interpolate
-from trolley.jit import kernel, loose_kernel
+from trolley.jit import kernel, lean_kernel, loose_kernel
 from trolley.scanning import Points
 from trolley_localizer.kernels.elementary import sin_cos
 from trolley_localizer.kernels.layout import Cloud, Lines
@@ -389,7 +389,7 @@ _MAX_TURN = 0.1
 """Most that a Gauss-Newton step turns the pose [rad]."""
 
 
-@kernel
+@lean_kernel
 def slope_at(field: NDArray[np.float32], x: float, y: float) -> tuple[float, float, float]:
     """Interpolate a field between cell centres, with its slopes along x and y; off the map all 0.
 
