@@ -26,7 +26,7 @@ FRONT_END = FrontEndParams(
 
 
 ALL_ROUND_RAD = 1.7 * math.pi
-"""Field of view from which on a lidar looks all round, but for what a housing hides (by hand)."""
+"""Field of view from which on a lidar looks all round, but for a post or two (by hand)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +39,8 @@ class BeamSet:
         classes: (n,) uint8: UNUSED where there is no echo, else NOT_ON_MAP until judged.
         used: (m,) int64, indices of beams that may be matched with the map.
         step_rad: angle from one beam to the next, 0 ... pi.
+        view_rad: field of view without what is hidden by the robot's own body, as far as beams that
+            end too near to be measured tell.
         is_blind: the scan holds too little to compare it with a map.
     """
 
@@ -47,6 +49,7 @@ class BeamSet:
     classes: NDArray[np.uint8]
     used: NDArray[np.int64]
     step_rad: float
+    view_rad: float
     is_blind: bool
 
     def points(self, index: NDArray[np.int64]) -> Points:
@@ -74,7 +77,7 @@ class BeamSet:
     @property
     def looks_all_round(self) -> bool:
         """Whether the lidar sees the opposite of each wall that it sees."""
-        return self.step_rad * self.classes.size >= ALL_ROUND_RAD
+        return self.view_rad >= ALL_ROUND_RAD
 
     @property
     def laser(self) -> tuple[float, float]:
@@ -94,7 +97,8 @@ def read_beams(scan: ScanInput, resolution: float, max_range_m: float) -> BeamSe
     telling = mark_echoes(classes, scan.ranges, seen.echoes, FRONT_END.telling_range_m)
     blind = is_too_little(telling, seen.echoes.size, FRONT_END)
     step_rad = abs(math.remainder(scan.angle_increment, 2.0 * math.pi))
-    return BeamSet(seen.ends, seen.starts, classes, seen.echoes, step_rad, blind)
+    view_rad = step_rad * int(np.count_nonzero(scan.ranges >= scan.range_min))
+    return BeamSet(seen.ends, seen.starts, classes, seen.echoes, step_rad, view_rad, blind)
 
 
 @dataclass(frozen=True, slots=True)
