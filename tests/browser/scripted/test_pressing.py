@@ -130,10 +130,47 @@ def test_a_second_press_counts_for_nothing_where_another_button_has_come_under_i
     viewer.lines[-1].send(Told(controls=controls.take_changes()))
     expect(page.get_by_role("button", name="Continue")).to_be_visible()
     press(100.6)
+    press(100.65)  # a third time
     page.get_by_role("button", name="Other").click()
     press(100.7)
     wait_until(lambda: go_on.id in viewer.pressed(), "what was seen for a while is pressed")
     assert viewer.pressed() == [pause.id, pause.id, other.id, go_on.id]
+
+
+def test_a_second_tap_on_the_map_presses_no_button_of_the_card_that_has_come_there(
+    page: Page, viewer: Viewer
+) -> None:
+    """On a phone a card covers the lower part of the map."""
+    controls = Controls()
+    card = controls.add_card(of_spot=True)
+    with card:
+        go, save = controls.add_button("Go"), controls.add_button("Save place")
+    viewer.greet()
+    viewer.tell_controls(controls)
+    page.frame_locator("#scene").locator("canvas[data-engine]").wait_for()
+    viewer.tell_state(has_scene=True)
+    expect(page.locator("#scene-wait")).to_be_hidden()
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.locator("#handle").press("ArrowDown")
+    card.visible = True
+    viewer.lines[-1].send(Told(controls=controls.take_changes()))
+    spot = middle(page.get_by_role("button", name="Go"))
+    card.visible = False
+    viewer.lines[-1].send(Told(controls=controls.take_changes()))
+    expect(page.get_by_role("button", name="Go")).to_be_hidden()
+    page.evaluate("performance.now = () => 100000")
+    page.mouse.click(*spot)
+    wait_until(lambda: any(said.gesture for _, said in viewer.said), "the map is tapped")
+    card.visible = True
+    viewer.lines[-1].send(Told(controls=controls.take_changes()))
+    expect(page.get_by_role("button", name="Go")).to_be_visible()
+    page.evaluate("performance.now = () => 100300")
+    page.mouse.click(*spot)
+    page.get_by_role("button", name="Save place").press("Enter")
+    page.evaluate("performance.now = () => 100500")
+    page.mouse.click(*spot)
+    wait_until(lambda: go.id in viewer.pressed(), "what was seen for a while is pressed")
+    assert viewer.pressed() == [save.id, go.id]
 
 
 def test_stop_counts_from_when_it_is_touched_whatever_the_finger_does_then(

@@ -29,13 +29,17 @@ const room = new Room(
   ...["map", "scene", "over", "stop-line"].map((id) => document.getElementById(id)),
 );
 keys.listenTo(document);
-countOnce(document);
+const pressedInside = countOnce(document);
 scene.waits = (why) => {
   for (const one of document.querySelectorAll("#scene-wait p")) one.hidden = one.dataset.why !== why;
 };
 // Before viser, which turns the picture by the arrow keys.
 scene.opened = (frame) => keys.listenTo(frame.document, { capture: true });
-scene.tapped = (x, y) => room.touch(x, y);
+scene.tapped = (x, y) => {
+  const { left, top } = scene.frame.getBoundingClientRect();
+  pressedInside(left + x, top + y, performance.now());
+  room.touch(x, y);
+};
 speakNow(likelyLanguage());
 
 const stop = document.getElementById("stop");

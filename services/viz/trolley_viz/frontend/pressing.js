@@ -1,7 +1,9 @@
 // Hands that shake press twice. By the second press something else may have come under the finger:
-// what was under a card that has closed, or “Continue” in place of “Pause”. It counts for nothing.
+// what was under a card that has closed, or “Continue” in place of “Pause”. It counts for nothing,
+// nor does a third.
 const TWICE_MS = 400, NEAR_PX = 30;
 
+// Returns what is to be told of presses that this does not hear of, as those inside of a frame.
 export function countOnce(root) {
   let last = null; // the press before, by a pointer
   root.addEventListener("click", (event) => {
@@ -13,7 +15,9 @@ export function countOnce(root) {
     if (isTwice && button !== null && button !== last.button && button.id !== "stop") {
       event.preventDefault();
       event.stopPropagation();
+      return;
     }
     last = { button, x, y, ms };
   }, { capture: true });
+  return (x, y, ms) => { last = { button: null, x, y, ms }; };
 }
