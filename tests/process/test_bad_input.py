@@ -43,8 +43,7 @@ BAD_REQUESTS: dict[str, tuple[bytes, str]] = {
 
 def test_bad_requests_are_refused_and_the_service_lives(keeper: Process, bus: ZenohBus):
     for what, (payload, code) in BAD_REQUESTS.items():
-        (reply,) = read(bus, REQUEST, payload)
-        assert error_code(reply) == code, what
+        assert [error_code(reply) for reply in read(bus, REQUEST, payload)] == [code], what
         assert stored_names(bus) == set(), what
     (reply,) = read(bus, REQUEST, msgspec.json.encode(PLACE))
     assert not reply.is_error
