@@ -19,7 +19,7 @@ from trolley_localizer.filter.particle_filter import ParticleFilter, lower_root
 from trolley_localizer.filter.wall_depth import WallDepth, lengthened
 from trolley_localizer.kernels.matching import refine_pose, score_pose
 from trolley_localizer.matching.likelihood_field import LikelihoodField
-from trolley_localizer.matching.map_matcher import BeamSet, MapMatcher
+from trolley_localizer.matching.map_matcher import FREE_INFORMATION, BeamSet, MapMatcher
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +160,7 @@ class AlignedPose:
     def _prior_information(self, *, is_free: bool) -> NDArray[np.float64]:
         """Return how firmly the odometry holds the pose (3, 3)."""
         if is_free:
-            return np.diag([1e-4, 1e-4, 1e-2])
+            return FREE_INFORMATION
         if self._inverted is not self.covariance:
             self._inverted = self.covariance
             self._inverse = np.asarray(np.linalg.inv(self.covariance), np.float64)
@@ -292,7 +292,9 @@ class PoseEstimator:
         points = seen.spread(self._config.refine_beams)
         if points.x.size == 0:
             return
-        if not beams.looks_all_round:
+        if beams.looks_all_round:
+            self._aligned.walls = self._field.distance
+        else:
             points = self._as_deep_as_walls(points, beams.laser, is_trusted=is_trusted)
         view = ScanView(seen, points, 0.0, self._possible_drift(), is_trusted)
         self._align(view)

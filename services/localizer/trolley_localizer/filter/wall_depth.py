@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from trolley.scanning import Points
 from trolley_localizer.kernels.matching import gather_depth, refine_pose
 from trolley_localizer.matching.likelihood_field import LikelihoodField, hollow
+from trolley_localizer.matching.map_matcher import FREE_INFORMATION
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,6 @@ class WallDepth:
 
     def __init__(self, field: LikelihoodField) -> None:
         self._field = field
-        self._weak = np.diag([1e-4, 1e-4, 1e-2])
         self._information = 0.0
         self._learned = 0.0
 
@@ -81,11 +81,12 @@ class WallDepth:
         field, sigma = self.walls, PARAMS.width_m / self._field.resolution
         deeper, tuning = lengthened(points, laser, self._learned), np.array([sigma, gain])
         there, of_pose = pose.copy(), np.empty((3, 3))
-        refine_pose(there, of_pose, field, deeper, pose, self._weak, tuning, PARAMS.steps)
+        refine_pose(there, of_pose, field, deeper, pose, FREE_INFORMATION, tuning, PARAMS.steps)
         hessian, gradient = np.zeros((4, 4)), np.zeros(4)
         gather_depth(hessian, gradient, field, deeper, laser, there, tuning)
         shared = np.linalg.solve(
-            hessian[:3, :3] + self._weak, np.column_stack([hessian[:3, 3], gradient[:3]])
+            hessian[:3, :3] + FREE_INFORMATION,
+            np.column_stack([hessian[:3, 3], gradient[:3]]),
         )
         information = float(hessian[3, 3] - hessian[:3, 3] @ shared[:, 0])
         slope = float(gradient[3] - hessian[:3, 3] @ shared[:, 1])

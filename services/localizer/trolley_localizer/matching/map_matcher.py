@@ -25,6 +25,9 @@ FRONT_END = FrontEndParams(
 )
 
 
+FREE_INFORMATION = np.diag([1e-4, 1e-4, 1e-2])
+"""What holds a pose back that only the scan is to place: next to nothing, along a bare corridor too
+[1/cells^2, 1/rad^2]."""
 ALL_ROUND_RAD = 1.7 * math.pi
 """Field of view from which on a lidar looks all round, but for a post or two (by hand)."""
 
@@ -184,7 +187,6 @@ class MapMatcher:
         self.suspects = mirrors._replace(**{name: np.empty(0) for name in mirrors._fields})
         """Suspected mirrors alike."""
         self._config = config
-        self._weak = np.diag([1e-4, 1e-4, 1e-2])
 
     def without_mirrored(self, pose: NDArray[np.float64], beams: BeamSet) -> BeamSet:
         """Leave out the beams that end behind a mirror, a suspected one, or glass."""
@@ -313,7 +315,7 @@ class MapMatcher:
                 self._field.distance,
                 points,
                 pose,
-                self._weak,
+                FREE_INFORMATION,
                 tuning,
                 PARAMS.max_steps,
             )
