@@ -5,6 +5,9 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from bench.planner.home import scene_of
+from bench.planner.situations import STATIC
+from bench.planner.visit import Setting, drive
 from support.all_poses import box
 from support.flatland import BEAMS, Flatland, empty_room, scan_message, two_rooms, with_block
 
@@ -12,7 +15,7 @@ from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, angle_difference, integrate_twist
 from trolley.gridmap import GridMap
-from trolley.messages import Scan
+from trolley.messages import Scan, Zone
 from trolley_planner.control.controller import Motion, limited_change, limits_of
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
@@ -347,5 +350,40 @@ def test_a_wall_that_nobody_looks_at_stands_where_the_map_has_it(
     fine = FineGrid(drive.navigator.costmap_manager.require_context().costmap, FINE.finest_m, 1.0)
     fine.update((50, 70), (20, 20))
     row, col = round(0.5 / fine.fine_m), round(0.5 / fine.fine_m)
-    assert (not fine.mask[row - 8 : row + 8, col].all()) == looks_there
-    assert fine.mask[row - 8 : row + 8, col + 1].all()
+    stands = np.all(fine.mask[row - 8 : row + 8, col : col + 6], axis=0)
+    assert stands[:3].any() != looks_there
+    assert stands[:3].all() != looks_there
+    assert stands[4:].all()
+
+
+@pytest.mark.parametrize("lies", ["behind glass", "in a keep-out zone"])
+def test_neither_glass_nor_a_keep_out_zone_is_opened_by_what_is_seen_in_it(ride, lies: str) -> None:
+    grid = with_block(empty_room(), 4.0, 2.0, 0.05, 2.0)
+    truth = with_block(empty_room(), 4.1 if lies == "behind glass" else 4.05, 2.0, 0.5, 2.0)
+    around = [(3.9, 1.9), (4.2, 1.9), (4.2, 4.1), (3.9, 4.1)]
+    zones = [Zone(name="no", kind="keepout", points=around)] if lies == "in a keep-out zone" else []
+    drive = ride(Flatland(grid, Pose2D(3.6, 3.0, 0.0), truth=truth, zones=zones))
+    drive.step(10)
+    fine = FineGrid(drive.navigator.costmap_manager.require_context().costmap, FINE.finest_m, 1.0)
+    fine.update((50, 70), (20, 20))
+    row, col = round(0.5 / fine.fine_m), round(0.5 / fine.fine_m)
+    assert fine.mask[row - 8 : row + 8, col + 1 : col + 3].all()
+
+
+@pytest.mark.drives
+@pytest.mark.parametrize(
+    ("situation", "seed"),
+    [
+        # Its pose is 4 cm off, towards the wall that it looks at.
+        ("dead end 0.55, from its end", 1100),
+        # The goal lies behind it, beside a wall whose rim is nearer on the map than it is.
+        ("2-5 cm beside a wall", 1111),
+    ],
+)
+def test_half_blind_it_comes_out_of_and_to_places_that_the_map_has_too_narrow(
+    situation: str, seed: int
+) -> None:
+    row = next(row for row in STATIC if row.name == situation)
+    scene = scene_of(row, seed, is_off_grid=True, is_turned=True)
+    visit = drive(scene, seed, Setting("180", False, True, "tracks"))
+    assert (visit.ending, visit.touched) == ("arrived", 0)

@@ -1,30 +1,53 @@
 """Obstacles around a place, in cells fine enough to check the footprint to a centimetre."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.gridmap.kernels import column_distances_into, distance_transform_into
-from trolley.jit import kernel
+from trolley.gridmap.kernels import (
+    column_distances_into,
+    distance_transform_into,
+    is_in_disc,
+)
+from trolley.jit import kernel, lean_kernel
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import FREE, UNKNOWN, WALL
 from trolley_planner.costmap.obstacle_grid import ObstacleGrid
 from trolley_planner.sensing.beams import CLEAR, DX, DY, ECHO, X, Y
 
 
-@dataclass(frozen=True, slots=True)
-class FineGridParams:
-    """Size of fine cells; by hand."""
+class FineGridParams(NamedTuple):
+    """Size of fine cells, and what the lidar says of walls; by hand."""
 
     finest_m: float = 0.015
     """Largest edge of a fine cell, where there are not too many of them."""
+    looks_m: float = 1.0
+    """A wall that is farther from the lidar than this is looked at before the robot is there."""
+    deepest_m: float = 0.3
+    """Most of a wall that a beam opens: a beam along a wall that the map has 4 cm off runs in it
+    for 20 cm."""
+    noise_m: float = 0.0125
+    """This much before an echo the wall stays: what is left of the noise of ranges."""
 
 
 FINE = FineGridParams()
 LEAST_PARTS = 3
 """Cells of walls that are divided in fewer parts than this are drawn as a whole."""
+
+
+class Box(NamedTuple):
+    """Which cells of the costmap are divided, and how."""
+
+    row: int
+    """Row of the costmap at the corner; may lie outside."""
+    col: int
+    """The same of the column."""
+    parts: int
+    """Fine cells in the edge of a cell."""
+    cell_m: float
+    """Edge of a cell of the costmap [m]."""
 
 
 class FineGrid:
@@ -62,6 +85,7 @@ class FineGrid:
             has_seen: with what the lidar has seen; else the map and its zones alone.
         """
         costmap, layer = self._costmap, self._costmap.obstacle_layer
+        kinds, keepout = costmap.static.kinds, costmap.static.keepout
         rows, cols = size[0] * self.parts, size[1] * self.parts
         if self._mask.size < rows * cols:
             self._mask = np.zeros(rows * cols, dtype=np.uint8)
@@ -72,19 +96,12 @@ class FineGrid:
         self.distance_m = self._distances[part].reshape(shape)
         columns = self._columns[part].reshape(shape)
         self.x, self.y = first[1] * costmap.resolution_m, first[0] * costmap.resolution_m
-        fill_window(
-            self.mask,
-            costmap.static.kinds,
-            costmap.static.keepout,
-            layer.grid,
-            first,
-            self.parts,
-            (not costmap.unknown_is_free, has_seen, layer.in_sight_since),
-            costmap.resolution_m,
-        )
+        box = Box(*first, self.parts, costmap.resolution_m)
+        manner = not costmap.unknown_is_free, has_seen, layer.in_sight_since
+        fill_window(self.mask, kinds, keepout, layer.grid, box, manner, layer.beams)
         if has_seen:
-            fine_first = first[0] * self.parts, first[1] * self.parts
-            draw_echoes(self.mask, layer.static_beams, fine_first, self.fine_m)
+            open_walls(self.mask, kinds, keepout, box, layer.beams, layer.echoes_m)
+            draw_echoes(self.mask, layer.static_beams, box)
         column_distances_into(columns, self.mask)
         distance_transform_into(self.distance_m, columns, self.fine_m, self._reach_m)
 
@@ -105,94 +122,206 @@ def fill_window(
     kinds: NDArray[np.uint8],
     keepout: NDArray[np.uint8],
     grid: ObstacleGrid,
-    first: tuple[int, int],
-    parts: int,
+    box: Box,
     manner: tuple[bool, bool, int],
-    resolution_m: float,
+    beams: NDArray[np.float64],
 ) -> None:
     """Write 1 where something stands: what was seen as the point seen, walls but for their rims.
 
-    A wall fills the cells at its surface only in part; where they end, the lidar sees. Where it
-    does not look, they count as filled, and so does all beyond the costmap if what nobody has seen
-    does.
+    A wall fills the cells at its surface only in part; where they end, the lidar sees, and what is
+    far away it sees before the robot is there. Where it does not look beside the robot, they count
+    as filled, and so does all beyond the costmap if what nobody has seen does.
 
     Args:
-        out_mask: (rows * parts, cols * parts) fine cells, overwritten.
+        out_mask: (rows, cols) fine cells, overwritten.
         kinds: of the costmap's cells.
         keepout: of the costmap's cells.
         grid: what the lidar has seen.
-        first: row and column of the costmap at the local costmap's corner; may lie outside.
-        parts: fine cells in the edge of a cell of the costmap.
+        box: where the fine cells lie.
         manner: whether cells that nobody has seen count as something, whether what the lidar has
             seen does, and the number of the scan since which the lidar must have seen a cell to be
             looking there now.
-        resolution_m: cell edge of the costmap [m].
+        beams: (n, 6) of the newest scan, which tell where the lidar is.
     """
     rows, cols = kinds.shape
     out_mask[:, :] = 0
-    fine_rows, fine_cols = out_mask.shape
-    scale = parts / resolution_m
-    unknown_blocks, has_seen, since = manner
+    parts, scale = box.parts, box.parts / box.cell_m
+    unknown_blocks, has_seen, in_sight_since = manner
     observed = grid.observed
-    for window_row in range(fine_rows // parts):
-        for window_col in range(fine_cols // parts):
-            row, col = first[0] + window_row, first[1] + window_col
+    laser_x, laser_y = math.inf, math.inf
+    if beams.shape[0] > 0:
+        laser_x, laser_y = beams[-1, X] / box.cell_m, beams[-1, Y] / box.cell_m
+    for row in range(box.row, box.row + out_mask.shape[0] // parts):
+        for col in range(box.col, box.col + out_mask.shape[1] // parts):
+            top, left = (row - box.row) * parts, (col - box.col) * parts
             if not (0 <= row < rows and 0 <= col < cols):
                 if unknown_blocks:
-                    top, left = window_row * parts, window_col * parts
                     out_mask[top : top + parts, left : left + parts] = 1
                 continue
             unseen = kinds[row, col] == UNKNOWN and observed[row, col] == 0
-            is_filled = keepout[row, col] != 0 or (unknown_blocks and unseen)
-            if is_filled or kinds[row, col] == WALL:
-                top, left, bottom, right = 0, 0, parts, parts
-                if not is_filled and parts >= LEAST_PARTS:
-                    top += row > 0 and is_face(kinds[row - 1, col], observed[row - 1, col], since)
-                    bottom -= row < rows - 1 and is_face(
-                        kinds[row + 1, col], observed[row + 1, col], since
-                    )
-                    left += col > 0 and is_face(kinds[row, col - 1], observed[row, col - 1], since)
-                    right -= col < cols - 1 and is_face(
-                        kinds[row, col + 1], observed[row, col + 1], since
-                    )
-                for part_row in range(top, bottom):
-                    for part_col in range(left, right):
-                        out_mask[window_row * parts + part_row, window_col * parts + part_col] = 1
+            if keepout[row, col] != 0 or (unknown_blocks and unseen):
+                out_mask[top : top + parts, left : left + parts] = 1
+            elif kinds[row, col] == WALL:
+                is_near = is_in_disc(row, col, laser_x, laser_y, FINE.looks_m / box.cell_m)
+                since = in_sight_since if is_near else 0
+                draw_wall(out_mask, kinds, observed, box, (row, col), since)
             elif has_seen and grid.evidence[row, col]:
-                fine_row = math.floor(grid.points[row, col, 1] * scale) - first[0] * parts
-                fine_col = math.floor(grid.points[row, col, 0] * scale) - first[1] * parts
+                fine_row = math.floor(grid.points[row, col, 1] * scale) - box.row * parts
+                fine_col = math.floor(grid.points[row, col, 0] * scale) - box.col * parts
                 # Rounding of the point may put it just outside its cell.
-                fine_row = min(max(fine_row, window_row * parts), (window_row + 1) * parts - 1)
-                fine_col = min(max(fine_col, window_col * parts), (window_col + 1) * parts - 1)
+                fine_row = min(max(fine_row, top), top + parts - 1)
+                fine_col = min(max(fine_col, left), left + parts - 1)
                 out_mask[fine_row, fine_col] = 1
 
 
-@kernel
+@lean_kernel
+def draw_wall(
+    out_mask: NDArray[np.uint8],
+    kinds: NDArray[np.uint8],
+    observed: NDArray[np.int32],
+    box: Box,
+    cell: tuple[int, int],
+    since: int,
+) -> None:
+    """Set the fine cells of a cell of a wall, but for its rims beside floor that is looked at.
+
+    Args:
+        out_mask: (rows, cols) fine cells, changed in place.
+        kinds: of the costmap's cells.
+        observed: numbers of the scans in which beams last passed the costmap's cells.
+        box: where the fine cells lie.
+        cell: row and column of the costmap.
+        since: number of the scan since which the lidar looks there.
+    """
+    row, col = cell
+    parts = box.parts
+    top, left, bottom, right = 0, 0, parts, parts
+    if parts >= LEAST_PARTS:
+        top += row > 0 and is_face(kinds[row - 1, col], observed[row - 1, col], since)
+        bottom -= row < kinds.shape[0] - 1 and is_face(
+            kinds[row + 1, col], observed[row + 1, col], since
+        )
+        left += col > 0 and is_face(kinds[row, col - 1], observed[row, col - 1], since)
+        right -= col < kinds.shape[1] - 1 and is_face(
+            kinds[row, col + 1], observed[row, col + 1], since
+        )
+    first_row, first_col = (row - box.row) * parts, (col - box.col) * parts
+    for fine_row in range(first_row + top, first_row + bottom):
+        for fine_col in range(first_col + left, first_col + right):
+            out_mask[fine_row, fine_col] = 1
+
+
+@lean_kernel
 def is_face(kind: int, observed: int, since: int) -> bool:
     """Say whether a cell beside a wall is free and the lidar looks there; see `fill_window`."""
     return kind == FREE and observed >= since
 
 
 @kernel
-def draw_echoes(
+def open_walls(
     out_mask: NDArray[np.uint8],
+    kinds: NDArray[np.uint8],
+    keepout: NDArray[np.uint8],
+    box: Box,
     beams: NDArray[np.float64],
-    first: tuple[int, int],
-    fine_m: float,
+    echoes_m: NDArray[np.float64],
 ) -> None:
+    """Clear walls as far as the newest beams go in them, and set the fine cells where those end.
+
+    A wall is where the lidar sees it: between walls that the map, or the error of the pose, has
+    nearer than they are, the robot would not turn where it can. A beam that leaves the wall again
+    shows nothing of it: it may have gone through glass.
+
+    Args:
+        out_mask: (rows, cols) fine cells, changed in place.
+        kinds: of the costmap's cells.
+        keepout: of the costmap's cells; these stay set.
+        box: where the fine cells lie.
+        beams: (n, 6) in `grid`, cut at mirrors and walls.
+        echoes_m: (n,) how far off their echoes lie, those in walls as well; 0 = none.
+    """
+    step_m, cell_m = 0.5 * box.cell_m / box.parts, box.cell_m
+    for beam in range(beams.shape[0]):
+        echo = echoes_m[beam]
+        was_cut = beams[beam, ECHO] == 0.0
+        wall = beams[beam, CLEAR] if was_cut else echo - cell_m
+        end_row, end_col = fine_cell(box, beams, beam, echo)
+        if echo <= 0.0 or echo - wall > FINE.deepest_m or not is_inside(out_mask, end_row, end_col):
+            continue
+        if was_cut and not ends_in_wall(kinds, beams, beam, (wall, echo), (step_m, cell_m)):
+            continue
+        at = echo - FINE.noise_m
+        while at > wall:
+            row = math.floor((beams[beam, Y] + at * beams[beam, DY]) / cell_m)
+            col = math.floor((beams[beam, X] + at * beams[beam, DX]) / cell_m)
+            fine_row, fine_col = fine_cell(box, beams, beam, at)
+            if (
+                is_inside(out_mask, fine_row, fine_col)
+                and is_inside(kinds, row, col)
+                and kinds[row, col] == WALL
+                and keepout[row, col] == 0
+            ):
+                out_mask[fine_row, fine_col] = 0
+            at -= step_m
+        if was_cut:
+            out_mask[end_row, end_col] = 1
+
+
+@lean_kernel
+def ends_in_wall(
+    kinds: NDArray[np.uint8],
+    beams: NDArray[np.float64],
+    beam: int,
+    stretch: tuple[float, float],
+    steps_m: tuple[float, float],
+) -> bool:
+    """Say whether a beam is in a wall from where it meets it up to its echo.
+
+    Args:
+        kinds: of the costmap's cells.
+        beams: (n, 6).
+        beam: which of them.
+        stretch: where it meets the wall, and where its echo lies [m].
+        steps_m: from one look to the next; cell edge of the costmap.
+    """
+    at = stretch[1]
+    while at > stretch[0]:
+        row = math.floor((beams[beam, Y] + at * beams[beam, DY]) / steps_m[1])
+        col = math.floor((beams[beam, X] + at * beams[beam, DX]) / steps_m[1])
+        if not is_inside(kinds, row, col) or kinds[row, col] != WALL:
+            return False
+        at -= steps_m[0]
+    return True
+
+
+@lean_kernel
+def fine_cell(box: Box, beams: NDArray[np.float64], beam: int, along_m: float) -> tuple[int, int]:
+    """Return row and column of the fine cell so far along a beam; may lie outside."""
+    scale = box.parts / box.cell_m
+    row = math.floor((beams[beam, Y] + along_m * beams[beam, DY]) * scale) - box.row * box.parts
+    col = math.floor((beams[beam, X] + along_m * beams[beam, DX]) * scale) - box.col * box.parts
+    return row, col
+
+
+@lean_kernel
+def is_inside(cells: NDArray[np.uint8], row: int, col: int) -> bool:
+    """Say whether there is such a cell."""
+    return 0 <= row < cells.shape[0] and 0 <= col < cells.shape[1]
+
+
+@kernel
+def draw_echoes(out_mask: NDArray[np.uint8], beams: NDArray[np.float64], box: Box) -> None:
     """Set the fine cells of the newest echoes, also of those that the map explains.
 
     Args:
         out_mask: (rows, cols) fine cells, changed in place.
         beams: (n, 6) in `grid`, cut at mirrors and walls.
-        first: fine row and column of the local costmap's corner.
-        fine_m: edge of a fine cell [m].
+        box: where the fine cells lie.
     """
     for beam in range(beams.shape[0]):
         echo = beams[beam, ECHO]
         if echo <= 0.0 or beams[beam, CLEAR] <= 0.0:
             continue
-        row = math.floor((beams[beam, Y] + echo * beams[beam, DY]) / fine_m) - first[0]
-        col = math.floor((beams[beam, X] + echo * beams[beam, DX]) / fine_m) - first[1]
-        if 0 <= row < out_mask.shape[0] and 0 <= col < out_mask.shape[1]:
+        row, col = fine_cell(box, beams, beam, echo)
+        if is_inside(out_mask, row, col):
             out_mask[row, col] = 1

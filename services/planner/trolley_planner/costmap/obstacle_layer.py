@@ -69,6 +69,8 @@ class ObstacleLayer:
         """(n, 6) the newest scan in `grid`, cut at mirrors and walls (columns: sensing.beams)."""
         self.static_beams = self.beams
         """The same without the echoes of people."""
+        self.echoes_m = np.empty(0, dtype=np.float64)
+        """(n,) how far off the echoes of its beams lie, those in walls as well; 0 = none."""
 
     def update(
         self,
@@ -106,6 +108,7 @@ class ObstacleLayer:
             config.clear_range_m,
         )
         cut_at_lines(beams, segments, config.mirror_tolerance_m)
+        self.echoes_m = beams[:, ECHO].copy()
         trace_beams(self.grid, walls, beams, self._resolution_m, self._scan_number)
         limits = (
             self._resolution_m,
@@ -204,6 +207,7 @@ class ObstacleLayer:
         self._scans_ns.clear()
         self.mark_all_dirty()
         self.beams = self.static_beams = np.empty((0, 6), dtype=np.float64)
+        self.echoes_m = np.empty(0, dtype=np.float64)
 
     def mark_all_dirty(self) -> None:
         """Say that anything may have changed."""
