@@ -180,6 +180,18 @@ def test_what_is_being_saved_is_discarded_only_where_the_mapper_obeys(stage: "St
         assert page.labels == shown
 
 
+@pytest.mark.parametrize("state", ["starting", "mapping", "paused"])
+def test_a_map_is_discarded_on_a_robot_of_release_0_2_0(stage: "Stage", state: str) -> None:
+    """Its mapper never says `may_discard`."""
+    stage.browse()
+    page = page_of(stage).within("Make a map")
+    mapper = stage.runtime.add(Mapper())
+    mapper.may_discard = False
+    mapper.say(state, "flat")
+    stage.runtime.run(0.5)
+    assert page.is_shown("Discard")
+
+
 def test_what_hangs_loose_is_joined_by_pointing_or_removed(stage: "Stage") -> None:
     stage.browse()
     page = page_of(stage).within("Make a map")

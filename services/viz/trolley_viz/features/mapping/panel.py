@@ -97,7 +97,9 @@ class MappingPanel:
         )
         self._join.label = LEAVE if self._aiming.armed == SET_POSE else POINT_POSE
         is_asking = self._now_ns < self._sure_until_ns
-        self._cancel.visible = status is not None and status.may_discard
+        self._cancel.visible = (  # release 0.2.0 never says that it may be discarded
+            is_making or state == "starting" or (status is not None and status.may_discard)
+        )
         self._cancel.label = "Really discard it?" if is_asking else "Discard"
         self._cancel.colour = "amber" if is_asking else "grey"
 
