@@ -11,8 +11,6 @@ from trolley.messages.types import Count, Covariance, NonNegative, Positive, Sha
 Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
 TripState = Literal["idle", "driving", "dwelling", "waiting", "paused", "done", "failed", "stopped"]
 
-MAX_ROUNDS = 1_000_000
-"""Of a tour; more can only be meant as forever."""
 HOME = "home"
 """The place that a robot returns to: when its battery is low, or when it is told to go home."""
 
@@ -93,15 +91,16 @@ class ScheduleEntry(Struct, frozen=True, kw_only=True):
 class Tour(Struct, frozen=True, kw_only=True):
     """A trip through several places. `repeat` 0 = forever; `resume`: continue after a reboot.
 
-    `there_and_back`: after the last stop the others are visited in reverse order. `name` may be
-    left out if it is in the key, and for a trip that is started without being saved. `map` is where
-    poses and `via` of its stops lie, "" if there are none, or for any map. If it is left out, they
-    lie on the map of the stored tour of this name if all are in it, else on the current one.
+    More than 1000000 rounds are refused. `there_and_back`: after the last stop the others are
+    visited in reverse order. `name` may be left out if it is in the key, and for a trip that is
+    started without being saved. `map` is where poses and `via` of its stops lie, "" if there are
+    none, or for any map. If it is left out, they lie on the map of the stored tour of this name if
+    all are in it, else on the current one.
     """
 
     name: str = ""
     stops: Annotated[list[Stop], Meta(min_length=1, max_length=1000)]
-    repeat: Annotated[int, Meta(ge=0, le=MAX_ROUNDS)] = 1
+    repeat: Count = 1
     there_and_back: bool = False
     schedule: list[ScheduleEntry] = []
     resume: bool = False

@@ -10,7 +10,7 @@ import pytest
 from trolley import codes, requests, topics
 from trolley.codes import Refused
 from trolley.geometry import Pose2D
-from trolley.messages import PastTrip
+from trolley.messages import PastTrip, Stop, Tour
 from trolley.messages.request_params import AskHistory
 from trolley_tour.trips import history_file
 
@@ -139,6 +139,18 @@ def test_history_tells_where_a_stop_failed_and_how_many_were_planned(home: "Home
     home.lockstep.ask(requests.TOUR_STOP)
     endless, _ = home.lockstep.ask(requests.TOUR_HISTORY)
     assert (endless.planned, endless.results) == (0, [])
+
+
+def test_more_rounds_than_can_be_counted_in_a_file_leave_the_history_readable(home: "Home"):
+    stops = [Stop(name="kitchen"), Stop(name="corridor")]
+    home.lockstep.ask(requests.TOURS_PUT, Tour(name="round", stops=stops, repeat=2))
+    file = home.lockstep.state / "trolley" / "tours.toml"
+    file.write_text(file.read_text().replace("repeat = 2", f"repeat = {2**63 - 1}"))
+    home.restart_tour()
+    home.lockstep.ask(requests.TOUR_START, requests.TOUR_START.params(name="round"))
+    home.lockstep.ask(requests.TOUR_STOP)
+    (past,) = home.lockstep.ask(requests.TOUR_HISTORY)
+    assert (past.name, past.planned) == ("round", 2_000_000)
 
 
 def test_no_place_is_told_that_is_on_another_map(home: "Home", plan):

@@ -12,6 +12,7 @@ from support.strategies import message_types
 from trolley import codes, requests, topics
 from trolley.geometry.pose import LARGEST
 from trolley.messages.arrays import ARRAY_FIELDS
+from trolley.runtime import codec
 from trolley.runtime.bus import matches
 from trolley.topics import Kind
 
@@ -117,3 +118,11 @@ def test_every_array_is_in_the_table_of_arrays():
         if field.type is memoryview
     }
     assert found == set(ARRAY_FIELDS)
+
+
+def test_all_tours_of_a_robot_of_release_0_2_0_are_heard_of():
+    """It took any number of rounds; a limit on the wire made its whole list unreadable."""
+    endless = {"name": "round", "stops": [{"name": "kitchen"}], "repeat": 2**63 - 1}
+    sent = {"stamp_ns": 0, "tours": [{**endless, "name": "evening", "repeat": 2}, endless]}
+    heard = codec.decode(topics.TOURS.message, msgspec.msgpack.encode(sent))
+    assert [tour.name for tour in heard.tours] == ["evening", "round"]

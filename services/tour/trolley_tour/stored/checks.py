@@ -12,7 +12,6 @@ from trolley.geometry import Pose2D
 from trolley.geometry.pose import LARGEST
 from trolley.messages import SavedPose, Stop, Tour
 from trolley.messages.mapping import MAP_NAME, MAX_COORDINATE_M
-from trolley.messages.touring import MAX_ROUNDS
 from trolley.messages.types import fit_into_a_message
 from trolley.names import canonical, free_name, name_problem
 from trolley.suggestions import did_you_mean
@@ -23,6 +22,8 @@ MAX_VIA = 1000
 """Via points of one stop."""
 MAX_TEXT = 1000
 """Characters of an icon or a note."""
+MAX_ROUNDS = 1_000_000
+"""Of a tour; more can only be meant as forever."""
 LIMITS = {"repeat": MAX_ROUNDS, "dwell": LARGEST, "timeout": LARGEST}
 """Of a tour and its stops."""
 
@@ -139,6 +140,10 @@ def checked_tour(
     Raises:
         Refused: Something in it is not allowed.
     """
+    if tour.repeat > MAX_ROUNDS:
+        raise Refused(
+            codes.BAD_REQUEST, f"`repeat` may be {MAX_ROUNDS} at most; 0 repeats the tour forever."
+        )
     if stored is not None and _poses(tour) <= _poses(stored):
         map_name = stored.map
     on_map = (tour.map or map_name or "") if tour.has_poses else ""

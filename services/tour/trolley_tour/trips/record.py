@@ -11,7 +11,7 @@ from trolley.messages import PastTrip, Stop, StopResult, Tour, TourStatus
 from trolley.messages.touring import TripState
 from trolley.under_way import TRIP_GOES, TRIP_UNDER_WAY, trip_goal_id
 from trolley_tour import sentences
-from trolley_tour.stored.checks import limited
+from trolley_tour.stored.checks import MAX_ROUNDS, limited
 from trolley_tour.trips.route import lap_stops
 
 StopState = Literal["reached", "skipped", "failed"]
@@ -249,4 +249,5 @@ class TripRecord(Struct, kw_only=True):
         """Visits of all laps, 0 where they never end."""
         tour = self.tour
         first, later = (len(lap_stops(len(tour.stops), tour.there_and_back, lap)) for lap in (0, 1))
-        return first + (tour.repeat - 1) * later if tour.repeat else 0
+        rounds = min(tour.repeat, MAX_ROUNDS)  # a file may say more
+        return first + (rounds - 1) * later if rounds else 0
