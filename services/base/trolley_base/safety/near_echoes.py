@@ -25,6 +25,11 @@ class NearEchoesParams:
     """At most this many points are remembered, the newest."""
     blind_width: float = 0.15
     """Something that near covers many beams; beams within this angle are judged together [rad]."""
+    borne_out_m: float = 0.05
+    """An echo among beams that fail is remembered for longer if another is this near to it [m]."""
+    borne_out_s: float = 1.0
+    """Time within which the other one must come: a leg that one scan in three shows comes again by
+    then [s]."""
     smoothing_width: float = 0.02
     """Beams within this angle on both sides are smoothed together [rad]."""
     max_smoothed: int = 3
@@ -45,7 +50,9 @@ Floats = NDArray[np.float64]
 class NearEchoes:
     """Points of the newest scan, each placed where the robot was when its beam was measured.
 
-    What was seen before stays, for a while, where the newest scan does not look.
+    What was seen before stays, for a while, where the newest scan does not look. Where it cannot
+    look, as into the sun, a lone echo may be light or dust, and no beam will ever see past it: only
+    what other echoes bear out stays there.
 
     Args:
         base_T_laser: where the lidar sits.
@@ -57,6 +64,8 @@ class NearEchoes:
         self._reach = reach
         self._points_odom: Floats = np.empty((0, 2))
         self._seen_ns = np.empty(0, dtype=np.int64)
+        self._is_borne_out = np.empty(0, dtype=np.bool_)
+        self._num_new = 0
 
     def update(self, scan: LidarScan, track: OdometryTrack) -> None:
         """Take a new scan, of at least one beam, in place of what it looks at anew."""
@@ -68,7 +77,11 @@ class NearEchoes:
         ranges = _smoothed(scan)[seen]
         angles = poses[:, 2] + scan.angle_min + beams[seen] * scan.angle_increment
         new = poses[:, :2] + ranges[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        kept = self._remembered(scan, track.odom_T_base)
+        failing = _failing_shares(scan)
+        is_borne_out = self._are_borne_out(new, failing[seen], scan.stamp_ns)
+        kept = self._remembered(scan, track.odom_T_base, failing > 0.5)
+        self._num_new = len(new)
+        self._is_borne_out = np.concatenate([is_borne_out, self._is_borne_out[kept]])
         self._points_odom = np.concatenate([new, self._points_odom[kept]])
         self._seen_ns = np.concatenate(
             [np.full(len(new), scan.stamp_ns, dtype=np.int64), self._seen_ns[kept]]
@@ -76,20 +89,44 @@ class NearEchoes:
 
     def points(self, odom_T_base: Pose2D) -> Floats:
         """Return the echoes (n, 2) x, y [m] in `base_link` where it is now."""
-        return odom_T_base.inverse().transform_points(self._points_odom)
+        counts = self._is_borne_out.copy()
+        counts[: self._num_new] = True
+        return odom_T_base.inverse().transform_points(self._points_odom[counts])
 
-    def _remembered(self, scan: LidarScan, odom_T_base: Pose2D) -> NDArray[np.int64]:
+    def _are_borne_out(self, new: Floats, failing: Floats, stamp_ns: int) -> NDArray[np.bool_]:
+        """Say which of the new echoes (n, 2) neither light nor dust makes.
+
+        Args:
+            new: in the order of the beams.
+            failing: (n,) share of the beams around each that are invalid.
+            stamp_ns: of the scan.
+        """
+        is_borne_out = failing == 0.0
+        for shift in range(1, PARAMS.max_smoothed + 1):
+            are_near = _are_near(new[shift:] - new[:-shift])
+            is_borne_out[shift:] |= are_near
+            is_borne_out[:-shift] |= are_near
+        lone = new[~is_borne_out]
+        is_before = self._is_borne_out | (stamp_ns - self._seen_ns < PARAMS.borne_out_s * 1e9)
+        before = self._points_odom[is_before]
+        is_borne_out[~is_borne_out] = _are_near(lone[:, None] - before).any(axis=1)
+        return is_borne_out
+
+    def _remembered(
+        self, scan: LidarScan, odom_T_base: Pose2D, blind: NDArray[np.bool_]
+    ) -> NDArray[np.int64]:
         """Return the indices of known points that no beam of a scan measures or sees past."""
-        blind = _blind_beams(scan)
         if is_round(scan) and not blind.any():
             return np.empty(0, dtype=np.int64)  # it looks everywhere, and sees
         base = odom_T_base.inverse().transform_points(self._points_odom)
         laser = self._base_T_laser.inverse().transform_points(base)
         beams = _beams_towards(scan, laser)
         fails = (beams != OUT_OF_VIEW) & blind[beams]
-        is_recent = scan.stamp_ns - self._seen_ns < SIGHT.memory_s * 1e9
+        age_s = (scan.stamp_ns - self._seen_ns) * 1e-9
+        is_recent = age_s < SIGHT.memory_s
         is_near = np.hypot(laser[:, 0], laser[:, 1]) < scan.range_min + PARAMS.blind_margin_m
         is_kept = (is_recent & (fails | (beams == OUT_OF_VIEW))) | (is_near & fails)
+        is_kept &= self._is_borne_out | (age_s < PARAMS.borne_out_s)
         is_kept &= np.hypot(base[:, 0], base[:, 1]) < self._reach
         kept = np.flatnonzero(is_kept)
         cells = np.floor(self._points_odom[kept] / PARAMS.remembered_m).astype(np.int64)
@@ -146,12 +183,17 @@ def _beams_towards(scan: LidarScan, points_laser: Floats) -> NDArray[np.int64]:
     return np.where(beams < len(scan.ranges), beams, OUT_OF_VIEW)
 
 
-def _blind_beams(scan: LidarScan) -> NDArray[np.bool_]:
-    """Return the beams (n,) around which most are invalid.
+def _failing_shares(scan: LidarScan) -> Floats:
+    """Return which share of the beams around each (n,) is invalid.
 
     An invalid beam is 0: it measured neither the thing nor anything behind it. One that fails by
     itself among many must not make a wall forgotten.
     """
     width = max(1, round(PARAMS.blind_width / scan.angle_increment))
     invalid = (scan.ranges == 0.0).astype(np.float64)
-    return np.convolve(invalid, np.ones(width) / width, mode="same") > 0.5
+    return np.convolve(invalid, np.ones(width) / width, mode="same")
+
+
+def _are_near(apart: Floats) -> NDArray[np.bool_]:
+    """Say which distances (..., 2) x, y [m] are so short that one echo bears out another."""
+    return np.abs(apart).max(axis=-1) < PARAMS.borne_out_m

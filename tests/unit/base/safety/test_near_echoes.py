@@ -193,6 +193,49 @@ def test_what_beams_saw_is_remembered_where_they_fail() -> None:
     assert echoes.points(track.odom_T_base) == pytest.approx(np.array([[1.0, 0.0]]), abs=0.01)
 
 
+def into_the_sun(*echoes: tuple[int, float]) -> NDArray[np.float64]:
+    ranges = np.full(BEAMS, np.inf)
+    ranges[160:200] = 0.0
+    for beam, distance in echoes:
+        ranges[beam] = distance
+    return ranges
+
+
+def test_a_lone_echo_among_beams_that_fail_is_not_remembered() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    echoes.update(scan_of(into_the_sun((180, 0.5))), track)
+    assert len(echoes.points(track.odom_T_base)) == 1  # as long as the newest scan shows it
+    echoes.update(scan_of(into_the_sun(), 100_000_000), track)
+    assert len(echoes.points(track.odom_T_base)) == 0
+
+
+def test_lone_echoes_here_and_there_do_not_bear_each_other_out() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    for number, beam in enumerate((165, 195, 175, 185)):
+        echoes.update(scan_of(into_the_sun((beam, 0.5)), number * 100_000_000), track)
+    # The same place again, but long after.
+    echoes.update(scan_of(into_the_sun((165, 0.5)), 5_000_000_000), track)
+    echoes.update(scan_of(into_the_sun(), 5_100_000_000), track)
+    assert len(echoes.points(track.odom_T_base)) == 0
+
+
+def test_a_leg_that_a_few_scans_show_among_beams_that_fail_is_remembered() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    echoes.update(scan_of(into_the_sun((180, 0.5))), track)
+    echoes.update(scan_of(into_the_sun(), 300_000_000), track)
+    echoes.update(scan_of(into_the_sun((180, 0.52)), 600_000_000), track)
+    echoes.update(scan_of(into_the_sun(), 20_000_000_000), track)
+    leg = pytest.approx(np.array([[0.52, 0.0]]), abs=0.01)
+    assert echoes.points(track.odom_T_base) == leg
+
+
+def test_a_few_echoes_beside_each_other_among_beams_that_fail_are_remembered() -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    echoes.update(scan_of(into_the_sun((180, 0.5), (183, 0.5))), track)
+    echoes.update(scan_of(into_the_sun(), 20_000_000_000), track)
+    assert len(echoes.points(track.odom_T_base)) == 2
+
+
 def test_a_wall_that_is_passed_again_and_again_is_remembered_once() -> None:
     echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
     beside = np.full(BEAMS, np.inf)
