@@ -1,13 +1,14 @@
 """Exploring by itself: how much of a house is found, how far the robot drives, and what it hits.
 
     python -m bench.mapper.exploring [--house SIZE:SEED ...] [--apartment] [--mirror] [--office]
-                                     [--perfect]
+                                     [--perfect] [--view DEGREES]
 
 In lock-step: simulated base (odometry 1-2 % wrong, a noisy lidar of 8 m), mapper and planner in
 generated houses of SIZE x SIZE m, and with --apartment in the demo's; with --mirror its mirror
 hangs there too, which no new map shows; with --office in offices along a corridor, at whose end
-hangs a mirror as wide as it. Judged by the truth: the share of the floor that the map
-knows (where the robot can get, and 1 m around), the distance, the time, and collisions.
+hangs a mirror as wide as it. With --view the lidar looks ahead only, so many degrees wide. Judged
+by the truth: the share of the floor that the map knows (where the robot can get, and 1 m around),
+the distance, the time, and collisions.
 
 For comparison: the distance of a robot that knows where it is, sees without errors and obeys at
 once, and the tour of one that knows the house beforehand: the fewest places from which all floor
@@ -255,13 +256,14 @@ def house_of(named: str) -> tuple[GridMap, Pose2D, int]:
     return house, start, int(seed)
 
 
-def in_house(named: str, folder: Path) -> list[str]:
+def in_house(named: str, folder: Path, view_rad: float | None) -> list[str]:
     """Explore a generated house by all services."""
     house, start, seed = house_of(named)
     save_map(house, folder / "house.yaml")
     world = folder / "house.toml"
     pose = f"{{ x = {start.x}, y = {start.y}, yaw = {start.yaw} }}"
-    world.write_text(f'map = "house.yaml"\nstart = {pose}\n')
+    lidar = "" if view_rad is None else f"[lidar]\nfield_of_view = {view_rad}\n"
+    world.write_text(f'map = "house.yaml"\nstart = {pose}\n{lidar}')
     outcome = explore(world, folder / "house.yaml", start, seed)
     return row(f"house {named}", outcome, scripted_way(house, start, seed))
 
@@ -274,7 +276,9 @@ def main() -> None:
     parser.add_argument("--mirror", action="store_true")
     parser.add_argument("--office", action="store_true")
     parser.add_argument("--perfect", action="store_true")
+    parser.add_argument("--view", type=float, metavar="DEGREES")
     asked = parser.parse_args()
+    view_rad = None if asked.view is None else math.radians(asked.view)
     lines: list[list[str]] = []
     if asked.perfect:
         for named in PERFECT:
@@ -286,11 +290,11 @@ def main() -> None:
     is_apartment = asked.apartment or asked.mirror
     for named in asked.house or ([] if is_apartment or asked.office else HOUSES):
         with tempfile.TemporaryDirectory() as folder:
-            lines.append(in_house(named, Path(folder)))
+            lines.append(in_house(named, Path(folder), view_rad))
             table(HEADS, lines[-1:])
     if is_apartment:
         with tempfile.TemporaryDirectory() as folder:
-            world = write_world(Path(folder), mirror=asked.mirror)
+            world = write_world(Path(folder), mirror=asked.mirror, field_of_view=view_rad)
             name = "apartment with mirror" if asked.mirror else "apartment"
             lines.append(row(name, explore(world, APARTMENT, START, 1), None))
     if asked.office:

@@ -22,6 +22,7 @@ from bench.planner.situations import Scene
 from bench.planner.visit import LIDARS, config_of, drive_to, world_of
 
 from trolley import requests, topics
+from trolley.codes import Refused
 from trolley.config import load_config
 from trolley.messages.request_params import MapNamed, SaveMap
 from trolley.runtime.lockstep import Lockstep
@@ -67,7 +68,10 @@ def live_in(scene: Scene, seed: int, lidar: str, *, has_stop_field: bool) -> Out
         lockstep.run_until(lambda: mapping[-1].exploring in ("done", "paused"), EXPLORE_S)
         explored_s, says = lockstep.now_s - SETTLE_S, mapping[-1].message
         lockstep.run(SETTLE_S)
-        lockstep.ask(requests.MAP_SAVE, SaveMap())
+        try:
+            lockstep.ask(requests.MAP_SAVE, SaveMap())
+        except Refused as refused:
+            return Outcome(explored_s, says, f"not saved: {refused}", 0.0, truths[-1].collisions)
         lockstep.run(SAVED_S)
         if not has_stop_field:
             take_stop_field_away(base, config)

@@ -227,3 +227,12 @@ class Ice(Flatland):
     def correction(self, stamp_ns: int):
         true = self.map_T_base @ self.odom_T_base.inverse()
         return msgspec.structs.replace(super().correction(stamp_ns), pose=true)
+
+
+class HalfBlind(Flatland):
+    """The lidar sees half a circle, ahead."""
+
+    def scan(self, stamp_ns: int) -> Scan:
+        around = np.roll(self.ranges(), BEAMS // 4)[: BEAMS // 2 + 1].copy()
+        ahead = {"angle_min": -0.5 * math.pi, "angle_increment": 2.0 * math.pi / BEAMS}
+        return msgspec.structs.replace(scan_message(around, stamp_ns), **ahead)

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from support.flatland import Flatland, empty_room, with_block
+from support.flatland import Flatland, HalfBlind, empty_room, with_block
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -59,8 +59,10 @@ class DrivenBase(Base):
 class Stage:
     """Base, mapper and planner on a bus."""
 
-    def __init__(self, folder: Path) -> None:
-        self.world = Flatland(small_rooms(), START)
+    def __init__(
+        self, folder: Path, kind: type[Flatland] = Flatland, start: Pose2D = START
+    ) -> None:
+        self.start, self.world = start, kind(small_rooms(), start)
         self.config = msgspec.convert(
             {"robot": {"name": "trolley", "footprint": {"length_m": 0.3, "width_m": 0.24}}},
             RobotConfig,
@@ -93,7 +95,7 @@ class Stage:
         grid = grid_of(self.maps[-1])
         inner = distance_transform(self.world.grid.occupied_mask(), 0.05) > 0.1
         points = self.world.grid.cell_to_world(np.argwhere(inner))
-        true_T_map = self.world.grid.origin @ START
+        true_T_map = self.world.grid.origin @ self.start
         known = grid.values_at(true_T_map.inverse().transform_points(points))
         return float(np.count_nonzero(known == 0)) / len(known)
 
@@ -125,6 +127,16 @@ def test_two_rooms_are_found_and_the_robot_comes_back(stage: Stage) -> None:
     assert stage.status.state == "mapping"
     assert stage.status.message.endswith("It is back where it began.")
     assert stage.status.area == pytest.approx(10.5, abs=1.5)
+
+
+def test_who_looks_ahead_only_looks_behind_itself_first_and_finds_them_too(tmp_path: Path) -> None:
+    stage = Stage(tmp_path / "state", HalfBlind, Pose2D(1.4, 1.3, -2.2))
+    stage.explore()
+    assert stage.bus.run_until(lambda: stage.status.exploring == "done", 150.0)
+    assert stage.share_found() > 0.97
+    assert stage.world.touches == 0
+    assert stage.status.message.endswith("It is back where it began.")
+    stage.bus.close()
 
 
 def test_exploring_once_more_ends_where_it_first_began(stage: Stage) -> None:

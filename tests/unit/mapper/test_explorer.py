@@ -143,6 +143,26 @@ def test_a_lidar_that_looks_ahead_only_is_turned_to_what_is_unknown() -> None:
     assert all(goal.yaw_tolerance < 0.5 for goal in robot.goals)
 
 
+def test_a_lidar_that_looks_ahead_only_is_turned_to_what_is_behind_the_robot_first() -> None:
+    robot = PerfectRobot(two_rooms(), START, fov_rad=math.pi)
+    explorer = make_explorer(sees_all_round=False)
+    explorer.begin(None, None)
+    advance(explorer, robot.scene(), robot.now_s)
+    (first,) = explorer.take_actions()
+    assert isinstance(first, Send)
+    assert first.goal.pose is not None
+    assert first.goal.pose.distance_to(START) < 1e-6
+    assert abs(first.goal.pose.yaw) == pytest.approx(math.pi)
+    # Where it cannot turn it explores what it sees.
+    explorer.hear_refusal(str(first.goal.id), Refused(codes.IN_OBSTACLE), robot.now_s)
+    advance(explorer, robot.scene(), robot.now_s + 5.0)
+    (second,) = explorer.take_actions()
+    assert isinstance(second, Send)
+    assert second.goal.pose is not None
+    assert second.goal.pose.distance_to(START) > 0.2
+    assert explorer.state == "exploring"
+
+
 def test_a_grid_that_lies_askew_changes_nothing() -> None:
     house = two_rooms()
     turn = Pose2D(2.0, -1.0, 0.7)

@@ -1,6 +1,7 @@
 """What becomes of walls on the map that keyframes see at a grazing angle, or edge on."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -116,6 +117,40 @@ def test_what_was_taken_away_is_cleared() -> None:
     x, y = np.meshgrid(np.arange(-1.8, 0.0, 0.04), np.arange(-0.2, 1.8, 0.04))
     inside = on_map(0.0, 0.0).transform_points(np.column_stack([x.ravel(), y.ravel()]))
     assert np.all(occupancy.grid().values_at(inside) == FREE)
+
+
+def test_where_the_map_begins_floor_that_the_lidar_does_not_look_at_is_free_until_it_does() -> None:
+    # It looks ahead; a thing stands behind it.
+    walls = turned([*ROOM, ((-0.3, -0.5), (-0.3, 0.5))])
+    here = on_map(0.0, 0.0)
+    whole = look(walls, here, 0)
+    half = replace(whole, points=whole.points[90:270], normals=whole.normals[90:270])
+    occupancy = LogOddsGrid(EDGE_M)
+    occupancy.add(half, here.as_array())
+    near, far, thing = (
+        on_map(0.0, 0.0).transform_points(np.array([[x, 0.02]])) for x in (-0.2, -0.6, -0.3)
+    )
+    assert occupancy.grid().values_at(near) == FREE
+    assert occupancy.grid().values_at(far) == UNKNOWN
+    occupancy.add(look(walls, here, 1), here.as_array())
+    assert occupancy.grid().values_at(thing) == OCCUPIED
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_only_where_a_map_begins_and_the_lidar_does_not_look_is_floor_free_by_itself(
+    number: int,
+) -> None:
+    walls = turned([*ROOM, ((-0.3, -0.5), (-0.3, 0.5))])
+    keyframe = look(walls, on_map(0.0, 0.0), number)
+    if number == 1:
+        keyframe = replace(
+            keyframe, points=keyframe.points[90:270], normals=keyframe.normals[90:270]
+        )
+    occupancy = LogOddsGrid(EDGE_M)
+    occupancy.add(keyframe, on_map(0.0, 0.0).as_array())
+    hidden = on_map(-0.4 if number == 0 else -0.2, 0.02)
+    grid = occupancy.grid()
+    assert grid.values_at(hidden.as_array()[None, :2]) == UNKNOWN
 
 
 @pytest.mark.parametrize("beyond", [[], [((-1.0, 4.0), (3.0, 4.0))]], ids=["far", "near"])

@@ -2,20 +2,19 @@
 
 import math
 
-import msgspec
 import numpy as np
 import pytest
 from bench.planner.home import scene_of
 from bench.planner.situations import STATIC
 from bench.planner.visit import Setting, drive
 from support.all_poses import box
-from support.flatland import BEAMS, Flatland, empty_room, scan_message, two_rooms, with_block
+from support.flatland import Flatland, HalfBlind, empty_room, two_rooms, with_block
 
 from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, angle_difference, integrate_twist
 from trolley.gridmap import GridMap
-from trolley.messages import Scan, Zone
+from trolley.messages import Zone
 from trolley_planner.control.controller import Motion, limited_change, limits_of
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
@@ -25,15 +24,6 @@ from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, OUT_OF_SIG
 HOBBY = box(0.35, 0.30, 0.175)
 ARM = box(0.65, 0.30, 0.175)
 """Reaches 0.3 m farther ahead of its wheels than the first."""
-
-
-class HalfBlind(Flatland):
-    """The lidar sees half a circle, ahead."""
-
-    def scan(self, stamp_ns: int) -> Scan:
-        around = np.roll(self.ranges(), BEAMS // 4)[: BEAMS // 2 + 1].copy()
-        ahead = {"angle_min": -0.5 * math.pi, "angle_increment": 2.0 * math.pi / BEAMS}
-        return msgspec.structs.replace(scan_message(around, stamp_ns), **ahead)
 
 
 def test_a_turn_needs_its_clearance_where_the_robot_stands() -> None:

@@ -3,7 +3,7 @@
 A state machine without clock or wire. It sees the map as it grows, hears the planner, the base and
 people, and leaves actions for its service to carry out. The robot drives to a frontier, the border
 between known floor and the unknown; when it can reach no more of them, it drives back to where it
-began.
+began. Whose lidar does not see all round looks behind itself first.
 
 Source:
     Yamauchi, A Frontier-Based Approach for Autonomous Exploration (1997); the choice by what a
@@ -11,6 +11,7 @@ Source:
     Indoor Environments, section 4.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -52,6 +53,7 @@ from trolley_mapper.explore.visited_frontiers import (
 
 PLANNER = "planner"
 """Source of the commands that follow from our own goals."""
+HALF_TURN = Pose2D(0.0, 0.0, math.pi)
 WAITS = (*codes.UNANSWERED, codes.NOT_LOCALIZED)
 """Refusals that may pass: the goal is sent again."""
 
@@ -178,6 +180,7 @@ class Explorer:
         """How much room is asked for now: less, once nothing else is left; and how far it goes."""
         self._roomy = clearance
         self._run, self._sees_all_round = run, sees_all_round
+        self._has_looked_round = sees_all_round
         self._visited_roomily = VisitedFrontiers()
         self._visited_squeezed = VisitedFrontiers(SQUEEZED)
         self._barriers = Barriers() if barriers is None else barriers
@@ -314,9 +317,9 @@ class Explorer:
     def _arrive(self, goal: ExplorationGoal) -> None:
         self._progress.num_failed_in_row = 0
         self._goal = None
-        if goal.frontier is None:
+        if self.state == "homing":
             self._finish(sentences.AT_HOME)
-        else:
+        elif goal.frontier is not None:
             self._visited.find_or_add(goal.frontier).arrivals += 1
             self.clearance = self._roomy  # there may be a whole room
 
@@ -331,7 +334,7 @@ class Explorer:
             self._visited.find_or_add(goal.frontier).failures += 1
             if self._progress.num_failed_in_row >= PARAMS.max_failed:
                 self.pause(code, sentences.stuck(why))
-        elif self._lasts("shut out", now_s) > PARAMS.wait_s:
+        elif self.state == "homing" and self._lasts("shut out", now_s) > PARAMS.wait_s:
             self._finish(sentences.not_home(why))
 
     def _pause_for(self, reason: str) -> None:
@@ -430,9 +433,14 @@ class Explorer:
         if self.state == "homing":
             self._go_home(survey.area, scene, now_s)
             return
+        if not self._has_looked_round:
+            self._has_looked_round = True
+            self._send(scene.pose @ HALF_TURN, None, scene.pose, 0.0, now_s)
+            return
         self._note_growth()
         best = self._best(survey)
-        is_shut_in = not report.can_move or (best is None and self._progress.num_sent == 0)
+        is_at_start = self._progress.num_sent <= (not self._sees_all_round)
+        is_shut_in = not report.can_move or (best is None and is_at_start)
         waits = is_shut_in and self._lasts("shut in", now_s) <= PARAMS.start_s
         # Not where mirrors are: behind them there is always more to see.
         if best is None and not survey.clearance.is_squeezed and not self.barriers:
@@ -440,12 +448,11 @@ class Explorer:
             return
         if waits:
             return  # the map has only begun
-        if is_shut_in:
-            # One that came there gets out again: the planner backs up, and home is known.
-            is_at_start = self._progress.num_sent == 0
-            if is_at_start and (not report.can_move or self.area_m2 < PARAMS.min_area_m2):
-                self.pause(codes.IN_OBSTACLE, sentences.SHUT_IN)
-                return
+        # One that came there gets out again: the planner backs up, and home is known.
+        has_nowhere = not report.can_move or self.area_m2 < PARAMS.min_area_m2
+        if is_shut_in and is_at_start and has_nowhere:
+            self.pause(codes.IN_OBSTACLE, sentences.SHUT_IN)
+            return
         self._since.pop("shut in", None)
         is_enough = best is not None and report.area_m2 >= self.limits.area_m2
         if best is None or is_enough or self._progress.num_barren >= PARAMS.max_barren:

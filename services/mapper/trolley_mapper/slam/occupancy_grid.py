@@ -36,6 +36,12 @@ class OccupancyParams:
     looked_up_together: int = 1 << 18
     """Number of cells whose value on an earlier map is looked up at once: each takes some 100
     bytes meanwhile."""
+    began_m: float = 0.5
+    """Distance from where the map begins within which floor is free, if the lidar does not look
+    there, until it does: the robot stands there, and must be able to turn [m]."""
+    hidden_rad: float = 1.0
+    """Angle without an echo that is no direction in which nothing is, but one that the lidar does
+    not look in [rad]."""
     margin_cells: int = 40
     """Cells that are added on each side when the grid must grow."""
 
@@ -112,6 +118,19 @@ class LogOddsGrid:
                 (pose, keyframe.laser),
                 (self._mark, rise, PARAMS.fall, PARAMS.limit),
             )
+        if keyframe.number == 0:
+            self._draw_beginning(hidden_floor(keyframe) @ turn.T + pose[:2])
+
+    def _draw_beginning(self, floor: NDArray[np.float64]) -> None:
+        """Draw places (n, 2) [m] in `map` free as far as no beam has shown what is there."""
+        if len(floor) == 0:
+            return
+        self._grow(floor.min(axis=0), floor.max(axis=0))
+        cols, rows = np.floor(floor / self._resolution).astype(np.int64).T
+        rows, cols = rows - self._origin[1], cols - self._origin[0]
+        unseen = self._cells.marks[rows, cols] == 0
+        self._cells.marks[rows[unseen], cols[unseen]] = self._mark
+        self._cells.log_odds[rows[unseen], cols[unseen]] = -1
 
     def grid(self) -> GridMap:
         """Return walls, free floor and what is not known, cut to what was seen."""
@@ -198,6 +217,26 @@ def draw_map(blank: LogOddsGrid, store: KeyframeStore) -> Slices[LogOddsGrid]:
         if count % PARAMS.drawn_together == 0:
             yield
     return occupancy
+
+
+def hidden_floor(keyframe: Keyframe) -> NDArray[np.float64]:
+    """Return the places (n, 2) [m] in `base_link` close to the robot that its lidar does not see.
+
+    Args:
+        keyframe: of at least one beam.
+    """
+    ends = keyframe.points - keyframe.laser
+    bearings = np.sort(np.arctan2(ends[:, 1], ends[:, 0]).astype(np.float64))
+    gaps = np.diff(bearings, append=bearings[0] + 2.0 * math.pi)
+    widest = int(np.argmax(gaps))
+    if gaps[widest] < PARAMS.hidden_rad:
+        return np.empty((0, 2))
+    steps = np.arange(-PARAMS.began_m, PARAMS.began_m, 0.02)
+    around = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    around = around[np.hypot(around[:, 0], around[:, 1]) <= PARAMS.began_m]
+    seen_from = around - keyframe.laser
+    away = (np.arctan2(seen_from[:, 1], seen_from[:, 0]) - bearings[widest]) % (2.0 * math.pi)
+    return around[away < gaps[widest]]
 
 
 def share_before(
