@@ -190,6 +190,7 @@ def _failing_shares(scan: LidarScan) -> Floats:
     itself among many must not make a wall forgotten.
     """
     width = max(1, round(PARAMS.blind_width / scan.angle_increment))
+    width = min(width, len(scan.ranges))  # else there is a share for each of `width`
     invalid = (scan.ranges == 0.0).astype(np.float64)
     return np.convolve(invalid, np.ones(width) / width, mode="same")
 
