@@ -197,4 +197,5 @@ def _failing_shares(scan: LidarScan) -> Floats:
 
 def _are_near(apart: Floats) -> NDArray[np.bool_]:
     """Say which distances (..., 2) x, y [m] are so short that one echo bears out another."""
-    return np.abs(apart).max(axis=-1) < PARAMS.borne_out_m
+    are_near = np.abs(apart) < PARAMS.borne_out_m
+    return are_near[..., 0] & are_near[..., 1]  # `max` takes three times as long
