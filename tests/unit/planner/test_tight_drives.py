@@ -348,8 +348,9 @@ def test_a_wall_that_nobody_looks_at_stands_where_the_map_has_it(
 
 @pytest.mark.parametrize("lies", ["behind glass", "in a keep-out zone"])
 def test_neither_glass_nor_a_keep_out_zone_is_opened_by_what_is_seen_in_it(ride, lies: str) -> None:
-    grid = with_block(empty_room(), 4.0, 2.0, 0.05, 2.0)
-    truth = with_block(empty_room(), 4.1 if lies == "behind glass" else 4.05, 2.0, 0.5, 2.0)
+    is_glass = lies == "behind glass"
+    grid = with_block(empty_room(), 4.0, 2.0, 0.05 if is_glass else 0.5, 2.0)
+    truth = with_block(empty_room(), 4.1 if is_glass else 4.05, 2.0, 0.5, 2.0)
     around = [(3.9, 1.9), (4.2, 1.9), (4.2, 4.1), (3.9, 4.1)]
     zones = [Zone(name="no", kind="keepout", points=around)] if lies == "in a keep-out zone" else []
     drive = ride(Flatland(grid, Pose2D(3.6, 3.0, 0.0), truth=truth, zones=zones))
@@ -358,6 +359,20 @@ def test_neither_glass_nor_a_keep_out_zone_is_opened_by_what_is_seen_in_it(ride,
     fine.update((50, 70), (20, 20))
     row, col = round(0.5 / fine.fine_m), round(0.5 / fine.fine_m)
     assert fine.mask[row - 8 : row + 8, col + 1 : col + 3].all()
+
+
+@pytest.mark.parametrize("end", [4.3, 7.9])
+def test_what_the_map_has_deeper_than_its_errors_stands_though_the_lidar_sees_past_it(
+    ride, end: float
+) -> None:
+    # Such as a shelf before a wall that was drawn on the map since it is lower than the lidar.
+    grid, truth = (with_block(empty_room(), x, 2.0, end - x, 2.0) for x in (4.0, 4.2))
+    drive = ride(Flatland(grid, Pose2D(3.6, 3.0, 0.0), truth=truth))
+    drive.step(10)
+    fine = FineGrid(drive.navigator.costmap_manager.require_context().costmap, FINE.finest_m, 1.0)
+    fine.update((50, 70), (20, 20))
+    row, col = round(0.5 / fine.fine_m), round(0.5 / fine.fine_m)
+    assert fine.mask[row - 8 : row + 8, col + 1 : col + 15].all()
 
 
 @pytest.mark.drives

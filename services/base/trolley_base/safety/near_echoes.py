@@ -190,10 +190,12 @@ def _failing_shares(scan: LidarScan) -> Floats:
     itself among many must not make a wall forgotten.
     """
     width = max(1, round(PARAMS.blind_width / scan.angle_increment))
+    width = min(width, len(scan.ranges))  # else there is a share for each of `width`
     invalid = (scan.ranges == 0.0).astype(np.float64)
     return np.convolve(invalid, np.ones(width) / width, mode="same")
 
 
 def _are_near(apart: Floats) -> NDArray[np.bool_]:
     """Say which distances (..., 2) x, y [m] are so short that one echo bears out another."""
-    return np.abs(apart).max(axis=-1) < PARAMS.borne_out_m
+    are_near = np.abs(apart) < PARAMS.borne_out_m
+    return are_near[..., 0] & are_near[..., 1]  # `max` takes three times as long

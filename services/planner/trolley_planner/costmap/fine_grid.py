@@ -28,6 +28,9 @@ class FineGridParams(NamedTuple):
     deepest_m: float = 0.3
     """Most of a wall that a beam opens: a beam along a wall that the map has 4 cm off runs in it
     for 20 cm."""
+    off_m: float = 0.1
+    """Most that the face of a wall is taken to lie behind that of the map: the map's error, and the
+    pose's. What the map has deeper may be something that the lidar does not see."""
     noise_m: float = 0.0125
     """This much before an echo the wall stays: what is left of the noise of ranges."""
 
@@ -245,26 +248,37 @@ def open_walls(
         echo = echoes_m[beam]
         was_cut = beams[beam, ECHO] == 0.0
         wall = beams[beam, CLEAR] if was_cut else echo - cell_m
-        end_row, end_col = fine_cell(box, beams, beam, echo)
-        if echo <= 0.0 or echo - wall > FINE.deepest_m or not is_inside(out_mask, end_row, end_col):
+        end = fine_cell(box, beams, beam, echo)
+        if echo <= 0.0 or echo - wall > FINE.deepest_m or not is_inside(out_mask, end[0], end[1]):
             continue
         if was_cut and not ends_in_wall(kinds, beams, beam, (wall, echo), (step_m, cell_m)):
             continue
         at = echo - FINE.noise_m
         while at > wall:
-            row = math.floor((beams[beam, Y] + at * beams[beam, DY]) / cell_m)
-            col = math.floor((beams[beam, X] + at * beams[beam, DX]) / cell_m)
-            fine_row, fine_col = fine_cell(box, beams, beam, at)
-            if (
-                is_inside(out_mask, fine_row, fine_col)
-                and is_inside(kinds, row, col)
-                and kinds[row, col] == WALL
-                and keepout[row, col] == 0
-            ):
-                out_mask[fine_row, fine_col] = 0
+            fine = fine_cell(box, beams, beam, at)
+            if is_inside(out_mask, fine[0], fine[1]):
+                row, col = coarse_cell(box, fine)
+                if is_wall(kinds, row, col) and keepout[row, col] == 0:
+                    out_mask[fine[0], fine[1]] = 0
             at -= step_m
-        if was_cut:
-            out_mask[end_row, end_col] = 1
+    draw_ends(out_mask, kinds, box, beams, echoes_m)
+
+
+@lean_kernel
+def draw_ends(
+    out_mask: NDArray[np.uint8],
+    kinds: NDArray[np.uint8],
+    box: Box,
+    beams: NDArray[np.float64],
+    echoes_m: NDArray[np.float64],
+) -> None:
+    """Set the fine cells in walls where beams end, though others pass them; see `open_walls`."""
+    for beam in range(beams.shape[0]):
+        end = fine_cell(box, beams, beam, echoes_m[beam])
+        if echoes_m[beam] > 0.0 and is_inside(out_mask, end[0], end[1]):
+            row, col = coarse_cell(box, end)
+            if is_wall(kinds, row, col):
+                out_mask[end[0], end[1]] = 1
 
 
 @lean_kernel
@@ -275,7 +289,7 @@ def ends_in_wall(
     stretch: tuple[float, float],
     steps_m: tuple[float, float],
 ) -> bool:
-    """Say whether a beam is in a wall from where it meets it up to its echo.
+    """Say whether a beam is in a wall from where it meets it up to its echo, close to its face.
 
     Args:
         kinds: of the costmap's cells.
@@ -288,10 +302,45 @@ def ends_in_wall(
     while at > stretch[0]:
         row = math.floor((beams[beam, Y] + at * beams[beam, DY]) / steps_m[1])
         col = math.floor((beams[beam, X] + at * beams[beam, DX]) / steps_m[1])
-        if not is_inside(kinds, row, col) or kinds[row, col] != WALL:
+        if not is_wall(kinds, row, col):
             return False
         at -= steps_m[0]
-    return True
+    return is_near_face(kinds, beams, beam, stretch[1], steps_m[1])
+
+
+@lean_kernel
+def is_near_face(
+    kinds: NDArray[np.uint8],
+    beams: NDArray[np.float64],
+    beam: int,
+    along_m: float,
+    cell_m: float,
+) -> bool:
+    """Say whether there is floor `FINE.off_m` from so far along a beam, on the side it came from.
+
+    Args:
+        kinds: of the costmap's cells.
+        beams: (n, 6).
+        beam: which of them.
+        along_m: the place on it.
+        cell_m: cell edge of the costmap.
+    """
+    dx, dy = beams[beam, DX], beams[beam, DY]
+    end_row = math.floor((beams[beam, Y] + along_m * dy) / cell_m)
+    end_col = math.floor((beams[beam, X] + along_m * dx) / cell_m)
+    most = max(1, round(FINE.off_m / cell_m))
+    for row in range(max(end_row - most, 0), min(end_row + most + 1, kinds.shape[0])):
+        for col in range(max(end_col - most, 0), min(end_col + most + 1, kinds.shape[1])):
+            is_before = (row - end_row) * dy + (col - end_col) * dx <= -1.0
+            if is_before and kinds[row, col] == FREE:
+                return True
+    return False
+
+
+@lean_kernel
+def is_wall(kinds: NDArray[np.uint8], row: int, col: int) -> bool:
+    """Say whether there is such a cell, and a wall in it."""
+    return is_inside(kinds, row, col) and kinds[row, col] == WALL
 
 
 @lean_kernel
@@ -301,6 +350,12 @@ def fine_cell(box: Box, beams: NDArray[np.float64], beam: int, along_m: float) -
     row = math.floor((beams[beam, Y] + along_m * beams[beam, DY]) * scale) - box.row * box.parts
     col = math.floor((beams[beam, X] + along_m * beams[beam, DX]) * scale) - box.col * box.parts
     return row, col
+
+
+@lean_kernel
+def coarse_cell(box: Box, fine: tuple[int, int]) -> tuple[int, int]:
+    """Return row and column of the costmap's cell that holds a fine cell of the box."""
+    return fine[0] // box.parts + box.row, fine[1] // box.parts + box.col
 
 
 @lean_kernel

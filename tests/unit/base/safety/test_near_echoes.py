@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -217,6 +218,15 @@ def test_lone_echoes_here_and_there_do_not_bear_each_other_out() -> None:
     echoes.update(scan_of(into_the_sun((165, 0.5)), 5_000_000_000), track)
     echoes.update(scan_of(into_the_sun(), 5_100_000_000), track)
     assert len(echoes.points(track.odom_T_base)) == 0
+
+
+@pytest.mark.parametrize("beams", [1, 2, 5, 8])
+def test_a_sector_of_a_few_beams_shows_what_is_there(beams: int) -> None:
+    echoes, track = NearEchoes(Pose2D(0.0, 0.0, 0.0), reach=2.0), OdometryTrack(0)
+    sector = scan_of(np.full(BEAMS, 0.5))
+    sector = dataclasses.replace(sector, angle_min=0.0, ranges=sector.ranges[:beams])
+    echoes.update(sector, track)
+    assert len(echoes.points(track.odom_T_base)) == beams
 
 
 def test_a_leg_that_a_few_scans_show_among_beams_that_fail_is_remembered() -> None:
