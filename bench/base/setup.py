@@ -1,13 +1,13 @@
 """How well a robot measures itself: random robots in the world that is as houses are.
 
-    python -m bench.base.setup [--robots N] [--seed N] [--rugs] [--smooth]
+    python -m bench.base.setup [--robots N] [--seed N] [--view DEGREES] [--rugs] [--smooth]
 
 Each robot has its lidar anywhere, at any angle, some turning the other way; wheels within 10 % and
 a track within 15 % of what the board assumes, a delay of 0 to 0.3 s, wheels that turn the wrong way
 round, sides that are swapped, a gyro in any position, one of three lidars, and some a post beside
 the lidar. A person answers how the wheels turn in the air, and repairs what is wrong there. It
 stands on a bare floor; with --rugs anywhere. With --smooth wheels do not slip, which shows what the
-method itself errs by.
+method itself errs by. With --view all lidars see so far round, with a beam each degree.
 
 Nobody walks here, and nothing is wrong with the wheels once they are repaired. So a refusal is
 right only if the lidar has no echo in some direction, which is asked of the world, or if wheels
@@ -305,10 +305,21 @@ class StopWatch:
         return float(np.mean([way for speed, way in self._stops if speed > SAME_SPEED * most]))
 
 
-def try_robot(world: World, seed: int, *, rugs: bool, smooth: bool) -> Tried:
+def narrow(robot: RandomRobot, view_deg: int) -> RandomRobot:
+    """Return a robot with a lidar that sees so far round."""
+    view_rad = math.radians(view_deg)
+    spec = LidarSpec(beams=view_deg, field_of_view=view_rad, noise_m=0.01, noise_share=0.005)
+    return replace(robot, lidar=f"{view_deg}°", spec=spec)
+
+
+def try_robot(
+    world: World, seed: int, *, rugs: bool, smooth: bool, view_deg: int | None = None
+) -> Tried:
     """Let one robot set itself up."""
     rng = random.Random(seed)
     robot = draw(rng)
+    if view_deg is not None:
+        robot = narrow(robot, view_deg)
     simulation = place(world, robot, rng, seed, (rugs, smooth))
     odd = OddRobot(robot, simulation, np.random.default_rng(seed))
     tried = Tried(robot)
@@ -543,13 +554,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", type=int, default=10)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--view", type=int, metavar="DEGREES")
     parser.add_argument("--rugs", action="store_true")
     parser.add_argument("--smooth", action="store_true")
     options = parser.parse_args()
     world = load_world(worlds.find("real.toml"))
     tried: list[Tried] = []
     for seed in range(options.seed, options.seed + options.robots):
-        one = try_robot(world, seed, rugs=options.rugs, smooth=options.smooth)
+        one = try_robot(
+            world, seed, rugs=options.rugs, smooth=options.smooth, view_deg=options.view
+        )
         tried.append(one)
         said = one.refusal or ", ".join(f"{k} {v[0]:.2f}" for k, v in (one.errors or {}).items())
         drove = f"{one.driving_s:.0f} s, {one.way_m:.0f} m"

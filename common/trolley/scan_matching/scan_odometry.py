@@ -160,10 +160,13 @@ class ScanOdometry:
 
     Args:
         has_axle: `base_link` does not move sideways; else nothing is known of it.
+        trusts_prior: what is expected is wrong by no more than it says, however few of a scan's
+            points fit: most of what it shows may be new.
     """
 
-    def __init__(self, *, has_axle: bool = True) -> None:
+    def __init__(self, *, has_axle: bool = True, trusts_prior: bool = False) -> None:
         self._expect = carried_on if has_axle else of_unknown_mount
+        self._trusts_prior = trusts_prior
         self._keys: deque[tuple[Sweep, Pose2D]] = deque(maxlen=PARAMS.num_keys)
         self._surfels: Surfels | None = None
         self._stamp_ns = 0
@@ -197,7 +200,7 @@ class ScanOdometry:
             duration_s: from the first beam to the last one [s], negative for a lidar that turns
                 clockwise; 0 if the scan was taken at once, or corrected already.
             prior: what is expected; None: what is usual for such a robot. That is also tried where
-                a scan fits badly.
+                a scan fits badly, unless the prior is trusted.
 
         Raises:
             ValueError: it is not newer.
@@ -261,7 +264,7 @@ class ScanOdometry:
         if is_blind or self._surfels is None:
             return prior.step, np.zeros((3, 3)), prior, True
         best, held = self._align_from(start or prior.step, cloud, prior), prior
-        if best.fit < PARAMS.usual_fit:
+        if best.fit < PARAMS.usual_fit and not self._trusts_prior:
             turns = [usual.step @ Pose2D(0.0, 0.0, turn) for turn in PARAMS.other_turns]
             for one in [usual.step, Pose2D.identity(), *turns]:
                 other = self._align_from(one, cloud, usual)

@@ -163,6 +163,19 @@ def test_a_lidar_that_looks_ahead_only_is_turned_to_what_is_behind_the_robot_fir
     assert explorer.state == "exploring"
 
 
+def test_floor_that_is_free_as_far_as_the_map_reaches_goes_on_there() -> None:
+    walled = two_rooms().cells[8:72, 8:60].copy()  # but for its right side
+    cut = GridMap("cut", EDGE, Pose2D(-0.1, -0.1, 0.0), walled)
+    explorer = make_explorer()
+    explorer.begin(None, None)
+    advance(explorer, Scene(cut, START, False, False, (), START), 0.0)
+    assert explorer.state == "exploring"
+    (sent,) = explorer.take_actions()
+    assert isinstance(sent, Send)
+    assert sent.goal.pose is not None
+    assert sent.goal.pose.x > 1.5
+
+
 def test_a_grid_that_lies_askew_changes_nothing() -> None:
     house = two_rooms()
     turn = Pose2D(2.0, -1.0, 0.7)

@@ -48,15 +48,18 @@ class DriveParams:
     trial_radps: float = 0.4
     """Its turn rate [rad/s]."""
     turn_rad: float = 2.2
-    """Turns after that, 126 degrees each [rad]."""
+    """Turns after that, 126 degrees each where the lidar sees enough [rad]."""
+    shared_rad: float = 1.9
+    """Part of the lidar's view that is to be the same before a turn and after it [rad]: a robot
+    that obeys late turns farther."""
     turn_radps: float = 1.2
     """Their turn rate where limits allow [rad/s]."""
     circle_radps: float = 1.5
     """Highest turn rate on a circle [rad/s]: on smaller ones the robot drives more slowly."""
     circle_share: float = 0.8
     """Share of the turn rate that limits allow that a circle may need: the rest is to steer."""
-    num_turns: int = 4
-    """Number of turns each way; after those of one way it has seen all directions."""
+    turned_rad: float = 8.8
+    """How far it turns each way [rad]; then it has seen all directions."""
     speed_mps: float = 0.5
     """Speed of strokes and circles where limits allow [m/s]."""
     trial_mps: float = 0.12
@@ -266,15 +269,18 @@ class SetupDrive:
         self._judge.learn_sense()
         self._judge_stretch()
         line = self._guidance.line
-        for number in range(2 * PARAMS.num_turns):
-            self.step_name = f"turn {number + 1} of {2 * PARAMS.num_turns}"
-            way = 1.0 if number < PARAMS.num_turns else -1.0
-            yield from self._turn(way * PARAMS.turn_rad, self._pace.turn_radps)
+        view_rad = self._lidar.view_rad(self.own)
+        turn_rad = min(PARAMS.turn_rad, max(PARAMS.trial_rad, view_rad - PARAMS.shared_rad))
+        num_turns = math.ceil(PARAMS.turned_rad / turn_rad)
+        for number in range(2 * num_turns):
+            self.step_name = f"turn {number + 1} of {2 * num_turns}"
+            way = 1.0 if number < num_turns else -1.0
+            yield from self._turn(way * turn_rad, self._pace.turn_radps)
             yield from self._stand()
             self._judge_stretch()
-            beyond = abs(self._judge.moved.yaw) - PARAMS.turn_rad
+            beyond = abs(self._judge.moved.yaw) - turn_rad
             line.turn_lead_s = max(0.0, beyond / self._pace.turn_radps)
-            if number + 1 == PARAMS.num_turns:
+            if number + 1 == num_turns:
                 self._learn_own()
         half_m = self._find_room()
         yield from self._first_stroke()

@@ -78,7 +78,7 @@ class LidarTrack:
         """Since they were last forgotten."""
         self.latest_ns = 0
         self._moving = ScanOdometry(has_axle=False)
-        self._standing = ScanOdometry(has_axle=False)
+        self._standing = ScanOdometry(has_axle=False, trusts_prior=True)
         self._moving_at_stand = self._start_T_moving = Pose2D.identity()
 
     @property
@@ -95,6 +95,16 @@ class LidarTrack:
     def since_stand(self) -> Pose2D:
         """How it has moved since the last stand."""
         return self._moving_at_stand.inverse() @ self._moving.pose
+
+    def view_rad(self, own: Sequence[Sector]) -> float:
+        """Return how far round the lidar sees, but for the robot itself [rad].
+
+        Args:
+            own: where it sees that.
+        """
+        scan = self.scans[-1]
+        keep = Beams.of(scan).outside(own)
+        return abs(scan.angle_increment) * int(np.count_nonzero(keep))
 
     def take(self, scan: LidarScan) -> bool:
         """Keep a scan; False where it is not newer."""

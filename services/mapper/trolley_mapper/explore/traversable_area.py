@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from trolley.geometry import Pose2D
 from trolley.geometry.polygon import polygon_contains
+from trolley.gridmap import UNKNOWN as NOT_KNOWN
 from trolley.gridmap import GridMap
 from trolley.gridmap.segments import draw_segments, line_segments
 from trolley.messages import Zone
@@ -66,10 +67,13 @@ def lay_out_area(
         radius_m: radius of what the robot covers [m].
         within: a place and how far from it may be explored [m].
     """
-    rows, cols = _known(grid)
-    cells = grid.cells[rows, cols]
+    # A map is cut to what is known: floor that is free may end at its border.
+    wider = np.pad(grid.cells, MARGIN_CELLS, constant_values=NOT_KNOWN)
+    rows, cols = _known(wider)
+    cells = wider[rows, cols]
     edge = grid.resolution
-    corner = Pose2D(cols.start * edge, rows.start * edge, 0.0)
+    first_row, first_col = rows.start - MARGIN_CELLS, cols.start - MARGIN_CELLS
+    corner = Pose2D(first_col * edge, first_row * edge, 0.0)
     area = TraversableArea(np.full(cells.shape, UNKNOWN, np.uint8), edge, grid.origin @ corner)
     kinds = area.kinds
     part = GridMap(grid.name, edge, area.map_T_area, cells)
@@ -86,13 +90,13 @@ def lay_out_area(
     return area
 
 
-def _known(grid: GridMap) -> tuple[slice, slice]:
-    """Return the rows and columns that are known, with a margin; one cell if nothing is."""
-    known = grid.cells >= 0
+def _known(cells: NDArray[np.int8]) -> tuple[slice, slice]:
+    """Return the rows and columns that are known, with a margin; a corner if nothing is."""
+    known = cells >= 0
     spans: list[slice] = []
     for axis in (1, 0):
         where = np.flatnonzero(known.any(axis=axis))
-        size = grid.cells.shape[1 - axis]
+        size = cells.shape[1 - axis]
         first, last = (int(where[0]), int(where[-1])) if where.size else (0, 0)
         spans.append(slice(max(first - MARGIN_CELLS, 0), min(last + MARGIN_CELLS + 1, size)))
     return spans[0], spans[1]

@@ -130,6 +130,17 @@ def test_a_robot_measures_how_it_is_built() -> None:
     assert np.mean(off < 0.05) > 0.7  # the rest is the alcove, and the post
 
 
+def test_a_lidar_that_looks_ahead_only_is_turned_by_less_than_it_sees() -> None:
+    view = "field_of_view = 3.14159\nbeams = 180\n"
+    late = WORLD.replace("delay_s = 0.15", "delay_s = 0.28")
+    drive = drive_with(odd_robot(replace(ROBOT, posts=(), delay_s=0.28), more=view, world=late), [])
+    assert drive.problem is None
+    geometry = evaluate(drive, 0.5 * ASSUMED_TRACK_M).geometry
+    assert geometry.base_T_laser.distance_to(MOUNT) < 0.005
+    assert abs(angle_difference(geometry.yaw.value, MOUNT.yaw)) < math.radians(0.5)
+    assert geometry.track.value == pytest.approx(ROBOT.track, rel=0.01)
+
+
 def test_a_robot_that_obeys_late_stays_where_it_has_seen_room() -> None:
     more = "castor_kick_rad = 0.06\ncastor_m = 0.08\n"
     world = WORLD.replace("delay_s = 0.15\n", f"delay_s = 0.28\n{more}")
