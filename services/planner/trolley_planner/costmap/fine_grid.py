@@ -31,7 +31,7 @@ class FineGridParams(NamedTuple):
     off_m: float = 0.1
     """Most that the face of a wall is taken to lie behind that of the map: the map's error, and the
     pose's. What the map has deeper may be something that the lidar does not see."""
-    noise_m: float = 0.0125
+    noise_m: float = 0.02
     """This much before an echo the wall stays: what is left of the noise of ranges."""
 
 
