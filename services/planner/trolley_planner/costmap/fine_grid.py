@@ -6,11 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.gridmap.kernels import (
-    column_distances_into,
-    distance_transform_into,
-    is_in_disc,
-)
+from trolley.gridmap.kernels import column_distances_into, distance_transform_into, is_in_disc
 from trolley.jit import kernel, lean_kernel
 from trolley_planner.costmap.costmap import Costmap
 from trolley_planner.costmap.inflation import FREE, UNKNOWN, WALL
@@ -251,7 +247,7 @@ def open_walls(
         end = fine_cell(box, beams, beam, echo)
         if echo <= 0.0 or echo - wall > FINE.deepest_m or not is_inside(out_mask, end[0], end[1]):
             continue
-        if was_cut and not ends_in_wall(kinds, beams, beam, (wall, echo), (step_m, cell_m)):
+        if was_cut and not ends_in_wall(kinds, box, beams, beam, (wall, echo)):
             continue
         at = echo - FINE.noise_m
         while at > wall:
@@ -284,51 +280,49 @@ def draw_ends(
 @lean_kernel
 def ends_in_wall(
     kinds: NDArray[np.uint8],
+    box: Box,
     beams: NDArray[np.float64],
     beam: int,
     stretch: tuple[float, float],
-    steps_m: tuple[float, float],
 ) -> bool:
     """Say whether a beam is in a wall from where it meets it up to its echo, close to its face.
 
     Args:
         kinds: of the costmap's cells.
+        box: how these are divided.
         beams: (n, 6).
         beam: which of them.
         stretch: where it meets the wall, and where its echo lies [m].
-        steps_m: from one look to the next; cell edge of the costmap.
     """
-    at = stretch[1]
+    step_m, at = 0.5 * box.cell_m / box.parts, stretch[1]
     while at > stretch[0]:
-        row = math.floor((beams[beam, Y] + at * beams[beam, DY]) / steps_m[1])
-        col = math.floor((beams[beam, X] + at * beams[beam, DX]) / steps_m[1])
+        row, col = coarse_cell(box, fine_cell(box, beams, beam, at))
         if not is_wall(kinds, row, col):
             return False
-        at -= steps_m[0]
-    return is_near_face(kinds, beams, beam, stretch[1], steps_m[1])
+        at -= step_m
+    return is_near_face(kinds, box, beams, beam, stretch[1])
 
 
 @lean_kernel
 def is_near_face(
     kinds: NDArray[np.uint8],
+    box: Box,
     beams: NDArray[np.float64],
     beam: int,
     along_m: float,
-    cell_m: float,
 ) -> bool:
     """Say whether there is floor `FINE.off_m` from so far along a beam, on the side it came from.
 
     Args:
         kinds: of the costmap's cells.
+        box: how these are divided.
         beams: (n, 6).
         beam: which of them.
         along_m: the place on it.
-        cell_m: cell edge of the costmap.
     """
     dx, dy = beams[beam, DX], beams[beam, DY]
-    end_row = math.floor((beams[beam, Y] + along_m * dy) / cell_m)
-    end_col = math.floor((beams[beam, X] + along_m * dx) / cell_m)
-    most = max(1, round(FINE.off_m / cell_m))
+    end_row, end_col = coarse_cell(box, fine_cell(box, beams, beam, along_m))
+    most = max(1, round(FINE.off_m / box.cell_m))
     for row in range(max(end_row - most, 0), min(end_row + most + 1, kinds.shape[0])):
         for col in range(max(end_col - most, 0), min(end_col + most + 1, kinds.shape[1])):
             is_before = (row - end_row) * dy + (col - end_col) * dx <= -1.0
