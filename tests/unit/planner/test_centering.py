@@ -10,9 +10,10 @@ from support.fine_grids import fine_grid
 from support.flatland import empty_room, two_rooms
 
 from trolley.gridmap import GridMap
+from trolley.gridmap.distance import distance_transform
 from trolley_planner.costmap.footprint import NO_LIMITS, Field, Footprint, clearance_at
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
-from trolley_planner.paths.hybrid_astar.centering import centered, recentered
+from trolley_planner.paths.hybrid_astar.centering import CENTERING, centered, recentered
 from trolley_planner.paths.hybrid_astar.motion_primitives import (
     BACKWARDS,
     FORWARDS,
@@ -22,6 +23,7 @@ from trolley_planner.paths.hybrid_astar.motion_primitives import (
 from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, NEVER_SEEN
 
 HOBBY = Footprint.from_polygon(box(0.35, 0.30, 0.175))
+REAR = Footprint.from_polygon(box(0.60, 0.42, 0.10))
 DOOR = 4.0, 2.975
 """Middle of a door of 0.35 m between the two rooms [m]."""
 
@@ -35,6 +37,24 @@ def straight(aside_m: float, yaw: float = 0.0, motion: int = FORWARDS) -> Maneuv
         np.full(len(along), yaw if motion == FORWARDS else yaw + math.pi),
     ])  # fmt: skip
     return Maneuver(poses, np.full(len(poses), motion, dtype=np.int8))
+
+
+def turning_into_door(aside_m: float, first: float, last: float) -> NDArray[np.float64]:
+    """Towards the door with one heading, turning on an arc, and through it with another."""
+    along = np.arange(-1.2, 0.6, 0.025)
+    yaws = last + (first - last) * np.clip((-0.45 - along) / 0.33, 0.0, 1.0)
+    steps = np.column_stack([np.cos(yaws), np.sin(yaws)]) * 0.025
+    places = np.cumsum(steps, axis=0)
+    places += (DOOR[0], DOOR[1] + aside_m) - places[np.argmin(np.abs(along))]
+    return np.column_stack([places, yaws])
+
+
+def with_stray_echoes(field: Field, rng: np.random.Generator) -> Field:
+    """Walls as a scan shows them: here and there a cell nearer."""
+    solid = field.distance_m <= 0.0
+    on_face = ~solid & (field.distance_m <= 1.1 * field.fine_m)
+    seen = solid | (on_face & (rng.random(solid.shape) < 0.15))
+    return field._replace(distance_m=distance_transform(seen, field.fine_m).astype(np.float32))
 
 
 def bent(
@@ -51,16 +71,19 @@ def in_door(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return poses[np.abs(poses[:, 0] - DOOR[0]) < 0.15]
 
 
-def field_of(grid: GridMap) -> Field:
-    fine = fine_grid(grid, HOBBY)
+def field_of(grid: GridMap, footprint: Footprint = HOBBY) -> Field:
+    fine = fine_grid(grid, footprint)
     return Field(
         fine.distance_m, NO_LIMITS, NO_LIMITS, fine.x, fine.y, fine.fine_m, 1.0, grid.resolution
     )
 
 
+def least_clearance_in(field: Field, footprint: Footprint, poses: NDArray[np.float64]) -> float:
+    return min(clearance_at(field, footprint.body, x, y, yaw, 1.0) for x, y, yaw in poses.tolist())
+
+
 def least_clearance(poses: NDArray[np.float64], grid: GridMap) -> float:
-    field = field_of(grid)
-    return min(clearance_at(field, HOBBY.body, x, y, yaw, 1.0) for x, y, yaw in poses.tolist())
+    return least_clearance_in(field_of(grid), HOBBY, poses)
 
 
 @pytest.mark.parametrize("motion", [FORWARDS, BACKWARDS])
@@ -125,6 +148,21 @@ def test_what_was_free_stays_free() -> None:
                 num_free += 1
                 assert least_clearance(bent(before, grid), grid) >= 0.0
     assert num_free > 10
+
+
+def test_a_post_is_passed_no_nearer_for_the_sake_of_the_rest() -> None:
+    """The front of a robot whose axle is at the rear swings far as it turns into a door."""
+    rng = np.random.default_rng(5)
+    walls, num_tight = field_of(two_rooms(0.52), REAR), 0
+    for _ in range(60):
+        drive = turning_into_door(*rng.uniform((-0.02, 0.5, -0.15), (0.02, 0.9, 0.0)))
+        field = with_stray_echoes(walls, rng)
+        was_m = least_clearance_in(field, REAR, drive)
+        if 0.0 <= was_m < CENTERING.kept_m:
+            num_tight += 1
+            after_m = least_clearance_in(field, REAR, recentered(drive, field, REAR.body))
+            assert after_m >= was_m - 1e-6
+    assert num_tight > 10
 
 
 def test_what_is_seen_later_moves_the_rest_of_a_drive_to_the_middle() -> None:

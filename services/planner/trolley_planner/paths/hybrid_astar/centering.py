@@ -42,6 +42,8 @@ class CenteringParams(NamedTuple):
     """How far a spline is moved to either side at a time."""
     rounds: int = 4
     """Most times that all splines are tried with each step."""
+    kept_m: float = 0.04
+    """Bending takes no clearance below this, or below what the drive had if that was less [m]."""
 
 
 CENTERING = CenteringParams()
@@ -143,7 +145,7 @@ def bend(
                 if not bend_by(drive, layers, body, along[-1] / num_pieces, step_m):
                     break
                 is_bent = True
-    if is_bent and energy(drive, layers, body, 1, count - 1)[1] >= min(least_m, 0.0):
+    if is_bent and energy(drive, layers, body, 1, count - 1)[1] >= min(least_m, CENTERING.kept_m):
         bent = np.empty_like(poses)
         for index in range(count):
             bent[index] = pose_of(drive, index)
