@@ -33,6 +33,10 @@ class MotionParams:
     """The same of its direction [rad]."""
     plain: float = 0.02
     """Share of what a scan shows that it must show in each direction: less is a plain corridor."""
+    all_round_rad: float = 1.7 * math.pi
+    """Field of view from which on each stand shows what all others have shown [rad]."""
+    num_stands: int = 60
+    """Number of stands that are remembered of a lidar that sees less: all of a drive."""
 
 
 PARAMS = MotionParams()
@@ -151,6 +155,11 @@ class LidarTrack:
         assert self.beams is not None  # there are scans
         ranges = usual_ranges(self.beams, scans)
         prior = None
+        if not number and self.view_rad(own) < PARAMS.all_round_rad:
+            # After some strokes the last stands all looked one way.
+            self._standing = ScanOdometry(
+                has_axle=False, trusts_prior=True, num_keys=PARAMS.num_stands
+            )
         if number:
             spread = (PARAMS.prior_m, PARAMS.prior_m, PARAMS.prior_rad)
             prior = Prior(self.since_stand, np.diag(np.square(spread)))
