@@ -103,12 +103,16 @@ class LidarTrack:
     def view_rad(self, own: Sequence[Sector]) -> float:
         """Return how far round the lidar sees, but for the robot itself [rad].
 
+        Where no beam of the last scans measures, as where it is masked, it sees nothing.
+
         Args:
-            own: where it sees that.
+            own: where it sees the robot.
         """
         scan = self.scans[-1]
-        keep = Beams.of(scan).outside(own)
-        return abs(scan.angle_increment) * int(np.count_nonzero(keep))
+        alike = [one.ranges for one in self.scans if len(one.ranges) == len(scan.ranges)]
+        sees = np.max(alike, axis=0) > 0.0
+        sees &= Beams.of(scan).outside(own)
+        return abs(scan.angle_increment) * int(np.count_nonzero(sees))
 
     def take(self, scan: LidarScan) -> bool:
         """Keep a scan; False where it is not newer."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -84,3 +85,21 @@ def test_what_was_seen_on_the_first_turns_is_known_after_many_strokes() -> None:
         found, _, is_plain = track.note_stand(track.scans[-1:] * 6, [], number)
         assert not is_plain
         assert found.distance_to(leg[-1]) < 0.01
+
+
+def test_where_a_lidar_is_masked_it_does_not_see() -> None:
+    round_about = np.linspace(-math.pi, math.pi, 360, endpoint=False)
+    masked = abs(round_about) > 0.5 * math.pi
+    track = LidarTrack()
+    for number in range(2):
+        ranges = np.where(masked, 0.0, 2.0).astype(np.float32)
+        ranges[180 + number :: 2] = 0.0  # here and there a beam fails, but not each time
+        scan = replace(
+            scan_at(Pose2D.identity(), number + 1),
+            angle_min=-math.pi,
+            angle_increment=math.radians(1.0),
+            ranges=ranges,
+        )
+        assert track.take(scan)
+    assert math.isclose(track.view_rad([]), math.pi, abs_tol=0.05)
+    assert math.isclose(track.view_rad([(0.0, 0.5)]), math.pi - 0.5, abs_tol=0.05)
