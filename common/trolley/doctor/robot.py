@@ -214,10 +214,13 @@ def check_pose(facts: RobotFacts) -> list[Finding]:
     help_it = "Show it where it is, in the viewer, or run `trolley pose find`."
     if pose.state == "lost":
         return [problem("localizer", f"The robot is lost.{_why(pose.message)}", help_it)]
-    if pose.state in ("searching", "unsure"):
-        is_searching = pose.state == "searching"
-        text = "is working out where it is" if is_searching else "is unsure where it is"
-        return [warning("localizer", f"The robot {text}.{_why(pose.message)}", help_it)]
+    if pose.state == "searching":
+        text = f"The robot is working out where it is.{_why(pose.message)}"
+        return [warning("localizer", text, help_it)]
+    if pose.state == "unsure":
+        text = f"The robot is unsure where it is.{_why(pose.message)}"
+        help_it = "Drive it a little, by hand or to a place, or show it where it is, in the viewer."
+        return [warning("localizer", text, help_it)]
     return [
         ok(
             "localizer",

@@ -162,12 +162,19 @@ class ScanOdometry:
         has_axle: `base_link` does not move sideways; else nothing is known of it.
         trusts_prior: what is expected is wrong by no more than it says, however few of a scan's
             points fit: most of what it shows may be new.
+        num_keys: number of key scans that are remembered.
     """
 
-    def __init__(self, *, has_axle: bool = True, trusts_prior: bool = False) -> None:
+    def __init__(
+        self,
+        *,
+        has_axle: bool = True,
+        trusts_prior: bool = False,
+        num_keys: int = PARAMS.num_keys,
+    ) -> None:
         self._expect = carried_on if has_axle else of_unknown_mount
         self._trusts_prior = trusts_prior
-        self._keys: deque[tuple[Sweep, Pose2D]] = deque(maxlen=PARAMS.num_keys)
+        self._keys: deque[tuple[Sweep, Pose2D]] = deque(maxlen=num_keys)
         self._surfels: Surfels | None = None
         self._stamp_ns = 0
         self._twist = Twist2D.zero()

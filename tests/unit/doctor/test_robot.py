@@ -219,6 +219,13 @@ def test_what_is_wrong_is_said(case: str) -> None:
     assert max(one.level for one in found) is level
 
 
+def test_who_is_unsure_where_it_is_need_not_be_searched_for_but_driven() -> None:
+    (found,) = bad(replace(GOOD, pose=pose("unsure")))
+    assert found.remedy.startswith("Drive it a little")
+    (found,) = bad(replace(GOOD, pose=pose("searching")))
+    assert "`trolley pose find`" in found.remedy
+
+
 def test_a_fast_simulation_is_measured_by_its_own_clock() -> None:
     twice = {name: flowing(2.0 * flow.hz) for name, flow in GOOD.flows.items()}
     real_s = {"clock": flowing(10.0), "tour": flowing(1.0)}

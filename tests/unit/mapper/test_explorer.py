@@ -323,6 +323,8 @@ def test_a_map_that_shows_no_floor_is_waited_for_and_then_told(
         pose = Pose2D(0.02, 0.02, 0.0)
         advance(explorer, Scene(grid, pose, False, False, (), pose), float(second))
     assert (explorer.state, explorer.reason) == ("paused", codes.IN_OBSTACLE)
+    assert "the lidar shows no room" in explorer.message  # there may be some where it cannot look
+    assert "drive the robot by hand" in explorer.message
     assert explorer.take_actions() == []
 
 

@@ -444,8 +444,9 @@ class SetupDrive:
 
     def _note_stand(self, scans: list[LidarScan]) -> None:
         stands = self.record.stands
+        turned_rad = self._lidar.since_stand.yaw
         start_T_laser, ranges, is_plain = self._lidar.note_stand(scans, self.own, len(stands))
-        self._judge.refuse_plain(is_plain)
+        self._judge.refuse_plain(turned_rad, is_plain=is_plain)
         since_ns = self._wheels.still_since_ns
         assert since_ns is not None
         self._wheels.note_stand()

@@ -21,8 +21,11 @@ class JudgeParams:
     """Number of scans in a row that must say so."""
     follows_s: float = 1.5
     """The robot may follow a command for so long after the next one [s]: it is late, and brakes."""
+    plain_rad: float = 2.0
+    """Turn over which it may see one wall only at each stand [rad]: one turn where the lidar sees
+    far round, or two of a lidar that sees half of that."""
     most_plain: int = 1
-    """Number of stands in a row at which it may see one wall only while it turns."""
+    """Number of stands in a row at which it may see one wall only once it drives."""
     differ: float = 0.3
     """Share by which lidar and wheels may differ before anything is measured."""
     differ_m: float = 0.05
@@ -82,6 +85,7 @@ class Judge:
         self._lidar, self._wheels = lidar, wheels
         self._mount, self._record = mount, record
         self._num_fast = self._num_plain = 0
+        self._plain_rad = 0.0
         self._last_seen: tuple[Pose2D, float, float] | None = None
         """Where the lidar last saw motion, and what the wheels had counted by then."""
 
@@ -91,11 +95,18 @@ class Judge:
         stands = self._record.stands
         return stands[-2].start_T_laser.inverse() @ stands[-1].start_T_laser
 
-    def refuse_plain(self, is_plain: bool) -> None:
-        """Refuse a place that is plain all round; a lidar that looks ahead may face one wall."""
+    def refuse_plain(self, turned_rad: float, *, is_plain: bool) -> None:
+        """Refuse a place that is plain all round; a lidar that looks ahead may face one wall.
+
+        Args:
+            turned_rad: from the stand before to this one [rad].
+            is_plain: the walls in sight tell too little here.
+        """
+        self._plain_rad = self._plain_rad + abs(turned_rad) if self._num_plain else 0.0
         self._num_plain = self._num_plain + 1 if is_plain else 0
         is_turning = self._mount.ahead is None
-        if self._num_plain > (PARAMS.most_plain if is_turning else 0):
+        is_long = self._num_plain > PARAMS.most_plain
+        if is_long and (not is_turning or self._plain_rad > PARAMS.plain_rad):
             raise SetupRefused(
                 "The lidar sees too few different walls here, as in a plain corridor, to tell how "
                 "the robot moves. Choose a place with walls or furniture in several directions."

@@ -33,6 +33,10 @@ class MotionParams:
     """The same of its direction [rad]."""
     plain: float = 0.02
     """Share of what a scan shows that it must show in each direction: less is a plain corridor."""
+    all_round_rad: float = 1.7 * math.pi
+    """Field of view from which on each stand shows what all others have shown [rad]."""
+    num_stands: int = 60
+    """Number of stands that are remembered of a lidar that sees less: all of a drive."""
 
 
 PARAMS = MotionParams()
@@ -99,12 +103,16 @@ class LidarTrack:
     def view_rad(self, own: Sequence[Sector]) -> float:
         """Return how far round the lidar sees, but for the robot itself [rad].
 
+        Where no beam of the last scans measures, as where it is masked, it sees nothing.
+
         Args:
-            own: where it sees that.
+            own: where it sees the robot.
         """
         scan = self.scans[-1]
-        keep = Beams.of(scan).outside(own)
-        return abs(scan.angle_increment) * int(np.count_nonzero(keep))
+        alike = [one.ranges for one in self.scans if len(one.ranges) == len(scan.ranges)]
+        sees = np.max(alike, axis=0) > 0.0
+        sees &= Beams.of(scan).outside(own)
+        return abs(scan.angle_increment) * int(np.count_nonzero(sees))
 
     def take(self, scan: LidarScan) -> bool:
         """Keep a scan; False where it is not newer."""
@@ -151,6 +159,11 @@ class LidarTrack:
         assert self.beams is not None  # there are scans
         ranges = usual_ranges(self.beams, scans)
         prior = None
+        if not number and self.view_rad(own) < PARAMS.all_round_rad:
+            # After some strokes the last stands all looked one way.
+            self._standing = ScanOdometry(
+                has_axle=False, trusts_prior=True, num_keys=PARAMS.num_stands
+            )
         if number:
             spread = (PARAMS.prior_m, PARAMS.prior_m, PARAMS.prior_rad)
             prior = Prior(self.since_stand, np.diag(np.square(spread)))

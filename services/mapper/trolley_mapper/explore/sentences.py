@@ -7,8 +7,11 @@ GOES_HOME = "It is driving back to where it began."
 AT_HOME = "It is back where it began."
 TOO_LONG = "It took too long."
 STOOD = "It did not get on, although the map shows nothing in its way."
-SHUT_IN = "Exploring is paused: the robot is boxed in and has no room to drive anywhere."
 _GO_ON = "`trolley map explore` continues it."
+SHUT_IN = (
+    "Exploring is paused: the lidar shows no room to drive anywhere from here; drive the robot by "
+    f"hand to a more open place, then {_GO_ON}"
+)
 PAUSES = {
     codes.STOPPED: "Exploring is paused: the robot was stopped; resume it, then exploring.",
     codes.TAKEN_OVER: f"Exploring is paused: somebody else is driving the robot; {_GO_ON}",

@@ -98,16 +98,13 @@ def check_standing(twist: Twist2D) -> None:
 
 
 def check_match(estimate: PoseEstimate) -> None:
-    """Refuse an estimate whose scan does not match the map: what is certain may still be wrong.
+    """Refuse an estimate that is unsure: what fits the map, or is certain, may still be wrong.
 
     Raises:
         Refused: `not_converged`.
     """
     if estimate.state == "unsure":
-        raise Refused(
-            codes.NOT_CONVERGED,
-            "The scan does not match the map well; drive a little or set the pose.",
-        )
+        raise Refused(codes.NOT_CONVERGED)
 
 
 class PoseAverage:
