@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from bench.planner.home import scene_of
@@ -14,7 +15,7 @@ from trolley import codes
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D, Twist2D, angle_difference, integrate_twist
 from trolley.gridmap import GridMap
-from trolley.messages import Zone
+from trolley.messages import Robot, Zone
 from trolley_planner.control.controller import Motion, limited_change, limits_of
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
@@ -103,6 +104,24 @@ def test_what_reaches_far_ahead_of_the_wheels_comes_through_a_door(ride) -> None
     status = drive.until_over(40.0)
     assert (status.state, status.recoveries) == ("arrived", 0)
     assert drive.world.touches == 0
+
+
+class Fast(Flatland):
+    """A robot that may drive at 1 m/s."""
+
+    def robot(self) -> Robot:
+        return msgspec.structs.replace(super().robot(), max_speed=1.0)
+
+
+@pytest.mark.drives
+@pytest.mark.parametrize("start", [Pose2D(2.6, 2.0, 2.0), Pose2D(1.2, 3.6, 0.0)])
+def test_a_fast_robot_comes_through_a_door_hardly_wider_than_itself(ride, start: Pose2D) -> None:
+    drive = ride(Fast(two_rooms(0.35), start, footprint=HOBBY), PlannerConfig(max_speed_mps=1.0))
+    drive.send(Pose2D(6.5, 3.4, 0.5))
+    status = drive.until_over(40.0)
+    assert (status.state, status.recoveries) == ("arrived", 0)
+    assert drive.world.touches == 0
+    assert max(twist.vx for twist in drive.commands if twist is not None) > 0.8
 
 
 @pytest.mark.drives

@@ -30,7 +30,7 @@ class LocalCostmapParams(NamedTuple):
 
     fine_m: float = 0.03
     """Largest edge of a fine cell where there would be too many of the finest."""
-    most_fine_cells: int = 350
+    most_fine_cells: int = 800
     """Most of the finest cells along the edge of the local costmap."""
     unreached_m: float = 100.0
     """Cost-to-go of places from which no path leads on."""

@@ -65,6 +65,8 @@ class ManeuverParams:
     """Tolerance of the heading at the end of a maneuver where the robot cannot turn."""
     free_rad: float = 0.9
     """Tolerance of the heading at the end of a maneuver where the robot can turn."""
+    most_mps: float = 0.5
+    """Highest speed: an error beside a maneuver decays over a distance, and commands act late."""
     standing_mps: float = 0.1
     """Speed above which a maneuver begins where the robot will have stopped."""
     delay_s: float = 0.15
@@ -193,7 +195,7 @@ class Maneuvering:
         factor = float(np.interp(least_m, kept_m, factors))
         limits = limits._replace(slow_speed=min(factor * limits.slow_speed, limits.max_speed))
         here_m = context.seen_clearance(pose, limits.caution_m)
-        speed = min(caution_speed(limits, here_m), context.zone_speed(pose))
+        speed = min(caution_speed(limits, here_m), context.zone_speed(pose), MANEUVER.most_mps)
         sees_back = context.costmap.obstacle_layer.looks_all_round
         backwards = speed if sees_back else min(speed, limits.max_reverse)
         limits = limits._replace(max_speed=speed, max_reverse=backwards)

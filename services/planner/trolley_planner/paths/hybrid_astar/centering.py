@@ -42,7 +42,7 @@ class CenteringParams(NamedTuple):
     """How far a spline is moved to either side at a time."""
     rounds: int = 4
     """Most times that all splines are tried with each step."""
-    kept_m: float = 0.04
+    kept_m: float = 0.02
     """Bending takes no clearance below this, or below what the drive had if that was less [m]."""
 
 
