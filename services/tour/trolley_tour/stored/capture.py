@@ -14,8 +14,8 @@ from trolley_tour.stored.places import Places
 from trolley_tour.stored.pose_estimates import (
     PoseAverage,
     age_s,
-    check_match,
     check_standing,
+    check_sure,
     checked_estimate,
 )
 
@@ -61,7 +61,7 @@ class PoseCapture:
         name = plain_name(params.name)
         if name in self._places.items and not params.replace:
             raise Refused(codes.EXISTS, name=name)
-        check_match(estimate)
+        check_sure(estimate)
         if len(self._collections) >= MAX_CAPTURES:
             raise Refused(codes.NOT_READY, "Other poses are being saved; try again.")
         later: Later[CapturedPose] = self._service.later()
@@ -85,7 +85,7 @@ class PoseCapture:
         for collection in list(self._collections):
             try:
                 checked = checked_estimate(estimate, self._service.now_ns)
-                check_match(checked)
+                check_sure(checked)
                 if collection.average.add(checked) and collection.is_standing:
                     self._save(collection)
             except Refused as refused:

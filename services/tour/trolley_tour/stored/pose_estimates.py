@@ -97,7 +97,7 @@ def check_standing(twist: Twist2D) -> None:
         raise Refused(codes.MOVING)
 
 
-def check_match(estimate: PoseEstimate) -> None:
+def check_sure(estimate: PoseEstimate) -> None:
     """Refuse an estimate that is unsure: what fits the map, or is certain, may still be wrong.
 
     Raises:
