@@ -8,6 +8,7 @@ import pytest
 from bench.planner.home import scene_of
 from bench.planner.situations import STATIC
 from bench.planner.visit import Setting, drive
+from numpy.typing import NDArray
 from support.all_poses import box
 from support.flatland import Flatland, HalfBlind, empty_room, two_rooms, with_block
 
@@ -17,11 +18,20 @@ from trolley.geometry import Pose2D, Twist2D, angle_difference, integrate_twist
 from trolley.gridmap import GridMap
 from trolley.messages import Robot, Zone
 from trolley_planner.control.controller import Motion, limited_change, limits_of
+from trolley_planner.control.robot_motion import Limits
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
-from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, TURNING, Maneuver
+from trolley_planner.paths.hybrid_astar.footprint_spans import TURN_RAD
+from trolley_planner.paths.hybrid_astar.motion_primitives import (
+    BACKWARDS,
+    FORWARDS,
+    TURNING,
+    Maneuver,
+)
 from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, OUT_OF_SIGHT
 
+DT_S = 0.05
+"""From command to command."""
 HOBBY = box(0.35, 0.30, 0.175)
 ARM = box(0.65, 0.30, 0.175)
 """Reaches 0.3 m farther ahead of its wheels than the first."""
@@ -43,6 +53,73 @@ def test_a_robot_beside_its_line_needs_clearance_where_it_steers_back() -> None:
     assert np.allclose(off[0], (0.0, -0.02, 0.1))
     assert (np.diff(np.abs(off[:, 1:]), axis=0) < 0.0).all()
     assert np.abs(off[-1]).max() < 0.001
+
+
+def led_by(
+    follower: ManeuverFollower,
+    start: Pose2D,
+    limits: Limits,
+    before: Twist2D | None = None,
+    delay: int = 0,
+) -> list[tuple[Pose2D, Twist2D]]:
+    """What is wanted 20 times a second, and the pose of a robot that obeys so many steps later."""
+    commands = [before or Twist2D.zero()] * (delay + 1)
+    pose, led = start, [(start, commands[0])]
+    for _ in range(600):
+        wanted = follower.command(Motion(pose, commands[-1]), limits)
+        if wanted is None:
+            break
+        commands.append(limited_change(commands[-1], wanted, limits, DT_S))
+        pose = integrate_twist(pose, commands[-1 - delay], DT_S)
+        led.append((pose, wanted))
+    return led
+
+
+def poses_of(led: list[tuple[Pose2D, Twist2D]]) -> NDArray[np.float64]:
+    """The poses (n, 3)."""
+    return np.array([(pose.x, pose.y, pose.yaw) for pose, _ in led])
+
+
+def test_what_is_foreseen_of_a_robot_beside_its_line_is_what_it_does() -> None:
+    x = np.linspace(0.0, 2.0, 81)
+    line = np.column_stack([x, np.zeros(81), np.zeros(81)])
+    for aside_m, off in ((0.0, 0.1), (-0.02, 0.1), (0.03, 0.0)):
+        follower = ManeuverFollower(Maneuver(line, np.full(81, FORWARDS, dtype=np.int8)))
+        start = Pose2D(0.0, aside_m, off)
+        foreseen = follower.poses_from(start, 0.8)
+        driven = poses_of(led_by(follower, start, limits_of(PlannerConfig(), 0.1, 1.5, 1.0)))
+        for axis, most in ((1, 0.003), (2, 0.02)):
+            there = np.interp(foreseen[:, 0], driven[:, 0], driven[:, axis])
+            assert np.abs(there - foreseen[:, axis]).max() < most
+
+
+@pytest.mark.parametrize("sense", [FORWARDS, BACKWARDS])
+def test_a_slow_robot_turns_where_its_maneuver_does(sense: int) -> None:
+    """A front 0.65 m ahead is aside by that much of what its heading errs."""
+    yaws = TURN_RAD * np.repeat([0.0, 1.0, 2.0], 8)  # as the search finds them
+    steps = 0.0375 * sense * np.column_stack([np.cos(yaws), np.sin(yaws)])
+    poses = np.column_stack([np.cumsum(steps, axis=0), yaws])
+    follower = ManeuverFollower(Maneuver(poses, np.full(len(poses), sense, dtype=np.int8)))
+    limits = limits_of(PlannerConfig(), 0.1, 1.5, 1.0)
+    driven = poses_of(led_by(follower, Pose2D(*poses[0].tolist()), limits, delay=1))
+    along = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
+    wanted = np.interp(np.hypot(*(driven[:, :2] - poses[0, :2]).T), along, yaws)
+    assert 0.65 * np.abs(driven[:, 2] - wanted).max() < 0.025
+    assert len(driven) < 300
+
+
+@pytest.mark.parametrize(("reach_m", "most_rad"), [(0.23, 0.035), (0.7, 0.013)])
+def test_the_farther_a_robot_reaches_the_more_exactly_it_turns(
+    reach_m: float, most_rad: float
+) -> None:
+    yaws = np.concatenate([np.linspace(0.0, 1.0, 11), np.full(20, 1.0)])
+    places = np.concatenate([np.zeros((11, 2)), np.outer(np.linspace(0.0, 0.5, 20), (0.54, 0.84))])
+    motions = np.repeat([TURNING, FORWARDS], [11, 20]).astype(np.int8)
+    follower = ManeuverFollower(Maneuver(np.column_stack([places, yaws]), motions), reach_m=reach_m)
+    limits = limits_of(PlannerConfig(), 0.5, 1.5, 1.0)
+    driven = poses_of(led_by(follower, Pose2D(0.0, 0.0, 0.0), limits))
+    is_moving = np.hypot(driven[:, 0], driven[:, 1]) > 0.01
+    assert abs(driven[np.argmax(is_moving), 2] - 1.0) < most_rad
 
 
 def lane(width_m: float) -> GridMap:
@@ -272,7 +349,7 @@ def test_from_a_wall_it_comes_to_a_goal_nearby_already_looking_as_it_was_asked_t
 
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_way_that_bends_to_and_fro_is_kept_to_although_turning_takes_time(delay: int) -> None:
-    step_m, dt_s = 0.02, 0.05
+    step_m = 0.02
     bends = np.repeat([0.0, 1.0 / 0.3, -1.0 / 0.3, 0.0], [20, 18, 18, 15])
     yaw = np.append(0.0, np.cumsum(bends * step_m))
     middle = 0.5 * (yaw[1:] + yaw[:-1])
@@ -280,34 +357,23 @@ def test_a_way_that_bends_to_and_fro_is_kept_to_although_turning_takes_time(dela
     motions = np.full(len(yaw), FORWARDS, dtype=np.int8)
     follower = ManeuverFollower(Maneuver(np.stack([x, y, yaw], axis=1), motions))
     limits = limits_of(PlannerConfig(), speed=0.5, turn=1.5, deceleration=1.0)
-    pose, worst = Pose2D(0.0, 0.0, 0.0), 0.0
-    commands = [Twist2D(0.5, 0.0, 0.0)] * (delay + 1)
-    for _ in range(300):
-        wanted = follower.command(Motion(pose, commands[-1]), limits)
-        if wanted is None:
-            break
-        commands.append(limited_change(commands[-1], wanted, limits, dt_s))
-        pose = integrate_twist(pose, commands[-1 - delay], dt_s)
-        worst = max(worst, float(np.hypot(x - pose.x, y - pose.y).min()))
-    assert pose.distance_to(follower.end) < 0.03
-    assert worst < 0.03
+    led = led_by(follower, Pose2D(0.0, 0.0, 0.0), limits, Twist2D(0.5, 0.0, 0.0), delay)
+    assert led[-1][0].distance_to(follower.end) < 0.03
+    assert max(float(np.hypot(x - pose.x, y - pose.y).min()) for pose, _ in led) < 0.03
 
 
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_turn_that_a_line_follows_takes_as_long_as_the_robot_brakes(delay: int) -> None:
-    turn, dt_s = 1.5, 0.05
+    turn = 1.5
     yaws, along = np.linspace(0.0, turn, 16), np.linspace(0.0, 0.8, 33)[1:]
     line = np.stack([along * math.cos(turn), along * math.sin(turn), np.full(32, turn)], axis=1)
     poses = np.concatenate([np.stack([0.0 * yaws, 0.0 * yaws, yaws], axis=1), line])
     motions = np.repeat(np.array([TURNING, FORWARDS], dtype=np.int8), [16, 32])
     follower = ManeuverFollower(Maneuver(poses, motions))
     limits = limits_of(PlannerConfig(), speed=0.5, turn=1.5, deceleration=1.0)
-    pose, turned_s, worst = Pose2D(0.0, 0.0, 0.0), 0.0, 0.0
-    commands = [Twist2D.zero()] * (delay + 1)
-    while (wanted := follower.command(Motion(pose, commands[-1]), limits)) is not None:
-        commands.append(limited_change(commands[-1], wanted, limits, dt_s))
-        pose = integrate_twist(pose, commands[-1 - delay], dt_s)
-        turned_s += dt_s if wanted.vx == 0.0 and pose.distance_to(follower.end) > 0.7 else 0.0
+    turned_s, worst = 0.0, 0.0
+    for pose, wanted in led_by(follower, Pose2D(0.0, 0.0, 0.0), limits, delay=delay)[1:]:
+        turned_s += DT_S if wanted.vx == 0.0 and pose.distance_to(follower.end) > 0.7 else 0.0
         worst = max(worst, abs(pose.y * math.cos(turn) - pose.x * math.sin(turn)))
         if pose.distance_to(follower.end) < 0.05:
             break

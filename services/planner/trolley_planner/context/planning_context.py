@@ -123,11 +123,15 @@ class PlanningContext:
 
     def can_turn_by(self, pose_grid: Pose2D, turn: float, clearance_m: float) -> bool:
         """Say whether the robot can turn in place by an angle [rad], to the left if positive."""
+        return self.turn_clearance(pose_grid, turn, clearance_m) >= clearance_m
+
+    def turn_clearance(self, pose_grid: Pose2D, turn: float, enough_m: float) -> float:
+        """Return the smallest clearance of such a turn [m], at most `enough_m`."""
         count = max(1, math.ceil(abs(turn) / TURN_STEP_RAD))
         poses = np.empty((count, 3))
         poses[:, 0], poses[:, 1] = pose_grid.x, pose_grid.y
         poses[:, 2] = pose_grid.yaw + turn * np.arange(1, count + 1) / count
-        return self.least_clearance(poses, clearance_m) >= clearance_m
+        return self.least_clearance(poses, enough_m)
 
     def tight_places(
         self, points: NDArray[np.float64], room_m: float, aside_m: float

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,20 @@ class FollowerParams:
     """Time without progress after which a maneuver is given up."""
     stalled_m: float = 0.015
     """Progress below which the robot counts as held up, turns counted by `turn_as_m`."""
+    settle_m: float = 0.007
+    """How far the robot's outermost point may be from the end of a turn that is over."""
     settle_rad: float = 0.03
-    """Distance to the end of a turn at which it is over."""
+    """Most that may be left of a turn that is over."""
     settle_last_rad: float = 0.015
     """The same of a turn at the maneuver's end."""
     track_m: float = 0.16
     """An error beside the maneuver decays over this distance."""
-    ahead_m: float = 0.05
-    """Distance ahead at which the curvature is read, since commands act late."""
+    look_s: float = 0.35
+    """Time ahead over which the curvature is read, since the robot does not turn at once."""
+    look_m: float = 0.02
+    """Least distance ahead over which it is read."""
+    near_end_m: float = 0.05
+    """Distance along a line to its end within which it may be over."""
     strayed_m: float = 0.05
     """Distance from the maneuver beyond which the robot needs another one."""
     strayed_rad: float = 0.25
@@ -42,12 +49,23 @@ class FollowerParams:
     arrived_m: float = 0.008
     """Distance to the end of a line at which it is over."""
     nearest_of: int = 8
-    """Number of poses ahead of the last one among which the robot's place is found."""
+    """Number of poses from the last one on among which the robot's place is found."""
     turn_as_m: float = 0.3
     """A turn by one radian that is left counts as this distance."""
 
 
 FOLLOWER = FollowerParams()
+
+
+class Place(NamedTuple):
+    """Where the robot is beside a line of its maneuver."""
+
+    at_m: float
+    """From the maneuver's beginning, without turns."""
+    aside: float
+    """To the left of the line [m]."""
+    off: float
+    """Its heading against that of the line [rad]."""
 
 
 class ManeuverFollower:
@@ -57,13 +75,16 @@ class ManeuverFollower:
         maneuver: the maneuver, in the frame of the poses given later.
         onward_m: how far the robot drives on behind its end; 0: it stops there, and looks along
             the maneuver.
+        reach_m: distance of the robot's outermost point from its middle: the farther, the more
+            exactly it turns.
     """
 
-    def __init__(self, maneuver: Maneuver, onward_m: float = 0.0) -> None:
+    def __init__(self, maneuver: Maneuver, onward_m: float = 0.0, reach_m: float = 0.0) -> None:
         self._poses, self._motions = maneuver.poses.copy(), maneuver.motions
         self._kept = maneuver.kept
         self._along, self._left = _measured(maneuver)
         self._onward_m = onward_m
+        self._settle_rad = min(FOLLOWER.settle_rad, FOLLOWER.settle_m / max(reach_m, 1e-3))
         self._index = 0
         self._run_end = self._end_of_run(0)
         self._yaw: float | None = None
@@ -103,15 +124,18 @@ class ManeuverFollower:
 
     def poses_from(self, pose: Pose2D, length_m: float) -> NDArray[np.float64]:
         """Return where the robot comes from a pose: it turns where it stands, and steers back."""
-        ahead = self.poses_ahead(length_m)
-        off = np.array([pose.x, pose.y, 0.0]) - ahead[0]
-        if int(self._motions[self._run_end]) == TURNING:
-            off[2] = 0.0
-            return ahead + off
-        off[2] = wrap_angle(pose.yaw - float(ahead[0, 2]))
-        decays = self._along[self._index :][: len(ahead)] - self._along[self._index]
-        share = np.exp(-decays / FOLLOWER.track_m)[:, None]
-        return ahead + share * off
+        ahead, sense = self.poses_ahead(length_m), int(self._motions[self._run_end])
+        if sense == TURNING:
+            return ahead + np.array([pose.x - ahead[0, 0], pose.y - ahead[0, 1], 0.0])
+        place = self._place(pose)
+        # `_line` lets an error beside the line decay as a critically damped spring.
+        along = np.maximum(self._along[self._index :][: len(ahead)] - place.at_m, 0.0)
+        decay = np.exp(-along / FOLLOWER.track_m)
+        rise = sense * place.off + place.aside / FOLLOWER.track_m
+        asides = decay * (place.aside + rise * along)
+        offs = decay * (place.off - sense * rise * along / FOLLOWER.track_m)
+        yaws = ahead[:, 2]
+        return ahead + np.column_stack([-asides * np.sin(yaws), asides * np.cos(yaws), offs])
 
     def run_ahead(self, length_m: float) -> NDArray[np.float64]:
         """Return the poses (n, 3) of this length of it, no farther than its next change."""
@@ -125,6 +149,12 @@ class ManeuverFollower:
             return 0.0
         first, last = float(self._poses[self._index, 2]), float(self._poses[self._run_end, 2])
         return last - first - wrap_angle(pose.yaw - first)
+
+    def turn_to_go(self, pose: Pose2D) -> float:
+        """Return the angle that is left of a turn on the spot, 0 along a line [rad]."""
+        if self._yaw is None or int(self._motions[self._run_end]) != TURNING:
+            return 0.0
+        return float(self._poses[self._run_end, 2]) - self._yaw - wrap_angle(pose.yaw - self._yaw)
 
     def has_strayed(self, pose: Pose2D) -> bool:
         """Say whether the robot is too far off its maneuver."""
@@ -154,7 +184,7 @@ class ManeuverFollower:
         while self._index < len(self._poses) - 1:
             sense = int(self._motions[self._run_end])
             twist = (
-                self._turn(pose, limits) if sense == TURNING else self._line(pose, sense, limits)
+                self._turn(pose, limits) if sense == TURNING else self._line(motion, sense, limits)
             )
             if twist is not None:
                 return twist
@@ -180,7 +210,7 @@ class ManeuverFollower:
         near = float(self._poses[self._index, 2]) if self._yaw is None else self._yaw
         self._yaw = near + wrap_angle(pose.yaw - near)
         left = goal - self._yaw
-        if abs(left) < (FOLLOWER.settle_rad if has_more else FOLLOWER.settle_last_rad):
+        if abs(left) < (self._settle_rad if has_more else FOLLOWER.settle_last_rad):
             return None
         if not has_more:
             return Twist2D(0.0, 0.0, turn_rate(left, limits))
@@ -188,22 +218,20 @@ class ManeuverFollower:
         rate = min(braking_speed(limits.turn_acceleration, abs(left)), limits.max_turn)
         return Twist2D(0.0, 0.0, math.copysign(rate, left))
 
-    def _line(self, pose: Pose2D, sense: int, limits: Limits) -> Twist2D | None:
+    def _line(self, motion: Motion, sense: int, limits: Limits) -> Twist2D | None:
         """Return the velocity along a line or curve, None at its end."""
-        run = self._poses[self._index : self._run_end + 1]
-        near = run[: FOLLOWER.nearest_of]
-        self._index += int(np.argmin(np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)))
+        pose = motion.pose
+        self._advance(pose, sense)
         last = self._poses[self._run_end]
         cos, sin = math.cos(float(last[2])), math.sin(float(last[2]))
         left = sense * ((float(last[0]) - pose.x) * cos + (float(last[1]) - pose.y) * sin)
-        along = float(self._along[self._run_end] - self._along[self._index])
-        if along < FOLLOWER.ahead_m and left < FOLLOWER.arrived_m:
+        place, decay = self._place(pose), FOLLOWER.track_m
+        along = float(self._along[self._run_end]) - place.at_m
+        if along < FOLLOWER.near_end_m and left < FOLLOWER.arrived_m:
             return None
-        x, y, yaw = (float(value) for value in self._poses[self._index])
-        aside = -(pose.x - x) * math.sin(yaw) + (pose.y - y) * math.cos(yaw)
-        off = wrap_angle(pose.yaw - yaw)
-        decay = FOLLOWER.track_m
-        bend = self._bend() - sense * aside / decay**2 - 2.0 * off / decay
+        look_m = max(FOLLOWER.look_s * abs(motion.twist.vx), FOLLOWER.look_m)
+        bend = self._bend(place.at_m, look_m)
+        bend -= sense * place.aside / decay**2 + 2.0 * place.off / decay
         speed = limits.max_speed if sense > 0 else limits.max_reverse
         speed = min(speed, limits.max_turn / max(abs(bend), 1e-3), self._bend_speed(limits))
         rest = max(left, 0.0) if along < 2.0 * decay else along
@@ -228,14 +256,33 @@ class ManeuverFollower:
         before_m = along[1:-1] - along[0]
         return float(np.sqrt(there**2 + 2.0 * limits.deceleration * before_m).min())
 
-    def _bend(self) -> float:
-        """Return how the heading changes along the maneuver a little ahead [rad/m]."""
-        wanted = float(self._along[self._index]) + FOLLOWER.ahead_m
-        middle = int(np.searchsorted(self._along, wanted))
-        first = max(middle - 2, self._index)
-        last = min(middle + 2, self._run_end)
-        length = float(self._along[last] - self._along[first])
-        return float(self._poses[last, 2] - self._poses[first, 2]) / length if length > 0.0 else 0.0
+    def _advance(self, pose: Pose2D, sense: int) -> None:
+        """Go on to the last pose of the present line that the robot has passed."""
+        near = self._poses[self._index : self._run_end + 1][: FOLLOWER.nearest_of]
+        nearest = int(np.argmin(np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)))
+        x, y, yaw = near[nearest].tolist()
+        is_passed = sense * ((pose.x - x) * math.cos(yaw) + (pose.y - y) * math.sin(yaw)) >= 0.0
+        self._index += nearest if is_passed else max(nearest - 1, 0)
+
+    def _place(self, pose: Pose2D) -> Place:
+        """Return where the robot is beside the present line."""
+        first, last = self._index, min(self._index + 1, self._run_end)
+        x, y, yaw = self._poses[first].tolist()
+        step_x, step_y, turn = (self._poses[last] - self._poses[first]).tolist()
+        length = math.hypot(step_x, step_y)
+        passed_m = 0.0
+        if length > 0.0:
+            passed_m = ((pose.x - x) * step_x + (pose.y - y) * step_y) / length
+            passed_m = min(max(passed_m, 0.0), length)
+            yaw += turn * passed_m / length
+        aside = -(pose.x - x) * math.sin(yaw) + (pose.y - y) * math.cos(yaw)
+        return Place(float(self._along[first]) + passed_m, aside, wrap_angle(pose.yaw - yaw))
+
+    def _bend(self, at_m: float, look_m: float) -> float:
+        """Return how the heading changes along the present line in front of a place [rad/m]."""
+        part = slice(self._index, self._run_end + 1)
+        ends = np.interp((at_m, at_m + look_m), self._along[part], self._poses[part, 2])
+        return float(ends[1] - ends[0]) / look_m
 
 
 def _measured(maneuver: Maneuver) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

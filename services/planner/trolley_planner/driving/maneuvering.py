@@ -38,6 +38,8 @@ class ManeuverParams:
     """Distance beside the path at which more clearance makes a place no longer tight."""
     turn_room_m: float = 0.02
     """Clearance below which a turn on the spot is tight."""
+    turn_mean_s: float = 0.3
+    """Time over which the clearance of what is left of a turn is averaged."""
     begin_m: float = 0.5
     """Distance to a tight place at which a maneuver is searched."""
     begin_goal_m: float = 2.2
@@ -120,6 +122,7 @@ class Maneuvering:
         self._rest_m = 0.0
         self._num_blocked = 0
         self._searched_ns: int | None = None
+        self._turn_room_m = MANEUVER.turn_room_m
         self.has_arrived = False
         """Whether a maneuver has led to the goal."""
         self.is_tight_ahead = False
@@ -172,7 +175,8 @@ class Maneuvering:
         if found is None:
             return
         maneuver, to_goal, rest_m = found
-        follower = ManeuverFollower(_led(maneuver, lead), 0.0 if to_goal else rest_m)
+        reach_m = self._context.footprint.circumscribed_m
+        follower = ManeuverFollower(_led(maneuver, lead), 0.0 if to_goal else rest_m, reach_m)
         left_m = follower.left_m + rest_m
         if self._follower is not None and left_m > self.left_m + MANEUVER.longer_m:
             return  # From the end of this maneuver it is nearer than from here.
@@ -186,7 +190,9 @@ class Maneuvering:
             return Twist2D.zero()
         pose, local_costmap = now.motion.pose, context.local_costmap
         # As much clearance as the place has, as far as it is wanted.
-        least_m = context.least_clearance(follower.poses_from(pose, MANEUVER.begin_m), 0.1)
+        here_m = context.seen_clearance(pose, now.limits.caution_m)
+        ahead = follower.poses_from(pose, MANEUVER.begin_m)
+        least_m = min(here_m, context.least_clearance(ahead, 0.1))
         floor_m = min(now.limits.clearance_m, max(least_m - TIGHT_CLEARANCE_M, 0.0))
         limits = now.limits._replace(clearance_m=floor_m)
         wanted_m = max(now.limits.clearance_m, 2.0 * TIGHT_CLEARANCE_M)
@@ -194,7 +200,6 @@ class Maneuvering:
         factors = (MANEUVER.wary, 1.0, MANEUVER.brisk, MANEUVER.briskest)
         factor = float(np.interp(least_m, kept_m, factors))
         limits = limits._replace(slow_speed=min(factor * limits.slow_speed, limits.max_speed))
-        here_m = context.seen_clearance(pose, limits.caution_m)
         speed = min(caution_speed(limits, here_m), context.zone_speed(pose), MANEUVER.most_mps)
         sees_back = context.costmap.obstacle_layer.looks_all_round
         backwards = speed if sees_back else min(speed, limits.max_reverse)
@@ -203,8 +208,7 @@ class Maneuvering:
         if wanted is None:
             self._end(now, approach)
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
-        turn = follower.pop_turn(pose)
-        if turn != 0.0 and not context.can_turn_by(pose, turn, TIGHT_CLEARANCE_M):
+        if not self._has_room_to_turn(follower, pose, now.elapsed_s):
             self.stop()  # It has come a little beside its maneuver; from here another may do.
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
         is_known = wanted.vx >= 0.0 or local_costmap.known_floor.sees_along(
@@ -220,6 +224,23 @@ class Maneuvering:
         if follower.is_stalled(pose, now.elapsed_s):
             self.stop()
         return safe
+
+    def _has_room_to_turn(self, follower: ManeuverFollower, pose: Pose2D, elapsed_s: float) -> bool:
+        """Say whether a turn on the spot that begins is free, and what is left of one, on average.
+
+        What is measured errs by more than a corner may need, now too near, now too far.
+        """
+        context, begins = self._context, follower.pop_turn(pose)
+        if begins != 0.0 and not context.can_turn_by(pose, begins, TIGHT_CLEARANCE_M):
+            return False
+        turn, most_m = follower.turn_to_go(pose), MANEUVER.turn_room_m
+        if turn == 0.0:
+            self._turn_room_m = most_m
+            return True
+        share = min(elapsed_s / MANEUVER.turn_mean_s, 1.0)
+        seen_m = context.turn_clearance(pose, turn, most_m)
+        self._turn_room_m += share * (seen_m - self._turn_room_m)
+        return self._turn_room_m >= TIGHT_CLEARANCE_M
 
     def _end(self, now: ControlInput, approach: GoalApproach) -> None:
         """End the maneuver: if it led to the goal and the robot stands, it has arrived."""

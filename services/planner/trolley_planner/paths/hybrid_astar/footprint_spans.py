@@ -26,6 +26,9 @@ ANGLES = PHASES * HEADINGS
 drives, would else be off by a centimetre at its corners."""
 ANGLE_RAD = TURN_RAD / PHASES
 """Angle between two of the angles at which the footprint is checked: 1.4 degrees."""
+SWING_M = 0.03
+"""Farther its outermost point must not move between two poses at which a footprint is checked [m]:
+the corner of a wall may lie in between."""
 ALL_KINDS = np.uint64(2**64 - 1)
 """Bits of all kinds of cells."""
 

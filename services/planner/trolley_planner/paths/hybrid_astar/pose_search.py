@@ -31,6 +31,7 @@ from trolley_planner.paths.hybrid_astar.analytic_expansion import expand_to_goal
 from trolley_planner.paths.hybrid_astar.footprint_spans import (
     ANGLE_RAD,
     PHASES,
+    SWING_M,
     FootprintSpans,
     heading_of,
     nearest_angle,
@@ -165,7 +166,7 @@ class PoseSearch:
         poses, motions = smoothed(poses, motions, space)
         motions[0] = motions[1] if len(motions) > 1 else TURNING
         poses[:, :2] += (grid.x, grid.y)
-        return Maneuver(poses, motions)
+        return Maneuver(*_divided(poses, motions, self._footprint.circumscribed_m))
 
     def _find_from(
         self, space: SearchSpace, closed: NDArray[np.uint8], query: Query, most: int
@@ -249,6 +250,17 @@ class PoseSearch:
         if query.sense == FORWARDS:
             return poses, motions
         return poses[::-1].copy(), np.roll(-motions[::-1], 1)
+
+
+def _divided(poses: NDArray[np.float64], motions: NDArray[np.int8], reach_m: float) -> Motions:
+    """Return a maneuver (n, 3) with poses in between where the outermost point swings far."""
+    swings = reach_m * np.abs(np.diff(poses[:, 2]))
+    counts = np.maximum(np.ceil(swings / SWING_M), 1.0).astype(np.int64)
+    index = np.arange(len(poses))
+    starts = np.append(0, np.cumsum(counts))
+    at = np.interp(np.arange(starts[-1] + 1), starts, index)
+    divided = np.column_stack([np.interp(at, index, column) for column in poses.T])
+    return divided, motions[np.ceil(at - 1e-9).astype(np.int64)]
 
 
 def _touches(space: SearchSpace, pose: PoseXYYaw) -> bool:

@@ -10,6 +10,8 @@ from trolley_planner.paths.hybrid_astar.footprint_spans import (
     ANGLE_RAD,
     ANGLES,
     HEADINGS,
+    PHASES,
+    SWING_M,
     TURN_RAD,
     angle_of,
     heading_of,
@@ -275,6 +277,8 @@ def expand(
     turns_freely = can_turn(space, here, 0.0)
     # From room to room every fourth heading will do, and nobody needs to back.
     is_inside = turns_freely and can_turn(space, here, SEARCH.move_m)
+    # Half way the corners of a long robot are elsewhere than at both ends.
+    is_swung = not turns_freely and space.footprint.circumscribed_m * TURN_RAD > SWING_M
     num_moves = HEADINGS if is_inside else (2 * HEADINGS if turns_freely else 8)
     for which in range(0, num_moves, 4 if is_inside else 1):
         pose = here[0], here[1], yaw
@@ -293,6 +297,10 @@ def expand(
             continue
         angle = angle_of(space.footprint, next_heading)
         price = cost_per_metre(space, place, angle, query.sense * motion)
+        if is_swung and turn != 0 and price < math.inf:
+            between = 0.5 * (here[0] + place[0]), 0.5 * (here[1] + place[1])
+            angle = (angle - turn * (PHASES // 2)) % ANGLES
+            price = max(price, cost_per_metre(space, between, angle, query.sense * motion))
         length = COSTS.turn_m * TURN_RAD
         if motion != TURNING:
             length = SEARCH.move_m + (0.0 if turns_freely else COSTS.arc_m * TURN_RAD * abs(turn))
