@@ -83,13 +83,13 @@ class ManeuverFollower:
         return float(self._left[self._index])
 
     @property
-    def is_forwards(self) -> bool:
-        """Whether it drives forwards now."""
-        return int(self._motions[self._run_end]) == FORWARDS
+    def sense(self) -> int:
+        """How it drives now: FORWARDS, BACKWARDS or TURNING."""
+        return int(self._motions[self._run_end])
 
     def recenter(self, field: Field, body: Body) -> None:
         """Bend the present drive, if it leads forwards, to the middle of what is seen by now."""
-        if not self.is_forwards or self._index < self._kept:
+        if self.sense != FORWARDS or self._index < self._kept:
             return
         drive = slice(self._index, self._run_end + 1)
         self._poses[drive] = recentered(self._poses[drive], field, body)
@@ -105,7 +105,7 @@ class ManeuverFollower:
         """Return where the robot comes from a pose: it turns where it stands, and steers back."""
         ahead = self.poses_ahead(length_m)
         off = np.array([pose.x, pose.y, 0.0]) - ahead[0]
-        if int(self._motions[self._run_end]) == TURNING:
+        if self.sense == TURNING:
             off[2] = 0.0
             return ahead + off
         off[2] = wrap_angle(pose.yaw - float(ahead[0, 2]))
@@ -121,7 +121,7 @@ class ManeuverFollower:
     def pop_turn(self, pose: Pose2D) -> float:
         """Return the angle of a turn on the spot that follows a line and begins now, once [rad]."""
         begins, self._begins_run = self._begins_run, False
-        if not begins or int(self._motions[self._run_end]) != TURNING:
+        if not begins or self.sense != TURNING:
             return 0.0
         first, last = float(self._poses[self._index, 2]), float(self._poses[self._run_end, 2])
         return last - first - wrap_angle(pose.yaw - first)
@@ -152,7 +152,7 @@ class ManeuverFollower:
         """
         pose = motion.pose
         while self._index < len(self._poses) - 1:
-            sense = int(self._motions[self._run_end])
+            sense = self.sense
             twist = (
                 self._turn(pose, limits) if sense == TURNING else self._line(pose, sense, limits)
             )
