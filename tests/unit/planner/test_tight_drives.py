@@ -270,6 +270,15 @@ def test_where_it_can_just_turn_it_does_not_feel_its_way_around_step_by_step() -
     assert visit.seconds < 2.0 * scene.ideal_s()
 
 
+@pytest.mark.drives
+def test_where_it_was_asked_to_stand_beside_a_wall_it_does_not_leave_to_come_back() -> None:
+    # While it turns by the last degree, noise has the wall 1 cm within where it stands.
+    row = next(row for row in STATIC if row.name == "2-5 cm beside a wall")
+    scene = scene_of(row, 6000, is_off_grid=True, is_turned=True)
+    visit = drive(scene, 6000, Setting(localizes=True))
+    assert (visit.ending, visit.recoveries) == ("arrived", 0)
+
+
 class HeldBehind(Flatland):
     """Its base lets it back nowhere, as if nobody had seen the floor there."""
 

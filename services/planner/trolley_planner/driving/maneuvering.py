@@ -393,7 +393,9 @@ class Maneuvering:
         ahead = follower.poses_ahead(MANEUVER.reach_m)
         is_blocked = self._context.least_clearance(ahead, 0.02) <= -MANEUVER.blocked_m
         self._num_blocked = self._num_blocked + 1 if is_blocked else 0
-        if is_wrong or self._num_blocked >= MANEUVER.blocked_scans or follower.has_strayed(pose):
+        is_useless = self._num_blocked >= MANEUVER.blocked_scans or follower.has_strayed(pose)
+        # At its end no other one leads nearer: the robot would have to leave and come back.
+        if is_wrong or (is_useless and follower.left_m > 0.0):
             self.stop()
 
 
