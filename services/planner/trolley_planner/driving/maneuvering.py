@@ -57,7 +57,11 @@ class ManeuverParams:
     longer_m: float = 0.3
     """Most by which the next maneuver may be longer than what is left, turns counted."""
     near_goal_m: float = 0.4
-    """Distance to the goal within which a maneuver leads to the goal itself."""
+    """Length of path behind a maneuver's end within which the maneuver leads to the goal itself."""
+    far_goal_m: float = 2.2
+    """The same within which that is tried first where no tight place lies in between."""
+    far_retry_s: float = 5.0
+    """Time between two such tries after one that found nothing."""
     half_m: float = 2.4
     """Half the edge of the square around the robot that a maneuver keeps within."""
     loose_m: float = 0.1
@@ -125,6 +129,7 @@ class Maneuvering:
         self._rest_m = 0.0
         self._num_blocked = 0
         self._searched_ns: int | None = None
+        self._missed_ns: int | None = None
         self._held_ns: int | None = None
         self.has_arrived = False
         """Whether a maneuver has led to the goal."""
@@ -341,12 +346,25 @@ class Maneuvering:
         path = route.path
         last, until = len(path.points) - 1, max(until, path.ahead(route.index, MANEUVER.least_m))
         rest_m = math.inf if route.vias_left else float(path.remaining_m[until])
-        if rest_m < MANEUVER.near_goal_m or (until == last and not route.vias_left):
+        is_near = rest_m < MANEUVER.near_goal_m or (until == last and not route.vias_left)
+        is_far = rest_m < MANEUVER.far_goal_m and not is_near and self._is_open(route)
+        if is_near or (is_far and not _is_within(MANEUVER.far_retry_s, self._missed_ns, now_ns)):
             maneuver = self._search_to_goal(pose, aim, now_ns)
-            return None if maneuver is None else (maneuver, True, 0.0)
+            if maneuver is not None:
+                return maneuver, True, 0.0
+            if is_near:
+                return None
+            self._missed_ns = now_ns
         if route.vias_left:
             until = min(until, path.vias[0])
         return self._search_to_path(pose, route, until, now_ns)
+
+    def _is_open(self, route: Route) -> bool:
+        """Say whether no tight place lies on the path, except where the robot is and at its end."""
+        first = route.path.ahead(route.index, MANEUVER.begin_m)
+        points = route.path.points[first:-1]
+        is_tight = self._context.tight_places(points, MANEUVER.room_m, MANEUVER.aside_m)
+        return not is_tight.any()
 
     def _search_to_goal(self, pose: Pose2D, aim: Pose2D, now_ns: int) -> Maneuver | None:
         tolerances = self._tolerances
