@@ -338,6 +338,41 @@ def test_it_backs_fast_only_where_its_lidar_looks(ride, kind, is_fast: bool) -> 
 
 
 @pytest.mark.drives
+def test_where_it_can_just_turn_it_does_not_feel_its_way_around_step_by_step() -> None:
+    # The controller keeps 3 cm, of which rims of walls and noise leave none while it turns.
+    row = next(row for row in STATIC if row.name == "dead end 0.55, from its end")
+    scene = scene_of(row, 3014, is_off_grid=True, is_turned=True)
+    visit = drive(scene, 3014, Setting(localizes=True))
+    assert visit.is_success
+    assert visit.seconds < 2.0 * scene.ideal_s()
+
+
+@pytest.mark.drives
+def test_where_it_was_asked_to_stand_beside_a_wall_it_does_not_leave_to_come_back() -> None:
+    # While it turns by the last degree, noise has the wall 1 cm within where it stands.
+    row = next(row for row in STATIC if row.name == "2-5 cm beside a wall")
+    scene = scene_of(row, 6000, is_off_grid=True, is_turned=True)
+    visit = drive(scene, 6000, Setting(localizes=True))
+    assert (visit.ending, visit.recoveries) == ("arrived", 0)
+
+
+class HeldBehind(Flatland):
+    """Its base lets it back nowhere, as if nobody had seen the floor there."""
+
+    def drive(self, twist: Twist2D, dt: float) -> None:
+        super().drive(Twist2D.zero() if twist.vx < 0.0 else twist, dt)
+
+
+@pytest.mark.drives
+def test_held_where_it_would_back_it_turns_instead(ride) -> None:
+    world = HeldBehind(lane(0.5), Pose2D(5.5, 3.0, 0.0), footprint=HOBBY)
+    drive = ride(world)
+    drive.send(Pose2D(4.0, 3.0, math.pi), xy_tolerance=0.05, yaw_tolerance=0.05)
+    assert drive.until_over(40.0).state == "arrived"
+    assert world.touches == 0
+
+
+@pytest.mark.drives
 def test_from_a_wall_it_comes_to_a_goal_nearby_already_looking_as_it_was_asked_to(ride) -> None:
     goal = Pose2D(3.6, 1.5, -1.2)
     drive = ride(Flatland(empty_room(), Pose2D(5.0, 0.1 + 0.15 + 0.03, 0.0), footprint=HOBBY))

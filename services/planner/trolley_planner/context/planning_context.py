@@ -30,6 +30,7 @@ from trolley_planner.paths.hybrid_astar.centering import centered
 from trolley_planner.paths.hybrid_astar.motion_primitives import Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import POSE_SEARCH, Task
 from trolley_planner.paths.hybrid_astar.pull_out import pull_out
+from trolley_planner.paths.hybrid_astar.search_space import NEVER_SEEN
 from trolley_planner.sensing.beams import ScanShape, Sweep
 from trolley_planner.sensing.inputs import Inputs
 
@@ -156,12 +157,13 @@ class PlanningContext:
         """Return the limit of the speed zones at a place [m/s]."""
         return zone_speed(self.local_costmap.field, pose_grid.x, pose_grid.y)
 
-    def find_maneuver(self, task: Task, half_m: float) -> Maneuver | None:
+    def find_maneuver(self, task: Task, half_m: float, *, may_back: bool = True) -> Maneuver | None:
         """Return a maneuver on the present costmap; it backs up only over known floor.
 
         Args:
             task: from where to where, in `grid`.
             half_m: from the start to the edges of the square in which it is searched.
+            may_back: whether it may back up at all.
         """
         costmap, grid = self.costmap, self._fine_grid
         half = math.ceil(half_m / costmap.resolution_m)
@@ -171,6 +173,8 @@ class PlanningContext:
         first, size = (row - half, col - half), (2 * half, 2 * half)
         grid.update(first, size)
         unseen = self.local_costmap.known_floor.in_fine_cells(grid, first, task.start)
+        if not may_back:
+            unseen[:] = NEVER_SEEN
         closed = np.zeros_like(unseen)
         body, most = self.footprint.body, POSE_SEARCH.driving_states
         lead = pull_out(task.start, grid, unseen, body)

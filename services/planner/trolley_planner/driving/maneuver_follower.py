@@ -104,13 +104,13 @@ class ManeuverFollower:
         return float(self._left[self._index])
 
     @property
-    def is_forwards(self) -> bool:
-        """Whether it drives forwards now."""
-        return int(self._motions[self._run_end]) == FORWARDS
+    def sense(self) -> int:
+        """How it drives now: FORWARDS, BACKWARDS or TURNING."""
+        return int(self._motions[self._run_end])
 
     def recenter(self, field: Field, body: Body) -> None:
         """Bend the present drive, if it leads forwards, to the middle of what is seen by now."""
-        if not self.is_forwards or self._index < self._kept:
+        if self.sense != FORWARDS or self._index < self._kept:
             return
         drive = slice(self._index, self._run_end + 1)
         self._poses[drive] = recentered(self._poses[drive], field, body)
@@ -124,7 +124,7 @@ class ManeuverFollower:
 
     def poses_from(self, pose: Pose2D, length_m: float) -> NDArray[np.float64]:
         """Return where the robot comes from a pose: it turns where it stands, and steers back."""
-        ahead, sense = self.poses_ahead(length_m), int(self._motions[self._run_end])
+        ahead, sense = self.poses_ahead(length_m), self.sense
         if sense == TURNING:
             return ahead + np.array([pose.x - ahead[0, 0], pose.y - ahead[0, 1], 0.0])
         place = self._place(pose)
@@ -145,14 +145,14 @@ class ManeuverFollower:
     def pop_turn(self, pose: Pose2D) -> float:
         """Return the angle of a turn on the spot that follows a line and begins now, once [rad]."""
         begins, self._begins_run = self._begins_run, False
-        if not begins or int(self._motions[self._run_end]) != TURNING:
+        if not begins or self.sense != TURNING:
             return 0.0
         first, last = float(self._poses[self._index, 2]), float(self._poses[self._run_end, 2])
         return last - first - wrap_angle(pose.yaw - first)
 
     def turn_to_go(self, pose: Pose2D) -> float:
         """Return the angle that is left of a turn on the spot, 0 along a line [rad]."""
-        if self._yaw is None or int(self._motions[self._run_end]) != TURNING:
+        if self._yaw is None or self.sense != TURNING:
             return 0.0
         return float(self._poses[self._run_end, 2]) - self._yaw - wrap_angle(pose.yaw - self._yaw)
 
@@ -182,7 +182,7 @@ class ManeuverFollower:
         """
         pose = motion.pose
         while self._index < len(self._poses) - 1:
-            sense = int(self._motions[self._run_end])
+            sense = self.sense
             twist = (
                 self._turn(pose, limits) if sense == TURNING else self._line(motion, sense, limits)
             )

@@ -24,7 +24,7 @@ from trolley_planner.driving.goal_approach import GoalApproach
 from trolley_planner.driving.maneuver_follower import FOLLOWER, ManeuverFollower
 from trolley_planner.driving.route import Route
 from trolley_planner.goals import Tolerances
-from trolley_planner.paths.hybrid_astar.motion_primitives import FORWARDS, Maneuver
+from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, FORWARDS, Maneuver
 from trolley_planner.paths.hybrid_astar.pose_search import Task
 
 
@@ -36,10 +36,11 @@ class ManeuverParams:
     """Clearance on both sides below which a place is tight."""
     aside_m: float = 0.08
     """Distance beside the path at which more clearance makes a place no longer tight."""
-    turn_room_m: float = 0.02
-    """Clearance below which a turn on the spot is tight."""
     turn_mean_s: float = 0.3
     """Time over which the clearance of what is left of a turn is averaged."""
+    more_m: float = 0.02
+    """Clearance beyond the configured one from which on a maneuver is no better with more. A turn
+    on the spot with less is tight: the controller hardly turns where it must keep its own."""
     begin_m: float = 0.5
     """Distance to a tight place at which a maneuver is searched."""
     begin_goal_m: float = 2.2
@@ -58,7 +59,11 @@ class ManeuverParams:
     longer_m: float = 0.3
     """Most by which the next maneuver may be longer than what is left, turns counted."""
     near_goal_m: float = 0.4
-    """Distance to the goal within which a maneuver leads to the goal itself."""
+    """Length of path behind a maneuver's end within which the maneuver leads to the goal itself."""
+    far_goal_m: float = 2.2
+    """The same within which that is tried first where no tight place lies in between."""
+    far_retry_s: float = 5.0
+    """Time between two such tries after one that found nothing."""
     half_m: float = 2.4
     """Half the edge of the square around the robot that a maneuver keeps within."""
     loose_m: float = 0.1
@@ -90,6 +95,9 @@ class ManeuverParams:
     """Distance to a moving person within which the robot stands still."""
     retry_s: float = 1.0
     """Time between two searches after one that found nothing."""
+    held_s: float = 5.0
+    """Time for which a maneuver without backing is preferred, after the robot was held up backing:
+    `base` may know of less floor behind it."""
     blocked_scans: int = 3
     """Number of scans in a row that must show an obstacle on a maneuver before it is given up."""
     blocked_m: float = 0.01
@@ -117,12 +125,15 @@ class Maneuvering:
         self._context = context
         self._config = config
         self._tolerances = tolerances
+        self._wanted_m = config.clearance_m + MANEUVER.more_m
         self._follower: ManeuverFollower | None = None
         self._to_goal = False
         self._rest_m = 0.0
         self._num_blocked = 0
         self._searched_ns: int | None = None
-        self._turn_room_m = MANEUVER.turn_room_m
+        self._turn_room_m = MANEUVER.more_m
+        self._missed_ns: int | None = None
+        self._held_ns: int | None = None
         self.has_arrived = False
         """Whether a maneuver has led to the goal."""
         self.is_tight_ahead = False
@@ -165,13 +176,15 @@ class Maneuvering:
             self._check_maneuver(pose, route, aim)
         if needed is None and self._is_through(pose):
             self.stop()
-        if needed is None or self._goes_on(route, needed) or self._must_rest(now_ns):
+        if needed is None or self._goes_on(route, needed):
+            return
+        if _is_within(MANEUVER.retry_s, self._searched_ns, now_ns):
             return
         if is_anyone_coming or self._is_anyone_near(pose, MANEUVER.begin_people_m):
             return
         self._searched_ns = now_ns
         lead = self._lead(motion)
-        found = self._search(lead[-1], route, aim, needed)
+        found = self._search(lead[-1], route, aim, needed, now_ns)
         if found is None:
             return
         maneuver, to_goal, rest_m = found
@@ -222,6 +235,7 @@ class Maneuvering:
         give_m = max(min(left_m, TIGHT_CLEARANCE_M), 0.0)
         safe = safe_command(now.motion, wanted, local_costmap, limits, give_m, may_back=is_known)
         if follower.is_stalled(pose, now.elapsed_s):
+            self._held_ns = now.now_ns if follower.sense == BACKWARDS else self._held_ns
             self.stop()
         return safe
 
@@ -233,7 +247,7 @@ class Maneuvering:
         context, begins = self._context, follower.pop_turn(pose)
         if begins != 0.0 and not context.can_turn_by(pose, begins, TIGHT_CLEARANCE_M):
             return False
-        turn, most_m = follower.turn_to_go(pose), MANEUVER.turn_room_m
+        turn, most_m = follower.turn_to_go(pose), MANEUVER.more_m
         if turn == 0.0:
             self._turn_room_m = most_m
             return True
@@ -255,7 +269,7 @@ class Maneuvering:
     def _is_through(self, pose: Pose2D) -> bool:
         """Say whether the robot drives forwards with clearance: the controller does better."""
         follower, room_m = self._follower, MANEUVER.room_m
-        if follower is None or self._to_goal or not follower.is_forwards:
+        if follower is None or self._to_goal or follower.sense != FORWARDS:
             return False
         return self._context.seen_clearance(pose, room_m) >= room_m
 
@@ -288,10 +302,6 @@ class Maneuvering:
     def _is_anyone_near(self, pose: Pose2D, within_m: float) -> bool:
         within_m += self._context.footprint.circumscribed_m
         return self._context.local_costmap.is_anyone_near(pose, within_m)
-
-    def _must_rest(self, now_ns: int) -> bool:
-        last_ns = self._searched_ns
-        return last_ns is not None and now_ns - last_ns < MANEUVER.retry_s * 1e9
 
     def _needed_until(self, pose: Pose2D, route: Route, aim: Pose2D) -> int | None:
         """Return the index of the path up to which a maneuver is needed, None if none is.
@@ -333,7 +343,7 @@ class Maneuvering:
             before = points[-min(len(points), 5)]
             facing = math.atan2(aim.y - float(before[1]), aim.x - float(before[0]))
         turn = wrap_angle(facing - aim.yaw)
-        return not context.can_turn_by(aim, turn, MANEUVER.turn_room_m)
+        return not context.can_turn_by(aim, turn, self._wanted_m)
 
     def _must_turn_in_little_room(self, pose: Pose2D, points: NDArray[np.float64]) -> bool:
         """Say whether the robot must turn to the path and lacks the clearance for it."""
@@ -342,11 +352,11 @@ class Maneuvering:
             return False
         turn = wrap_angle(math.atan2(float(ahead[1]) - pose.y, float(ahead[0]) - pose.x) - pose.yaw)
         return abs(turn) > MANEUVER.aside_rad and not self._context.can_turn_by(
-            pose, turn, MANEUVER.turn_room_m
+            pose, turn, self._wanted_m
         )
 
     def _search(
-        self, pose: Pose2D, route: Route, aim: Pose2D, until: int
+        self, pose: Pose2D, route: Route, aim: Pose2D, until: int, now_ns: int
     ) -> tuple[Maneuver, bool, float] | None:
         """Return a maneuver to a point of the path or beyond, or to the goal if that is near.
 
@@ -354,32 +364,59 @@ class Maneuvering:
             It, whether it leads to the goal, and what is left of the path behind its end [m], a
             turn to look along the path included.
         """
-        path, tolerances = route.path, self._tolerances
-        until = max(until, path.ahead(route.index, MANEUVER.least_m))
+        path = route.path
+        last, until = len(path.points) - 1, max(until, path.ahead(route.index, MANEUVER.least_m))
+        rest_m = math.inf if route.vias_left else float(path.remaining_m[until])
+        is_near = rest_m < MANEUVER.near_goal_m or (until == last and not route.vias_left)
+        is_far = rest_m < MANEUVER.far_goal_m and not is_near and self._is_open(route)
+        if is_near or (is_far and not _is_within(MANEUVER.far_retry_s, self._missed_ns, now_ns)):
+            maneuver = self._search_to_goal(pose, aim, now_ns)
+            if maneuver is not None:
+                return maneuver, True, 0.0
+            if is_near:
+                return None
+            self._missed_ns = now_ns
         if route.vias_left:
             until = min(until, path.vias[0])
-        elif float(path.remaining_m[until]) < MANEUVER.near_goal_m:
-            until = len(path.points) - 1
-        to_goal = until == len(path.points) - 1 and not route.vias_left
-        rest_m = float(path.remaining_m[until])
-        wanted_m = self._config.clearance_m + 0.02
-        if to_goal:
-            xy, yaw = min(0.5 * tolerances.xy, 0.03), min(0.5 * tolerances.yaw, 0.05)
-            task = Task(pose, aim, tolerances.any_heading, xy, yaw, wanted_m)
-            maneuver = self._context.find_maneuver(task, MANEUVER.half_m)
-            return None if maneuver is None else (maneuver, to_goal, rest_m)
+        return self._search_to_path(pose, route, until, now_ns)
+
+    def _is_open(self, route: Route) -> bool:
+        """Say whether no tight place lies on the path, except where the robot is and at its end."""
+        first = route.path.ahead(route.index, MANEUVER.begin_m)
+        points = route.path.points[first:-1]
+        is_tight = self._context.tight_places(points, MANEUVER.room_m, MANEUVER.aside_m)
+        return not is_tight.any()
+
+    def _search_to_goal(self, pose: Pose2D, aim: Pose2D, now_ns: int) -> Maneuver | None:
+        tolerances = self._tolerances
+        xy, yaw = min(0.5 * tolerances.xy, 0.03), min(0.5 * tolerances.yaw, 0.05)
+        task = Task(pose, aim, tolerances.any_heading, xy, yaw, self._wanted_m)
+        return self._find(task, now_ns)
+
+    def _search_to_path(
+        self, pose: Pose2D, route: Route, until: int, now_ns: int
+    ) -> tuple[Maneuver, bool, float] | None:
+        path = route.path
         x, y = (float(value) for value in path.points[until])
         before = path.points[max(until - 4, 0)]
         yaw = math.atan2(y - float(before[1]), x - float(before[0]))
         end = Pose2D(x, y, yaw)
-        is_free = self._context.can_turn_by(end, 2.0 * math.pi, wanted_m)
+        is_free = self._context.can_turn_by(end, 2.0 * math.pi, self._wanted_m)
         missed = MANEUVER.loose_m, MANEUVER.free_rad if is_free else MANEUVER.loose_rad
-        task = Task(pose, end, False, *missed, wanted_m, else_any=True)
-        maneuver = self._context.find_maneuver(task, MANEUVER.half_m)
+        task = Task(pose, end, False, *missed, self._wanted_m, else_any=True)
+        maneuver = self._find(task, now_ns)
         if maneuver is None:
             return None
         turn = max(abs(wrap_angle(float(maneuver.poses[-1, 2]) - yaw)) - missed[1], 0.0)
-        return maneuver, to_goal, rest_m + FOLLOWER.turn_as_m * turn
+        return maneuver, False, float(path.remaining_m[until]) + FOLLOWER.turn_as_m * turn
+
+    def _find(self, task: Task, now_ns: int) -> Maneuver | None:
+        """Return a maneuver, rather one without backing where that was not possible lately."""
+        if _is_within(MANEUVER.held_s, self._held_ns, now_ns):
+            found = self._context.find_maneuver(task, MANEUVER.half_m, may_back=False)
+            if found is not None:
+                return found
+        return self._context.find_maneuver(task, MANEUVER.half_m)
 
     def _check_maneuver(self, pose: Pose2D, route: Route, aim: Pose2D) -> None:
         """Drop the maneuver if an obstacle is on it, or it leads elsewhere."""
@@ -395,8 +432,15 @@ class Maneuvering:
         ahead = follower.poses_ahead(MANEUVER.reach_m)
         is_blocked = self._context.least_clearance(ahead, 0.02) <= -MANEUVER.blocked_m
         self._num_blocked = self._num_blocked + 1 if is_blocked else 0
-        if is_wrong or self._num_blocked >= MANEUVER.blocked_scans or follower.has_strayed(pose):
+        is_useless = self._num_blocked >= MANEUVER.blocked_scans or follower.has_strayed(pose)
+        # At its end no other one leads nearer: the robot would have to leave and come back.
+        if is_wrong or (is_useless and follower.left_m > 0.0):
             self.stop()
+
+
+def _is_within(seconds: float, then_ns: int | None, now_ns: int) -> bool:
+    """Say whether something happened so lately."""
+    return then_ns is not None and now_ns - then_ns < seconds * 1e9
 
 
 def _led(maneuver: Maneuver, lead: list[Pose2D]) -> Maneuver:
