@@ -94,12 +94,13 @@ def test_what_is_foreseen_of_a_robot_beside_its_line_is_what_it_does() -> None:
 
 
 @pytest.mark.parametrize("sense", [FORWARDS, BACKWARDS])
-def test_a_slow_robot_turns_where_its_maneuver_does(sense: int) -> None:
+def test_a_long_robot_that_creeps_turns_where_its_maneuver_does(sense: int) -> None:
     """A front 0.65 m ahead is aside by that much of what its heading errs."""
     yaws = TURN_RAD * np.repeat([0.0, 1.0, 2.0], 8)  # as the search finds them
     steps = 0.0375 * sense * np.column_stack([np.cos(yaws), np.sin(yaws)])
     poses = np.column_stack([np.cumsum(steps, axis=0), yaws])
-    follower = ManeuverFollower(Maneuver(poses, np.full(len(poses), sense, dtype=np.int8)))
+    motions = np.full(len(poses), sense, dtype=np.int8)
+    follower = ManeuverFollower(Maneuver(poses, motions), reach_m=0.68)
     limits = limits_of(PlannerConfig(), 0.1, 1.5, 1.0)
     driven = poses_of(led_by(follower, Pose2D(*poses[0].tolist()), limits, delay=1))
     along = np.hypot(*(poses[:, :2] - poses[0, :2]).T)

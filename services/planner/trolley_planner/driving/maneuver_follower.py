@@ -24,17 +24,18 @@ class FollowerParams:
     """Time without progress after which a maneuver is given up."""
     stalled_m: float = 0.015
     """Progress below which the robot counts as held up, turns counted by `turn_as_m`."""
-    settle_m: float = 0.007
-    """How far the robot's outermost point may be from the end of a turn that is over."""
+    short_m: float = 0.23
+    """Distance of a robot's outermost point up to which `settle_rad` and `look_m` hold; what
+    reaches farther swings farther, and is led more exactly in proportion."""
     settle_rad: float = 0.03
-    """Most that may be left of a turn that is over."""
+    """Distance to the end of a turn at which it is over."""
     settle_last_rad: float = 0.015
     """The same of a turn at the maneuver's end."""
     track_m: float = 0.16
     """An error beside the maneuver decays over this distance."""
     look_s: float = 0.35
     """Time ahead over which the curvature is read, since the robot does not turn at once."""
-    look_m: float = 0.02
+    look_m: float = 0.1
     """Least distance ahead over which it is read."""
     near_end_m: float = 0.05
     """Distance along a line to its end within which it may be over."""
@@ -84,7 +85,8 @@ class ManeuverFollower:
         self._kept = maneuver.kept
         self._along, self._left = _measured(maneuver)
         self._onward_m = onward_m
-        self._settle_rad = min(FOLLOWER.settle_rad, FOLLOWER.settle_m / max(reach_m, 1e-3))
+        share = FOLLOWER.short_m / max(reach_m, FOLLOWER.short_m)
+        self._settle_rad, self._look_m = share * FOLLOWER.settle_rad, share * FOLLOWER.look_m
         self._index = 0
         self._run_end = self._end_of_run(0)
         self._yaw: float | None = None
@@ -229,7 +231,7 @@ class ManeuverFollower:
         along = float(self._along[self._run_end]) - place.at_m
         if along < FOLLOWER.near_end_m and left < FOLLOWER.arrived_m:
             return None
-        look_m = max(FOLLOWER.look_s * abs(motion.twist.vx), FOLLOWER.look_m)
+        look_m = max(FOLLOWER.look_s * abs(motion.twist.vx), self._look_m)
         bend = self._bend(place.at_m, look_m)
         bend -= sense * place.aside / decay**2 + 2.0 * place.off / decay
         speed = limits.max_speed if sense > 0 else limits.max_reverse

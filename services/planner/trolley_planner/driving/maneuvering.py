@@ -254,7 +254,7 @@ class Maneuvering:
         share = min(elapsed_s / MANEUVER.turn_mean_s, 1.0)
         seen_m = context.turn_clearance(pose, turn, most_m)
         self._turn_room_m += share * (seen_m - self._turn_room_m)
-        return self._turn_room_m >= TIGHT_CLEARANCE_M
+        return self._turn_room_m >= 0.0
 
     def _end(self, now: ControlInput, approach: GoalApproach) -> None:
         """End the maneuver: if it led to the goal and the robot stands, it has arrived."""
