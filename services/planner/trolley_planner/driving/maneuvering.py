@@ -152,6 +152,7 @@ class Maneuvering:
     def stop(self) -> None:
         """Hand driving back to the controller."""
         self._follower, self.has_arrived = None, False
+        self._turn_room_m = MANEUVER.more_m
 
     def update(self, motion: Motion, route: Route, approach: GoalApproach, now_ns: int) -> None:
         """Search for a maneuver where one is needed; drop one that is blocked or leads elsewhere.
