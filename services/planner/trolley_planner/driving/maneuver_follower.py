@@ -76,8 +76,8 @@ class ManeuverFollower:
         maneuver: the maneuver, in the frame of the poses given later.
         onward_m: how far the robot drives on behind its end; 0: it stops there, and looks along
             the maneuver.
-        reach_m: distance of the robot's outermost point from its middle: the farther, the more
-            exactly it turns.
+        reach_m: distance of the robot's outermost point from its origin: the farther, the more
+            exactly it is led.
     """
 
     def __init__(self, maneuver: Maneuver, onward_m: float = 0.0, reach_m: float = 0.0) -> None:
