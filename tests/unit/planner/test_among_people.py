@@ -227,7 +227,8 @@ def with_room_behind(grid: GridMap) -> GridMap:
     return GridMap(grid.name, edge, grid.origin, cells)
 
 
-@pytest.mark.parametrize("aside_m", [3.5, pytest.param(3.0, marks=pytest.mark.slow)])
+# Where they step aside later, it is back in the room by then and lets them pass there.
+@pytest.mark.parametrize("aside_m", [5.0, pytest.param(4.5, marks=pytest.mark.slow)])
 def test_goes_back_no_farther_once_who_comes_has_stepped_aside(ride, aside_m: float) -> None:
     meeting = Meeting(ride, "mppi", with_room_behind(corridor(0.9)), 10.0)
     at = [11.0, 3.0]
@@ -242,8 +243,8 @@ def test_goes_back_no_farther_once_who_comes_has_stepped_aside(ride, aside_m: fl
 
     meeting.walk(60.0, walk)
     assert meeting.arrives(1.0)
-    # Alone it takes 18 s, and 33 s if it lets them pass in the room.
-    assert len(meeting.poses) * STEP_S < 30.0
+    # Alone it takes 18 s, and 30 s if it lets them pass in the room.
+    assert len(meeting.poses) * STEP_S < 28.0
 
 
 @pytest.mark.parametrize(
