@@ -127,8 +127,7 @@ def test_a_finger_points_out_a_goal_and_sees_the_way(
     assert abs(wrap_angle(goal.pose.yaw - math.pi)) < 0.15
     wait_until(lambda: goal_state(shown) == "canceled", "the goal is taken back")
     # Who vanishes in the middle of a drag has done nothing.
-    button(phone, "Go to …").tap()
-    expect(hint).to_contain_text("Press where it should go")
+    press(phone, button(phone, "Go to …").tap, asks.is_visible, "it is to be pointed out again")
     wait_for_frames(phone)
     touch("touchStart", (x, y))
     touch("touchMove", (x1, y1))
