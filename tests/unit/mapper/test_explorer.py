@@ -52,6 +52,14 @@ def make_explorer(limits: Limits = LIMITS, *, sees_all_round: bool = True) -> Ex
     return Explorer("run", CLEARANCE, limits, sees_all_round)
 
 
+def next_goal(explorer: Explorer, scene: Scene, now_s: float) -> SendGoal:
+    """The goal that is sent now."""
+    advance(explorer, scene, now_s)
+    (action,) = explorer.take_actions()
+    assert isinstance(action, Send)
+    return action.goal
+
+
 def explored(robot: PerfectRobot, limits: Limits = LIMITS) -> Explorer:
     explorer = make_explorer(limits)
     robot.explore(explorer)
@@ -272,6 +280,42 @@ def test_a_place_that_cannot_be_reached_is_tried_twice_and_told() -> None:
     assert 1 <= sum(beyond_the_door(goal) for goal in robot.goals) <= 8
     # Only after all else was found.
     assert beyond_the_door(robot.goals[-2])
+
+
+def test_a_goal_along_a_long_border_is_kept_while_it_is_driven_to() -> None:
+    robot = PerfectRobot(two_rooms(), START, fov_rad=math.pi)
+    explorer = make_explorer(sees_all_round=False)
+    explorer.begin(None, None)
+    for second in (0.0, 1.0, 2.0):  # a half turn; the best places along two borders
+        sent = next_goal(explorer, robot.scene(), second)
+        explorer.hear_refusal(str(sent.id), Refused(codes.NO_PATH), second)
+    sent = next_goal(explorer, robot.scene(), 3.0)
+    for second in (5.5, 8.0, 10.5):
+        explorer.hear_goal(status("driving", goal=str(sent.id)), second)
+        advance(explorer, robot.scene(), second)
+        assert explorer.take_actions() == []
+
+
+def test_where_it_only_cannot_turn_nothing_is_taken_for_a_wall() -> None:
+    robot = PerfectRobot(two_rooms(), Pose2D(1.0, 1.0, 1.0), fov_rad=math.pi)
+    explorer = make_explorer(sees_all_round=False)
+    explorer.begin(None, None)
+    half_turn = next_goal(explorer, robot.scene(), 0.0)
+    explorer.hear_refusal(str(half_turn.id), Refused(codes.NO_PATH), 0.0)
+    now_s = 1.0
+    for is_turn in (True, False):  # it stands twice, which makes a barrier elsewhere
+        sent = next_goal(explorer, robot.scene(), now_s)
+        assert sent.pose is not None
+        assert (sent.pose.distance_to(robot.pose) < PARAMS.tried_m) is is_turn
+        for _ in range(round(PARAMS.stand_s) + 5):
+            now_s += 1.0
+            explorer.hear_goal(status("driving", goal=str(sent.id)), now_s)
+            advance(explorer, robot.scene(), now_s)
+            if Cancel(str(sent.id)) in explorer.take_actions():
+                break
+        else:
+            pytest.fail("it does not give up")
+    assert explorer.barriers == []
 
 
 def test_a_place_that_was_found_in_the_end_is_not_told() -> None:

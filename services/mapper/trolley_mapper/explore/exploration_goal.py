@@ -112,6 +112,15 @@ class ExplorationGoal:
             self.stood_at, self.stood_s = here, now_s
         return now_s - self.stood_s
 
+    def is_turn(self, within_m: float) -> bool:
+        """Say whether it lies where the robot set off, so that only turning may be in vain.
+
+        Args:
+            within_m: distance that counts as there [m].
+        """
+        pose = self.goal.pose
+        return pose is not None and self.set_off.distance_to(pose) < within_m
+
     @property
     def id(self) -> str:
         """The goal's id."""

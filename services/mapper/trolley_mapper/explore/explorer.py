@@ -328,6 +328,8 @@ class Explorer:
         goal, self._goal = self._goal, None
         if goal is None:
             return
+        if goal.is_turn(PARAMS.tried_m):
+            self._last = None  # it says nothing of the floor there
         # Where it squeezes, what is too narrow is the places' fault.
         self._progress.num_failed_in_row += not self.clearance.is_squeezed
         if goal.frontier is not None:
@@ -389,6 +391,7 @@ class Explorer:
         elif goal.standing_s(scene.pose, PARAMS.stand_m, now_s) > PARAMS.stand_s:
             # In a tight place it is the room that it lacks.
             is_wall = goal.frontier is not None and not self.clearance.is_squeezed
+            is_wall &= not goal.is_turn(PARAMS.tried_m)
             if is_wall and goal.goal.pose is not None:
                 self._barriers.add(scene.pose, goal.goal.pose, self.clearance.passing_m, scene.grid)
             self._actions.append(Cancel(goal.id))
@@ -510,12 +513,8 @@ class Explorer:
         report, frontier = survey.report, goal.frontier
         if frontier is None:
             return
-        left = [
-            one
-            for each in report.frontiers
-            for one in (each.chain if self.clearance.is_squeezed else (each,))
-            if _apart(one, frontier) <= PATIENCE.same_m
-        ]
+        every = [one for each in report.frontiers for one in each.chain]
+        left = [one for one in every if _apart(one, frontier) <= PATIENCE.same_m]
         best = self._best(survey)
         if not left:
             self._progress.num_failed_in_row = 0
