@@ -11,14 +11,14 @@ from bench.planner.visit import Setting, drive
 from numpy.typing import NDArray
 from support.all_poses import box
 from support.flatland import Flatland, HalfBlind, empty_room, two_rooms, with_block
+from support.maneuvers import DT_S, led_by
 
 from trolley import codes
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D, Twist2D, angle_difference, integrate_twist
+from trolley.geometry import Pose2D, Twist2D, angle_difference
 from trolley.gridmap import GridMap
 from trolley.messages import Robot, Zone
-from trolley_planner.control.controller import Motion, limited_change, limits_of
-from trolley_planner.control.robot_motion import Limits
+from trolley_planner.control.controller import limits_of
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
 from trolley_planner.paths.hybrid_astar.footprint_spans import TURN_RAD
@@ -30,8 +30,6 @@ from trolley_planner.paths.hybrid_astar.motion_primitives import (
 )
 from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, OUT_OF_SIGHT
 
-DT_S = 0.05
-"""From command to command."""
 HOBBY = box(0.35, 0.30, 0.175)
 ARM = box(0.65, 0.30, 0.175)
 """Reaches 0.3 m farther ahead of its wheels than the first."""
@@ -53,26 +51,6 @@ def test_a_robot_beside_its_line_needs_clearance_where_it_steers_back() -> None:
     assert np.allclose(off[0], (0.0, -0.02, 0.1))
     assert (np.diff(np.abs(off[:, 1:]), axis=0) < 0.0).all()
     assert np.abs(off[-1]).max() < 0.001
-
-
-def led_by(
-    follower: ManeuverFollower,
-    start: Pose2D,
-    limits: Limits,
-    before: Twist2D | None = None,
-    delay: int = 0,
-) -> list[tuple[Pose2D, Twist2D]]:
-    """What is wanted 20 times a second, and the pose of a robot that obeys so many steps later."""
-    commands = [before or Twist2D.zero()] * (delay + 1)
-    pose, led = start, [(start, commands[0])]
-    for _ in range(600):
-        wanted = follower.command(Motion(pose, commands[-1]), limits)
-        if wanted is None:
-            break
-        commands.append(limited_change(commands[-1], wanted, limits, DT_S))
-        pose = integrate_twist(pose, commands[-1 - delay], DT_S)
-        led.append((pose, wanted))
-    return led
 
 
 def poses_of(led: list[tuple[Pose2D, Twist2D]]) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley.geometry import Pose2D, Twist2D, wrap_angle, wrap_angles
 from trolley_planner.control.controller import Motion
 from trolley_planner.control.robot_motion import Limits
 from trolley_planner.costmap.footprint import Body, Field
@@ -40,9 +40,11 @@ class FollowerParams:
     near_end_m: float = 0.05
     """Distance along a line to its end within which it may be over."""
     strayed_m: float = 0.05
-    """Distance from the maneuver beyond which the robot needs another one."""
+    """Distance from the maneuver's nearest pose beyond which the robot needs another one."""
     strayed_rad: float = 0.25
     """Heading error beyond which the robot needs another maneuver."""
+    late_m: float = 0.3
+    """Most by which the robot is behind the place that it is led from, since it obeys late."""
     bend_ahead_m: float = 0.3
     """Distance before a bend at which the robot slows down, since it cannot turn at once."""
     creep_mps: float = 0.04
@@ -125,18 +127,22 @@ class ManeuverFollower:
         return self._poses[self._index : max(end, self._index + 1)]
 
     def poses_from(self, pose: Pose2D, length_m: float) -> NDArray[np.float64]:
-        """Return where the robot comes from a pose: it turns where it stands, and steers back."""
+        """Return where the robot comes from a pose: it turns where it stands, and steers back.
+
+        Behind the next change between lines and turns it goes on from where that finds it.
+        """
         ahead, sense = self.poses_ahead(length_m), self.sense
         if sense == TURNING:
             return ahead + np.array([pose.x - ahead[0, 0], pose.y - ahead[0, 1], 0.0])
         place = self._place(pose)
+        run = np.minimum(np.arange(self._index, self._index + len(ahead)), self._run_end)
         # `_line` lets an error beside the line decay as a critically damped spring.
-        along = np.maximum(self._along[self._index :][: len(ahead)] - place.at_m, 0.0)
+        along = np.maximum(self._along[run] - place.at_m, 0.0)
         decay = np.exp(-along / FOLLOWER.track_m)
         rise = sense * place.off + place.aside / FOLLOWER.track_m
         asides = decay * (place.aside + rise * along)
         offs = decay * (place.off - sense * rise * along / FOLLOWER.track_m)
-        yaws = ahead[:, 2]
+        yaws = self._poses[run, 2]
         return ahead + np.column_stack([-asides * np.sin(yaws), asides * np.cos(yaws), offs])
 
     def run_ahead(self, length_m: float) -> NDArray[np.float64]:
@@ -160,11 +166,14 @@ class ManeuverFollower:
 
     def has_strayed(self, pose: Pose2D) -> bool:
         """Say whether the robot is too far off its maneuver."""
-        x, y, yaw = self._poses[self._index]
-        off = math.hypot(pose.x - float(x), pose.y - float(y))
-        turned = self._motions[min(self._index + 1, len(self._motions) - 1)] == TURNING
-        off_yaw = 0.0 if turned else abs(wrap_angle(pose.yaw - float(yaw)))
-        return off > FOLLOWER.strayed_m or off_yaw > FOLLOWER.strayed_rad
+        turns = self.sense == TURNING
+        first = int(np.searchsorted(self._along, self._along[self._index] - FOLLOWER.late_m))
+        near = self._poses[first : (self._run_end if turns else self._index + 1) + 1]
+        off_m = np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)
+        off_rad = np.abs(wrap_angles(near[:, 2] - pose.yaw))
+        nearest = int(np.argmin(off_m + FOLLOWER.turn_as_m * off_rad))
+        is_turned = not turns and off_rad[nearest] > FOLLOWER.strayed_rad
+        return bool(off_m[nearest] > FOLLOWER.strayed_m or is_turned)
 
     def is_stalled(self, pose: Pose2D, elapsed_s: float) -> bool:
         """Record the pose; say whether the robot has been held up for long, for any reason."""
@@ -272,13 +281,13 @@ class ManeuverFollower:
         x, y, yaw = self._poses[first].tolist()
         step_x, step_y, turn = (self._poses[last] - self._poses[first]).tolist()
         length = math.hypot(step_x, step_y)
-        passed_m = 0.0
+        share = 0.0
         if length > 0.0:
-            passed_m = ((pose.x - x) * step_x + (pose.y - y) * step_y) / length
-            passed_m = min(max(passed_m, 0.0), length)
-            yaw += turn * passed_m / length
+            share = ((pose.x - x) * step_x + (pose.y - y) * step_y) / length**2
+            share = min(max(share, 0.0), 1.0)
+        x, y, yaw = x + share * step_x, y + share * step_y, yaw + share * turn
         aside = -(pose.x - x) * math.sin(yaw) + (pose.y - y) * math.cos(yaw)
-        return Place(float(self._along[first]) + passed_m, aside, wrap_angle(pose.yaw - yaw))
+        return Place(float(self._along[first]) + share * length, aside, wrap_angle(pose.yaw - yaw))
 
     def _bend(self, at_m: float, look_m: float) -> float:
         """Return how the heading changes along the present line in front of a place [rad/m]."""
