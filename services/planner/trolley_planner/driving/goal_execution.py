@@ -404,7 +404,8 @@ class GoalExecution:
             self.outcome = "failed"
 
     def _drive_on(self) -> None:
-        """Continue after a recovery behaviour or a wait."""
+        """Continue after a recovery behaviour or a wait, from wherever that has led."""
+        self._maneuvering.stop()
         self._approach.let_go()
         self.progress.reset()
         self.route.replan_soon()

@@ -135,7 +135,7 @@ class Maneuvering:
         self._missed_ns: int | None = None
         self._held_ns: int | None = None
         self.has_arrived = False
-        """Whether a maneuver has led to the goal."""
+        """Whether a maneuver had led to the goal at the last command."""
         self.is_tight_ahead = False
         """Whether there is little room somewhere along the path ahead."""
 
@@ -151,7 +151,7 @@ class Maneuvering:
 
     def stop(self) -> None:
         """Hand driving back to the controller."""
-        self._follower, self.has_arrived = None, False
+        self._follower = None
         self._turn_room_m = MANEUVER.more_m
 
     def update(self, motion: Motion, route: Route, approach: GoalApproach, now_ns: int) -> None:
@@ -200,17 +200,18 @@ class Maneuvering:
     def command(self, now: ControlInput, approach: GoalApproach) -> Twist2D:
         """Return the velocity along the maneuver; it may be over then."""
         follower, context = self._follower, self._context
+        self.has_arrived = False
         if follower is None:
             return Twist2D.zero()
         pose, local_costmap = now.motion.pose, context.local_costmap
         # As much clearance as the place has, as far as it is wanted.
         here_m = context.seen_clearance(pose, now.limits.caution_m)
         ahead = follower.poses_from(pose, MANEUVER.begin_m)
-        least_m = min(here_m, context.least_clearance(ahead, 0.1))
-        floor_m = min(now.limits.clearance_m, max(least_m - TIGHT_CLEARANCE_M, 0.0))
-        limits = now.limits._replace(clearance_m=floor_m)
         wanted_m = max(now.limits.clearance_m, 2.0 * TIGHT_CLEARANCE_M)
         kept_m = (0.0, TIGHT_CLEARANCE_M, wanted_m, wanted_m + MANEUVER.spare_m)
+        least_m = min(here_m, context.least_clearance(ahead, kept_m[-1]))
+        floor_m = min(now.limits.clearance_m, max(least_m - TIGHT_CLEARANCE_M, 0.0))
+        limits = now.limits._replace(clearance_m=floor_m)
         factors = (MANEUVER.wary, 1.0, MANEUVER.brisk, MANEUVER.briskest)
         factor = float(np.interp(least_m, kept_m, factors))
         limits = limits._replace(slow_speed=min(factor * limits.slow_speed, limits.max_speed))
@@ -225,7 +226,8 @@ class Maneuvering:
         if not self._has_room_to_turn(follower, pose, now.elapsed_s):
             self.stop()  # It has come a little beside its maneuver; from here another may do.
             return limited_change(now.motion.twist, Twist2D.zero(), limits, now.elapsed_s)
-        is_known = wanted.vx >= 0.0 or local_costmap.known_floor.sees_along(
+        backs = wanted.vx < 0.0
+        is_known = not backs or local_costmap.known_floor.sees_along(
             follower.run_ahead(BACK_STEPS_M[-1])
         )
         if not is_known or self._is_anyone_near(pose, MANEUVER.stand_people_m):
@@ -236,7 +238,8 @@ class Maneuvering:
         give_m = max(min(left_m, TIGHT_CLEARANCE_M), 0.0)
         safe = safe_command(now.motion, wanted, local_costmap, limits, give_m, may_back=is_known)
         if follower.is_stalled(pose, now.elapsed_s):
-            self._held_ns = now.now_ns if follower.sense == BACKWARDS else self._held_ns
+            if backs:
+                self._held_ns = now.now_ns
             self.stop()
         return safe
 
@@ -288,7 +291,7 @@ class Maneuvering:
 
     def _lead(self, motion: Motion) -> list[Pose2D]:
         """Return the poses to where the robot can stop, since maneuvers may begin with a turn."""
-        speed, poses = motion.twist.vx, [motion.pose]
+        speed, poses = abs(motion.twist.vx), [motion.pose]
         if speed < MANEUVER.standing_mps:
             return poses
         seconds = speed / self._config.acceleration_mps2
@@ -445,8 +448,10 @@ def _is_within(seconds: float, then_ns: int | None, now_ns: int) -> bool:
 
 
 def _led(maneuver: Maneuver, lead: list[Pose2D]) -> Maneuver:
-    """Return a maneuver with the poses before it that lead to its start, forwards."""
+    """Return a maneuver with the poses before it that lead to its start."""
     if len(lead) == 1:
         return maneuver
     poses = np.array([(pose.x, pose.y, pose.yaw) for pose in lead])
-    return maneuver.after(Maneuver(poses, np.full(len(lead), FORWARDS, np.int8)))
+    is_forwards = (lead[0].inverse() @ lead[-1]).x > 0.0
+    sense = FORWARDS if is_forwards else BACKWARDS
+    return maneuver.after(Maneuver(poses, np.full(len(lead), sense, np.int8)))
