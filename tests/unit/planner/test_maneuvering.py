@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.all_poses import box
 from support.flatland import Flatland, empty_room, two_rooms, with_block
@@ -13,7 +14,8 @@ from trolley.gridmap import GridMap
 from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.control.controller import Motion, limits_of
 from trolley_planner.driving.goal_execution import GoalExecution
-from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, FORWARDS
+from trolley_planner.driving.maneuver_follower import ManeuverFollower
+from trolley_planner.paths.hybrid_astar.motion_primitives import BACKWARDS, FORWARDS, Maneuver
 
 HOBBY = box(0.35, 0.30, 0.175)
 
@@ -51,9 +53,10 @@ def test_a_maneuver_begins_where_the_robot_can_stop_whichever_way_it_drives(
     maneuvering = execution._maneuvering
     maneuvering.stop()  # That began where it stood.
     execution.update(Motion(start, Twist2D(speed, 0.0, 0.0)), drive.now_ns)
-    assert maneuvering.is_active
-    assert maneuvering._follower.sense == sense
-    assert maneuvering._follower.run_ahead(1.0)[-1, 1] == pytest.approx(3.0 + 0.4 * speed, abs=0.02)
+    driven = maneuvering._driven
+    assert driven is not None
+    assert driven.follower.sense == sense
+    assert driven.follower.run_ahead(1.0)[-1, 1] == pytest.approx(3.0 + 0.4 * speed, abs=0.02)
 
 
 def test_who_arrived_by_a_maneuver_has_not_where_the_goal_moves_on(ride) -> None:
@@ -76,6 +79,22 @@ def test_after_giving_way_the_maneuver_from_elsewhere_is_not_gone_on_with(ride) 
     assert execution._maneuvering.is_active
     execution.resume_after_wait(round(5e9))
     assert not execution._maneuvering.is_active
+
+
+@pytest.mark.parametrize("clearance_m", [0.03, 0.1])
+def test_it_is_brisk_with_more_than_the_wanted_clearance_however_much_that_is(
+    ride, clearance_m: float
+) -> None:
+    config, here = PlannerConfig(clearance_m=clearance_m), Pose2D(5.5, 3.0, 0.0)
+    drive = ride(Flatland(lane(0.6), here, footprint=HOBBY), config)
+    maneuvering = execution_of(drive, Pose2D(6.5, 3.0, 0.0))._maneuvering
+    x = np.linspace(here.x, here.x + 1.5, 51)
+    line = Maneuver(np.column_stack([x, np.full(51, 3.0), 0.0 * x]), np.ones(51, dtype=np.int8))
+    now = standing(drive, here)
+    now = replace(now, limits=now.limits._replace(clearance_m=clearance_m))
+    limits, _ = maneuvering._limits(now, ManeuverFollower(line, 0.23))
+    assert limits.clearance_m == clearance_m
+    assert limits.slow_speed == pytest.approx(3.0 * config.slow_speed_mps)
 
 
 class HeldTurning(Flatland):

@@ -86,7 +86,7 @@ class GoalExecution:
         self._hurries = hurries
         self._started_ns = now_ns
         self._approach = GoalApproach(context, config, self.goal_grid, goal.tolerances)
-        self._maneuvering = Maneuvering(context, config, goal.tolerances)
+        self._maneuvering = Maneuvering(context, config)
         self.progress = ProgressMonitor(context, config)
         self._has_path = True
         context.controller.reset()

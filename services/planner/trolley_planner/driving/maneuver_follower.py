@@ -65,10 +65,10 @@ class Place(NamedTuple):
 
     at_m: float
     """From the maneuver's beginning, without turns."""
-    aside: float
-    """To the left of the line [m]."""
-    off: float
-    """Its heading against that of the line [rad]."""
+    aside_m: float
+    """To the left of the line."""
+    off_rad: float
+    """Its heading against that of the line."""
 
 
 class ManeuverFollower:
@@ -76,15 +76,17 @@ class ManeuverFollower:
 
     Args:
         maneuver: the maneuver, in the frame of the poses given later.
-        onward_m: how far the robot drives on behind its end; 0: it stops there, and looks along
-            the maneuver.
         reach_m: distance of the robot's outermost point from its origin: the farther, the more
             exactly it is led.
+        onward_m: how far the robot drives on behind its end; 0: it stops there, and looks along
+            the maneuver.
     """
 
-    def __init__(self, maneuver: Maneuver, onward_m: float = 0.0, reach_m: float = 0.0) -> None:
+    def __init__(self, maneuver: Maneuver, reach_m: float, onward_m: float = 0.0) -> None:
         self._poses, self._motions = maneuver.poses.copy(), maneuver.motions
         self._kept = maneuver.kept
+        self.end = maneuver.end
+        """Where it ends."""
         self._along, self._left = _measured(maneuver)
         self._onward_m = onward_m
         share = FOLLOWER.short_m / max(reach_m, FOLLOWER.short_m)
@@ -95,12 +97,6 @@ class ManeuverFollower:
         self._begins_run = False
         self._stalled_s = 0.0
         self._stalled_at = Pose2D(*self._poses[0].tolist())
-
-    @property
-    def end(self) -> Pose2D:
-        """Where the maneuver ends."""
-        last = self._poses[-1]
-        return Pose2D(float(last[0]), float(last[1]), wrap_angle(float(last[2])))
 
     @property
     def left_m(self) -> float:
@@ -139,9 +135,9 @@ class ManeuverFollower:
         # `_line` lets an error beside the line decay as a critically damped spring.
         along = np.maximum(self._along[run] - place.at_m, 0.0)
         decay = np.exp(-along / FOLLOWER.track_m)
-        rise = sense * place.off + place.aside / FOLLOWER.track_m
-        asides = decay * (place.aside + rise * along)
-        offs = decay * (place.off - sense * rise * along / FOLLOWER.track_m)
+        rise = sense * place.off_rad + place.aside_m / FOLLOWER.track_m
+        asides = decay * (place.aside_m + rise * along)
+        offs = decay * (place.off_rad - sense * rise * along / FOLLOWER.track_m)
         yaws = self._poses[run, 2]
         return ahead + np.column_stack([-asides * np.sin(yaws), asides * np.cos(yaws), offs])
 
@@ -193,10 +189,8 @@ class ManeuverFollower:
         """
         pose = motion.pose
         while self._index < len(self._poses) - 1:
-            sense = self.sense
-            twist = (
-                self._turn(pose, limits) if sense == TURNING else self._line(motion, sense, limits)
-            )
+            turns = self.sense == TURNING
+            twist = self._turn(pose, limits) if turns else self._line(motion, limits)
             if twist is not None:
                 return twist
             self._index = self._run_end
@@ -229,10 +223,10 @@ class ManeuverFollower:
         rate = min(braking_speed(limits.turn_acceleration, abs(left)), limits.max_turn)
         return Twist2D(0.0, 0.0, math.copysign(rate, left))
 
-    def _line(self, motion: Motion, sense: int, limits: Limits) -> Twist2D | None:
+    def _line(self, motion: Motion, limits: Limits) -> Twist2D | None:
         """Return the velocity along a line or curve, None at its end."""
-        pose = motion.pose
-        self._advance(pose, sense)
+        pose, sense = motion.pose, self.sense
+        self._advance(pose)
         last = self._poses[self._run_end]
         cos, sin = math.cos(float(last[2])), math.sin(float(last[2]))
         left = sense * ((float(last[0]) - pose.x) * cos + (float(last[1]) - pose.y) * sin)
@@ -242,7 +236,7 @@ class ManeuverFollower:
             return None
         look_m = max(FOLLOWER.look_s * abs(motion.twist.vx), self._look_m)
         bend = self._bend(place.at_m, look_m)
-        bend -= sense * place.aside / decay**2 + 2.0 * place.off / decay
+        bend -= sense * place.aside_m / decay**2 + 2.0 * place.off_rad / decay
         speed = limits.max_speed if sense > 0 else limits.max_reverse
         speed = min(speed, limits.max_turn / max(abs(bend), 1e-3), self._bend_speed(limits))
         rest = max(left, 0.0) if along < 2.0 * decay else along
@@ -267,12 +261,13 @@ class ManeuverFollower:
         before_m = along[1:-1] - along[0]
         return float(np.sqrt(there**2 + 2.0 * limits.deceleration * before_m).min())
 
-    def _advance(self, pose: Pose2D, sense: int) -> None:
+    def _advance(self, pose: Pose2D) -> None:
         """Go on to the last pose of the present line that the robot has passed."""
         near = self._poses[self._index : self._run_end + 1][: FOLLOWER.nearest_of]
         nearest = int(np.argmin(np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)))
         x, y, yaw = near[nearest].tolist()
-        is_passed = sense * ((pose.x - x) * math.cos(yaw) + (pose.y - y) * math.sin(yaw)) >= 0.0
+        ahead_m = (pose.x - x) * math.cos(yaw) + (pose.y - y) * math.sin(yaw)
+        is_passed = self.sense * ahead_m >= 0.0
         self._index += nearest if is_passed else max(nearest - 1, 0)
 
     def _place(self, pose: Pose2D) -> Place:
