@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from support.all_poses import box
 from support.fine_grids import fine_grid
 from support.flatland import empty_room, two_rooms
+from support.maneuvers import SHORT_M
 
 from trolley.gridmap import GridMap
 from trolley.gridmap.distance import distance_transform
@@ -167,7 +168,7 @@ def test_a_post_is_passed_no_nearer_for_the_sake_of_the_rest() -> None:
 
 def test_what_is_seen_later_moves_the_rest_of_a_drive_to_the_middle() -> None:
     maneuver = straight(0.015)
-    follower = ManeuverFollower(maneuver)
+    follower = ManeuverFollower(maneuver, SHORT_M)
     before_m = follower.left_m
     for _ in range(3):  # as many scans
         follower.recenter(field_of(two_rooms(0.35)), HOBBY.body)
@@ -180,7 +181,7 @@ def test_what_is_seen_later_moves_the_rest_of_a_drive_to_the_middle() -> None:
 
 def test_a_drive_backwards_stays_as_it_was_searched() -> None:
     maneuver = straight(0.015, motion=BACKWARDS)
-    follower = ManeuverFollower(maneuver)
+    follower = ManeuverFollower(maneuver, SHORT_M)
     follower.recenter(field_of(two_rooms(0.35)), HOBBY.body)
     assert np.array_equal(follower.poses_ahead(2.0), maneuver.poses)
 

@@ -11,14 +11,14 @@ from bench.planner.visit import Setting, drive
 from numpy.typing import NDArray
 from support.all_poses import box
 from support.flatland import Flatland, HalfBlind, empty_room, two_rooms, with_block
+from support.maneuvers import DT_S, SHORT_M, led_by
 
 from trolley import codes
 from trolley.config import PlannerConfig
-from trolley.geometry import Pose2D, Twist2D, angle_difference, integrate_twist
+from trolley.geometry import Pose2D, Twist2D, angle_difference
 from trolley.gridmap import GridMap
 from trolley.messages import Robot, Zone
-from trolley_planner.control.controller import Motion, limited_change, limits_of
-from trolley_planner.control.robot_motion import Limits
+from trolley_planner.control.controller import limits_of
 from trolley_planner.costmap.fine_grid import FINE, FineGrid
 from trolley_planner.driving.maneuver_follower import ManeuverFollower
 from trolley_planner.paths.hybrid_astar.footprint_spans import TURN_RAD
@@ -30,8 +30,6 @@ from trolley_planner.paths.hybrid_astar.motion_primitives import (
 )
 from trolley_planner.paths.hybrid_astar.search_space import IN_SIGHT, OUT_OF_SIGHT
 
-DT_S = 0.05
-"""From command to command."""
 HOBBY = box(0.35, 0.30, 0.175)
 ARM = box(0.65, 0.30, 0.175)
 """Reaches 0.3 m farther ahead of its wheels than the first."""
@@ -40,7 +38,7 @@ ARM = box(0.65, 0.30, 0.175)
 def test_a_turn_needs_its_clearance_where_the_robot_stands() -> None:
     yaws = np.linspace(0.0, 2.0, 20)
     poses = np.column_stack([np.full(20, 3.0), np.full(20, 1.0), yaws])
-    follower = ManeuverFollower(Maneuver(poses, np.full(20, TURNING, np.int8)))
+    follower = ManeuverFollower(Maneuver(poses, np.full(20, TURNING, np.int8)), SHORT_M)
     beside = follower.poses_from(Pose2D(3.01, 0.99, 0.0), 0.5)
     assert np.allclose(beside, np.column_stack([np.full(20, 3.01), np.full(20, 0.99), yaws]))
 
@@ -48,31 +46,11 @@ def test_a_turn_needs_its_clearance_where_the_robot_stands() -> None:
 def test_a_robot_beside_its_line_needs_clearance_where_it_steers_back() -> None:
     x = np.linspace(0.0, 1.0, 41)
     line = np.column_stack([x, np.zeros(41), np.zeros(41)])
-    follower = ManeuverFollower(Maneuver(line, np.full(41, FORWARDS, dtype=np.int8)))
+    follower = ManeuverFollower(Maneuver(line, np.full(41, FORWARDS, dtype=np.int8)), SHORT_M)
     off = follower.poses_from(Pose2D(0.0, -0.02, 0.1), 0.9) - line[:37]
     assert np.allclose(off[0], (0.0, -0.02, 0.1))
     assert (np.diff(np.abs(off[:, 1:]), axis=0) < 0.0).all()
     assert np.abs(off[-1]).max() < 0.001
-
-
-def led_by(
-    follower: ManeuverFollower,
-    start: Pose2D,
-    limits: Limits,
-    before: Twist2D | None = None,
-    delay: int = 0,
-) -> list[tuple[Pose2D, Twist2D]]:
-    """What is wanted 20 times a second, and the pose of a robot that obeys so many steps later."""
-    commands = [before or Twist2D.zero()] * (delay + 1)
-    pose, led = start, [(start, commands[0])]
-    for _ in range(600):
-        wanted = follower.command(Motion(pose, commands[-1]), limits)
-        if wanted is None:
-            break
-        commands.append(limited_change(commands[-1], wanted, limits, DT_S))
-        pose = integrate_twist(pose, commands[-1 - delay], DT_S)
-        led.append((pose, wanted))
-    return led
 
 
 def poses_of(led: list[tuple[Pose2D, Twist2D]]) -> NDArray[np.float64]:
@@ -84,7 +62,7 @@ def test_what_is_foreseen_of_a_robot_beside_its_line_is_what_it_does() -> None:
     x = np.linspace(0.0, 2.0, 81)
     line = np.column_stack([x, np.zeros(81), np.zeros(81)])
     for aside_m, off in ((0.0, 0.1), (-0.02, 0.1), (0.03, 0.0)):
-        follower = ManeuverFollower(Maneuver(line, np.full(81, FORWARDS, dtype=np.int8)))
+        follower = ManeuverFollower(Maneuver(line, np.full(81, FORWARDS, dtype=np.int8)), SHORT_M)
         start = Pose2D(0.0, aside_m, off)
         foreseen = follower.poses_from(start, 0.8)
         driven = poses_of(led_by(follower, start, limits_of(PlannerConfig(), 0.1, 1.5, 1.0)))
@@ -391,7 +369,7 @@ def test_a_way_that_bends_to_and_fro_is_kept_to_although_turning_takes_time(dela
     middle = 0.5 * (yaw[1:] + yaw[:-1])
     x, y = (np.append(0.0, np.cumsum(step_m * part(middle))) for part in (np.cos, np.sin))
     motions = np.full(len(yaw), FORWARDS, dtype=np.int8)
-    follower = ManeuverFollower(Maneuver(np.stack([x, y, yaw], axis=1), motions))
+    follower = ManeuverFollower(Maneuver(np.stack([x, y, yaw], axis=1), motions), SHORT_M)
     limits = limits_of(PlannerConfig(), speed=0.5, turn=1.5, deceleration=1.0)
     led = led_by(follower, Pose2D(0.0, 0.0, 0.0), limits, Twist2D(0.5, 0.0, 0.0), delay)
     assert led[-1][0].distance_to(follower.end) < 0.03
@@ -405,7 +383,7 @@ def test_a_turn_that_a_line_follows_takes_as_long_as_the_robot_brakes(delay: int
     line = np.stack([along * math.cos(turn), along * math.sin(turn), np.full(32, turn)], axis=1)
     poses = np.concatenate([np.stack([0.0 * yaws, 0.0 * yaws, yaws], axis=1), line])
     motions = np.repeat(np.array([TURNING, FORWARDS], dtype=np.int8), [16, 32])
-    follower = ManeuverFollower(Maneuver(poses, motions))
+    follower = ManeuverFollower(Maneuver(poses, motions), SHORT_M)
     limits = limits_of(PlannerConfig(), speed=0.5, turn=1.5, deceleration=1.0)
     turned_s, worst = 0.0, 0.0
     for pose, wanted in led_by(follower, Pose2D(0.0, 0.0, 0.0), limits, delay=delay)[1:]:
@@ -432,7 +410,7 @@ def test_who_is_sent_into_a_doorway_is_warned(ride, x: float, y: float, warning:
 def test_a_way_is_given_up_where_the_robot_does_not_get_on_whatever_it_is_told() -> None:
     x = np.linspace(0.0, 1.0, 41)
     poses = np.stack([x, np.zeros(41), np.zeros(41)], axis=1)
-    follower = ManeuverFollower(Maneuver(poses, np.full(41, FORWARDS, dtype=np.int8)))
+    follower = ManeuverFollower(Maneuver(poses, np.full(41, FORWARDS, dtype=np.int8)), SHORT_M)
     drives = [follower.is_stalled(Pose2D(0.005 * step, 0.0, 0.0), 0.05) for step in range(60)]
     stands = [follower.is_stalled(Pose2D(0.3, 0.0, 0.0), 0.05) for _ in range(60)]
     assert not any(drives)

@@ -172,15 +172,15 @@ class PlanningContext:
         )
         first, size = (row - half, col - half), (2 * half, 2 * half)
         grid.update(first, size)
-        unseen = self.local_costmap.known_floor.in_fine_cells(grid, first, task.start)
-        if not may_back:
-            unseen[:] = NEVER_SEEN
+        if may_back:
+            unseen = self.local_costmap.known_floor.in_fine_cells(grid, first, task.start)
+        else:
+            unseen = np.full_like(grid.mask, NEVER_SEEN)
         closed = np.zeros_like(unseen)
         body, most = self.footprint.body, POSE_SEARCH.driving_states
         lead = pull_out(task.start, grid, unseen, body)
         if lead is not None:
-            x, y, yaw = lead.poses[-1].tolist()
-            task_out = task._replace(start=Pose2D(x, y, yaw))
+            task_out = task._replace(start=lead.end)
             found = self.pose_search.find(grid, unseen, closed, task_out, most)
             if found is not None:
                 return centered(found, grid, unseen, body).after(lead)

@@ -86,7 +86,7 @@ class GoalExecution:
         self._hurries = hurries
         self._started_ns = now_ns
         self._approach = GoalApproach(context, config, self.goal_grid, goal.tolerances)
-        self._maneuvering = Maneuvering(context, config, goal.tolerances)
+        self._maneuvering = Maneuvering(context, config)
         self.progress = ProgressMonitor(context, config)
         self._has_path = True
         context.controller.reset()
@@ -404,7 +404,8 @@ class GoalExecution:
             self.outcome = "failed"
 
     def _drive_on(self) -> None:
-        """Continue after a recovery behaviour or a wait."""
+        """Continue after a recovery behaviour or a wait, from wherever that has led."""
+        self._maneuvering.stop()
         self._approach.let_go()
         self.progress.reset()
         self.route.replan_soon()

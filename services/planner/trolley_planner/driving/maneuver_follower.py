@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trolley.geometry import Pose2D, Twist2D, wrap_angle
+from trolley.geometry import Pose2D, Twist2D, wrap_angle, wrap_angles
 from trolley_planner.control.controller import Motion
 from trolley_planner.control.robot_motion import Limits
 from trolley_planner.costmap.footprint import Body, Field
@@ -40,9 +40,11 @@ class FollowerParams:
     near_end_m: float = 0.05
     """Distance along a line to its end within which it may be over."""
     strayed_m: float = 0.05
-    """Distance from the maneuver beyond which the robot needs another one."""
+    """Distance from the maneuver's nearest pose beyond which the robot needs another one."""
     strayed_rad: float = 0.25
     """Heading error beyond which the robot needs another maneuver."""
+    late_m: float = 0.3
+    """Most by which the robot is behind the place that it is led from, since it obeys late."""
     bend_ahead_m: float = 0.3
     """Distance before a bend at which the robot slows down, since it cannot turn at once."""
     creep_mps: float = 0.04
@@ -63,10 +65,10 @@ class Place(NamedTuple):
 
     at_m: float
     """From the maneuver's beginning, without turns."""
-    aside: float
-    """To the left of the line [m]."""
-    off: float
-    """Its heading against that of the line [rad]."""
+    aside_m: float
+    """To the left of the line."""
+    off_rad: float
+    """Its heading against that of the line."""
 
 
 class ManeuverFollower:
@@ -74,15 +76,17 @@ class ManeuverFollower:
 
     Args:
         maneuver: the maneuver, in the frame of the poses given later.
-        onward_m: how far the robot drives on behind its end; 0: it stops there, and looks along
-            the maneuver.
         reach_m: distance of the robot's outermost point from its origin: the farther, the more
             exactly it is led.
+        onward_m: how far the robot drives on behind its end; 0: it stops there, and looks along
+            the maneuver.
     """
 
-    def __init__(self, maneuver: Maneuver, onward_m: float = 0.0, reach_m: float = 0.0) -> None:
+    def __init__(self, maneuver: Maneuver, reach_m: float, onward_m: float = 0.0) -> None:
         self._poses, self._motions = maneuver.poses.copy(), maneuver.motions
         self._kept = maneuver.kept
+        self.end = maneuver.end
+        """Where it ends."""
         self._along, self._left = _measured(maneuver)
         self._onward_m = onward_m
         share = FOLLOWER.short_m / max(reach_m, FOLLOWER.short_m)
@@ -93,12 +97,6 @@ class ManeuverFollower:
         self._begins_run = False
         self._stalled_s = 0.0
         self._stalled_at = Pose2D(*self._poses[0].tolist())
-
-    @property
-    def end(self) -> Pose2D:
-        """Where the maneuver ends."""
-        last = self._poses[-1]
-        return Pose2D(float(last[0]), float(last[1]), wrap_angle(float(last[2])))
 
     @property
     def left_m(self) -> float:
@@ -125,18 +123,22 @@ class ManeuverFollower:
         return self._poses[self._index : max(end, self._index + 1)]
 
     def poses_from(self, pose: Pose2D, length_m: float) -> NDArray[np.float64]:
-        """Return where the robot comes from a pose: it turns where it stands, and steers back."""
+        """Return where the robot comes from a pose: it turns where it stands, and steers back.
+
+        Behind the next change between lines and turns it goes on from where that finds it.
+        """
         ahead, sense = self.poses_ahead(length_m), self.sense
         if sense == TURNING:
             return ahead + np.array([pose.x - ahead[0, 0], pose.y - ahead[0, 1], 0.0])
         place = self._place(pose)
+        run = np.minimum(np.arange(self._index, self._index + len(ahead)), self._run_end)
         # `_line` lets an error beside the line decay as a critically damped spring.
-        along = np.maximum(self._along[self._index :][: len(ahead)] - place.at_m, 0.0)
+        along = np.maximum(self._along[run] - place.at_m, 0.0)
         decay = np.exp(-along / FOLLOWER.track_m)
-        rise = sense * place.off + place.aside / FOLLOWER.track_m
-        asides = decay * (place.aside + rise * along)
-        offs = decay * (place.off - sense * rise * along / FOLLOWER.track_m)
-        yaws = ahead[:, 2]
+        rise = sense * place.off_rad + place.aside_m / FOLLOWER.track_m
+        asides = decay * (place.aside_m + rise * along)
+        offs = decay * (place.off_rad - sense * rise * along / FOLLOWER.track_m)
+        yaws = self._poses[run, 2]
         return ahead + np.column_stack([-asides * np.sin(yaws), asides * np.cos(yaws), offs])
 
     def run_ahead(self, length_m: float) -> NDArray[np.float64]:
@@ -160,11 +162,14 @@ class ManeuverFollower:
 
     def has_strayed(self, pose: Pose2D) -> bool:
         """Say whether the robot is too far off its maneuver."""
-        x, y, yaw = self._poses[self._index]
-        off = math.hypot(pose.x - float(x), pose.y - float(y))
-        turned = self._motions[min(self._index + 1, len(self._motions) - 1)] == TURNING
-        off_yaw = 0.0 if turned else abs(wrap_angle(pose.yaw - float(yaw)))
-        return off > FOLLOWER.strayed_m or off_yaw > FOLLOWER.strayed_rad
+        turns = self.sense == TURNING
+        first = int(np.searchsorted(self._along, self._along[self._index] - FOLLOWER.late_m))
+        near = self._poses[first : (self._run_end if turns else self._index + 1) + 1]
+        off_m = np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)
+        off_rad = np.abs(wrap_angles(near[:, 2] - pose.yaw))
+        nearest = int(np.argmin(off_m + FOLLOWER.turn_as_m * off_rad))
+        is_turned = not turns and off_rad[nearest] > FOLLOWER.strayed_rad
+        return bool(off_m[nearest] > FOLLOWER.strayed_m or is_turned)
 
     def is_stalled(self, pose: Pose2D, elapsed_s: float) -> bool:
         """Record the pose; say whether the robot has been held up for long, for any reason."""
@@ -184,10 +189,8 @@ class ManeuverFollower:
         """
         pose = motion.pose
         while self._index < len(self._poses) - 1:
-            sense = self.sense
-            twist = (
-                self._turn(pose, limits) if sense == TURNING else self._line(motion, sense, limits)
-            )
+            turns = self.sense == TURNING
+            twist = self._turn(pose, limits) if turns else self._line(motion, limits)
             if twist is not None:
                 return twist
             self._index = self._run_end
@@ -220,10 +223,10 @@ class ManeuverFollower:
         rate = min(braking_speed(limits.turn_acceleration, abs(left)), limits.max_turn)
         return Twist2D(0.0, 0.0, math.copysign(rate, left))
 
-    def _line(self, motion: Motion, sense: int, limits: Limits) -> Twist2D | None:
+    def _line(self, motion: Motion, limits: Limits) -> Twist2D | None:
         """Return the velocity along a line or curve, None at its end."""
-        pose = motion.pose
-        self._advance(pose, sense)
+        pose, sense = motion.pose, self.sense
+        self._advance(pose)
         last = self._poses[self._run_end]
         cos, sin = math.cos(float(last[2])), math.sin(float(last[2]))
         left = sense * ((float(last[0]) - pose.x) * cos + (float(last[1]) - pose.y) * sin)
@@ -233,7 +236,7 @@ class ManeuverFollower:
             return None
         look_m = max(FOLLOWER.look_s * abs(motion.twist.vx), self._look_m)
         bend = self._bend(place.at_m, look_m)
-        bend -= sense * place.aside / decay**2 + 2.0 * place.off / decay
+        bend -= sense * place.aside_m / decay**2 + 2.0 * place.off_rad / decay
         speed = limits.max_speed if sense > 0 else limits.max_reverse
         speed = min(speed, limits.max_turn / max(abs(bend), 1e-3), self._bend_speed(limits))
         rest = max(left, 0.0) if along < 2.0 * decay else along
@@ -258,12 +261,13 @@ class ManeuverFollower:
         before_m = along[1:-1] - along[0]
         return float(np.sqrt(there**2 + 2.0 * limits.deceleration * before_m).min())
 
-    def _advance(self, pose: Pose2D, sense: int) -> None:
+    def _advance(self, pose: Pose2D) -> None:
         """Go on to the last pose of the present line that the robot has passed."""
         near = self._poses[self._index : self._run_end + 1][: FOLLOWER.nearest_of]
         nearest = int(np.argmin(np.hypot(near[:, 0] - pose.x, near[:, 1] - pose.y)))
         x, y, yaw = near[nearest].tolist()
-        is_passed = sense * ((pose.x - x) * math.cos(yaw) + (pose.y - y) * math.sin(yaw)) >= 0.0
+        ahead_m = (pose.x - x) * math.cos(yaw) + (pose.y - y) * math.sin(yaw)
+        is_passed = self.sense * ahead_m >= 0.0
         self._index += nearest if is_passed else max(nearest - 1, 0)
 
     def _place(self, pose: Pose2D) -> Place:
@@ -272,13 +276,13 @@ class ManeuverFollower:
         x, y, yaw = self._poses[first].tolist()
         step_x, step_y, turn = (self._poses[last] - self._poses[first]).tolist()
         length = math.hypot(step_x, step_y)
-        passed_m = 0.0
+        share = 0.0
         if length > 0.0:
-            passed_m = ((pose.x - x) * step_x + (pose.y - y) * step_y) / length
-            passed_m = min(max(passed_m, 0.0), length)
-            yaw += turn * passed_m / length
+            share = ((pose.x - x) * step_x + (pose.y - y) * step_y) / length**2
+            share = min(max(share, 0.0), 1.0)
+        x, y, yaw = x + share * step_x, y + share * step_y, yaw + share * turn
         aside = -(pose.x - x) * math.sin(yaw) + (pose.y - y) * math.cos(yaw)
-        return Place(float(self._along[first]) + passed_m, aside, wrap_angle(pose.yaw - yaw))
+        return Place(float(self._along[first]) + share * length, aside, wrap_angle(pose.yaw - yaw))
 
     def _bend(self, at_m: float, look_m: float) -> float:
         """Return how the heading changes along the present line in front of a place [rad/m]."""

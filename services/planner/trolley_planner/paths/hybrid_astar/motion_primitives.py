@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trolley.geometry import Pose2D, wrap_angle
 from trolley.jit import lean_kernel
 
 FORWARDS, BACKWARDS, TURNING, AT_START = 1, -1, 0, 2
@@ -49,8 +50,16 @@ class Maneuver:
     motions: NDArray[np.int8]
     kept: int = 0
 
+    @property
+    def end(self) -> Pose2D:
+        """Where it ends."""
+        x, y, yaw = self.poses[-1].tolist()
+        return Pose2D(x, y, wrap_angle(yaw))
+
     def after(self, lead: "Maneuver") -> "Maneuver":
         """Return it with another before it that ends where it begins."""
+        if len(lead.poses) == 1:
+            return self
         poses = np.concatenate([lead.poses, self.poses[1:]])
         poses[:, 2] = np.unwrap(poses[:, 2])
         motions = np.concatenate([lead.motions, self.motions[1:]])
