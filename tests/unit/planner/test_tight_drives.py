@@ -10,7 +10,7 @@ from bench.planner.situations import STATIC
 from bench.planner.visit import Setting, drive
 from numpy.typing import NDArray
 from support.all_poses import box
-from support.flatland import Flatland, HalfBlind, empty_room, two_rooms, with_block
+from support.flatland import Flatland, HalfBlind, Masked, empty_room, two_rooms, with_block
 
 from trolley import codes
 from trolley.config import PlannerConfig
@@ -158,9 +158,12 @@ def test_half_blind_it_turns_exactly_on_the_spot_to_what_lies_behind_it(ride) ->
 
 
 @pytest.mark.drives
-def test_half_blind_it_knows_that_it_will_not_see_what_it_backs_over(ride) -> None:
+@pytest.mark.parametrize("kind", [HalfBlind, Masked])
+def test_half_blind_it_knows_that_it_will_not_see_what_it_backs_over(
+    ride, kind: type[Flatland]
+) -> None:
     # `base` lets it creep there only: 13 s backwards into a dead end that it may turn in instead.
-    drive = ride(HalfBlind(empty_room(), Pose2D(3.0, 3.0, 0.0), footprint=HOBBY))
+    drive = ride(kind(empty_room(), Pose2D(3.0, 3.0, 0.0), footprint=HOBBY))
     drive.step(4)
     context = drive.navigator.costmap_manager.context
     grid = FineGrid(context.costmap, FINE.finest_m, 1.0)
