@@ -44,6 +44,7 @@ BESIDE_MAP_M = 20.0
 _ENVELOPE_BYTES = 4096
 """Part of the largest message that is left for everything beside the cells [bytes]."""
 _NOTHING_PUBLISHED = -1
+MAY_BE_MISSING = "What was mapped in the half minute before may be missing."
 
 
 class Mapping:
@@ -84,7 +85,7 @@ class Mapping:
             self.announce(checkpoint)
         elif checkpoint is not None:
             self._service.log.info("Continuing a map", map=checkpoint.name)
-            note = f"Continuing the map {checkpoint.name}."
+            note = f"Continuing the map {checkpoint.name}. {MAY_BE_MISSING}"
             if checkpoint.is_exploring:
                 note += f" {sentences.PAUSES[codes.RESTARTED]}"
             session = MapSession(self._config.mapper, checkpoint.name, checkpoint.extends)

@@ -108,6 +108,9 @@ def test_a_mapper_that_is_killed_follows_the_wheels_from_when_its_map_was_kept(
 ) -> None:
     true_T_map = killed_after_a_drive(stage, lambda: stage.drive(1.0, 0.2))
     assert (stage.pose.state, stage.status.loose) == ("mapping", 0)
+    assert stage.status.message == (
+        "Continuing the map home. What was mapped in the half minute before may be missing."
+    )
     assert stage.error_m(true_T_map) < 0.08
     scans = stage.status.scans
     stage.drive(2.0, 0.2)
