@@ -1,12 +1,13 @@
 """Exploring by itself: how much of a house is found, how far the robot drives, and what it hits.
 
     python -m bench.mapper.exploring [--house SIZE:SEED ...] [--apartment] [--mirror] [--office]
-                                     [--perfect] [--view DEGREES]
+                                     [--perfect] [--view DEGREES] [--masked DEGREES]
 
 In lock-step: simulated base (odometry 1-2 % wrong, a noisy lidar of 8 m), mapper and planner in
 generated houses of SIZE x SIZE m, and with --apartment in the demo's; with --mirror its mirror
 hangs there too, which no new map shows; with --office in offices along a corridor, at whose end
-hangs a mirror as wide as it. With --view the lidar looks ahead only, so many degrees wide. Judged
+hangs a mirror as wide as it. With --view the lidar looks ahead only, so many degrees wide; with
+--masked it looks all round, but for so many degrees behind, where it sees the robot itself. Judged
 by the truth: the share of the floor that the map knows (where the robot can get, and 1 m around),
 the distance, the time, and collisions.
 
@@ -45,7 +46,9 @@ from trolley.gridmap.wire import grid_of
 from trolley.messages import MappingStatus, OccupancyGrid, Truth
 from trolley.messages.request_params import MapNamed
 from trolley.runtime.lockstep import Lockstep
+from trolley_base.drivers.interface import LidarScan
 from trolley_base.service import BaseService
+from trolley_base.simulation.simulated_hardware import SimulatedHardware
 from trolley_base.world.world_file import load_world
 from trolley_mapper.explore.explorer import Explorer
 from trolley_mapper.kernels.frontiers import STRAIGHT, UNREACHED
@@ -81,7 +84,23 @@ def share_known(found: GridMap, true_T_map: Pose2D, truth: GridMap, start: Pose2
     return float(np.count_nonzero(known)) / len(known)
 
 
-def explore(world: Path, map_file: Path, start: Pose2D, seed: int) -> Outcome:
+def mask(base: BaseService, masked_rad: float) -> None:
+    """Take the beams behind the robot from its lidar, so wide, as `masks_deg` does."""
+    hardware = base.hardware
+    assert isinstance(hardware, SimulatedHardware)
+    store = hardware.lidar.store
+
+    def store_masked(scan: LidarScan) -> None:
+        angles = scan.angle_min + np.arange(len(scan.ranges)) * scan.angle_increment
+        scan.ranges[np.cos(angles) < -math.cos(0.5 * masked_rad)] = 0.0
+        store(scan)
+
+    hardware.lidar.store = store_masked
+
+
+def explore(
+    world: Path, map_file: Path, start: Pose2D, seed: int, masked_rad: float = 0.0
+) -> Outcome:
     """Let the services explore a world."""
     rest = f'[base.simulated]\nworld = "{world}"\nseed = {seed}\n'
     config = make_config(map_file, start, rest)
@@ -89,7 +108,8 @@ def explore(world: Path, map_file: Path, start: Pose2D, seed: int) -> Outcome:
     with Lockstep(config.robot.name, seed) as bus:
         truths, said = bus.record(topics.SIM_TRUTH), bus.record(topics.MAPPING)
         maps = bus.record(topics.MAP)
-        for service in (BaseService, PlannerService, MapperService):
+        mask(bus.add(BaseService(config)), masked_rad)
+        for service in (PlannerService, MapperService):
             bus.add(service(config))
         bus.run(2.0)
         home = truths[-1].pose
@@ -234,7 +254,7 @@ def draw_office() -> GridMap:
     return GridMap("office", 1.0 / per_m, Pose2D.identity(), cells)
 
 
-def in_office(folder: Path) -> list[str]:
+def in_office(folder: Path, masked_rad: float) -> list[str]:
     """Explore the office with its mirror by all services."""
     house, start = draw_office(), Pose2D(1.5, 5.6, 0.0)
     save_map(house, folder / "office.yaml")
@@ -245,7 +265,8 @@ def in_office(folder: Path) -> list[str]:
         f'[[mirror]]\nname = "end"\npoints = [[{end_m}, {low_m}], [{end_m}, {high_m}]]\n'
         'side = "left"\n'
     )
-    return row("office with mirror", explore(world, folder / "office.yaml", start, 1), None)
+    outcome = explore(world, folder / "office.yaml", start, 1, masked_rad)
+    return row("office with mirror", outcome, None)
 
 
 def house_of(named: str) -> tuple[GridMap, Pose2D, int]:
@@ -256,7 +277,7 @@ def house_of(named: str) -> tuple[GridMap, Pose2D, int]:
     return house, start, int(seed)
 
 
-def in_house(named: str, folder: Path, view_rad: float | None) -> list[str]:
+def in_house(named: str, folder: Path, view_rad: float | None, masked_rad: float) -> list[str]:
     """Explore a generated house by all services."""
     house, start, seed = house_of(named)
     save_map(house, folder / "house.yaml")
@@ -264,7 +285,7 @@ def in_house(named: str, folder: Path, view_rad: float | None) -> list[str]:
     pose = f"{{ x = {start.x}, y = {start.y}, yaw = {start.yaw} }}"
     lidar = "" if view_rad is None else f"[lidar]\nfield_of_view = {view_rad}\n"
     world.write_text(f'map = "house.yaml"\nstart = {pose}\n{lidar}')
-    outcome = explore(world, folder / "house.yaml", start, seed)
+    outcome = explore(world, folder / "house.yaml", start, seed, masked_rad)
     return row(f"house {named}", outcome, scripted_way(house, start, seed))
 
 
@@ -277,7 +298,9 @@ def main() -> None:
     parser.add_argument("--office", action="store_true")
     parser.add_argument("--perfect", action="store_true")
     parser.add_argument("--view", type=float, metavar="DEGREES")
+    parser.add_argument("--masked", type=float, default=0.0, metavar="DEGREES")
     asked = parser.parse_args()
+    masked_rad = math.radians(asked.masked)
     view_rad = None if asked.view is None else math.radians(asked.view)
     lines: list[list[str]] = []
     if asked.perfect:
@@ -290,16 +313,17 @@ def main() -> None:
     is_apartment = asked.apartment or asked.mirror
     for named in asked.house or ([] if is_apartment or asked.office else HOUSES):
         with tempfile.TemporaryDirectory() as folder:
-            lines.append(in_house(named, Path(folder), view_rad))
+            lines.append(in_house(named, Path(folder), view_rad, masked_rad))
             table(HEADS, lines[-1:])
     if is_apartment:
         with tempfile.TemporaryDirectory() as folder:
             world = write_world(Path(folder), mirror=asked.mirror, field_of_view=view_rad)
             name = "apartment with mirror" if asked.mirror else "apartment"
-            lines.append(row(name, explore(world, APARTMENT, START, 1), None))
+            outcome = explore(world, APARTMENT, START, 1, masked_rad)
+            lines.append(row(name, outcome, None))
     if asked.office:
         with tempfile.TemporaryDirectory() as folder:
-            lines.append(in_office(Path(folder)))
+            lines.append(in_office(Path(folder), masked_rad))
     table(HEADS, lines)
 
 

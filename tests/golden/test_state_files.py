@@ -260,7 +260,7 @@ def test_the_unfinished_map_of_before_is_read(folder: StateFolder):
     [
         (b"", "broken"),
         (b"\x80", "broken"),
-        (msgspec.msgpack.encode({"schema": 7, "anything": 1}), "newer"),
+        (msgspec.msgpack.encode({"schema": 8, "anything": 1}), "newer"),
         (msgspec.msgpack.encode({"songs": ["a"]}), "broken"),
     ],
 )

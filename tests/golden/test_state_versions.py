@@ -196,7 +196,7 @@ def test_an_unfinished_map_of_any_schema_is_read_and_its_original_kept(
     file = put(tmp_path / checkpoint.FILE, saved.content)
     found = checkpoint.read(tmp_path)
     assert isinstance(found, checkpoint.Checkpoint)
-    assert (found.name, found.core, found.schema) == ("home", b"core", 6)
+    assert (found.name, found.core, found.schema) == ("home", b"core", 7)
     assert beside(file) == originals(saved, file)
 
 

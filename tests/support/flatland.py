@@ -236,3 +236,12 @@ class HalfBlind(Flatland):
         around = np.roll(self.ranges(), BEAMS // 4)[: BEAMS // 2 + 1].copy()
         ahead = {"angle_min": -0.5 * math.pi, "angle_increment": 2.0 * math.pi / BEAMS}
         return msgspec.structs.replace(scan_message(around, stamp_ns), **ahead)
+
+
+class Masked(Flatland):
+    """The lidar sees all round, but for a third behind, where the robot itself is masked."""
+
+    def ranges(self) -> NDArray[np.float32]:
+        ranges = super().ranges()
+        ranges[BEAMS // 3 : -(BEAMS // 3)] = 0.0
+        return ranges

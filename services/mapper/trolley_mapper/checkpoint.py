@@ -8,6 +8,7 @@ import msgspec
 from msgspec import Struct
 
 from trolley.files import make_folder, write_atomically
+from trolley.geometry import Pose2D
 from trolley.messages import Zone
 from trolley.messages.mapping import MapName
 from trolley.runtime.service import Service
@@ -21,10 +22,21 @@ PERIOD_NS = 30_000_000_000
 """Local time between two checkpoints [ns]."""
 
 
+class LastScan(Struct, frozen=True, kw_only=True):
+    """The newest scan that was taken into account, if the robot was on the map then."""
+
+    epoch_ns: int
+    """Run of `base` in which it came [ns]."""
+    stamp_ns: int
+    """Robot time [ns]."""
+    odom_T_base: Pose2D
+    """Odometry of that run."""
+
+
 class Checkpoint(Struct, frozen=True, kw_only=True):
     """A map in the making as it is stored."""
 
-    schema: int = 6
+    schema: int = 7
     """Version of the file's format. Files of the first version have none."""
     name: MapName
     extends: str | None = None
@@ -44,6 +56,7 @@ class Checkpoint(Struct, frozen=True, kw_only=True):
     is_exploring: bool = False
     home: Anchor | None = None
     """Where the map was first explored from."""
+    last_scan: LastScan | None = None
     core: bytes
     """The map itself, see `slam.serialization`."""
 

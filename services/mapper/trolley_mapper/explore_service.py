@@ -11,7 +11,9 @@ from trolley.config import MapperConfig
 from trolley.geometry.footprint import circumscribed_radius, inscribed_radius
 from trolley.messages import BaseState, GoalStatus, MappingStatus, Robot
 from trolley.messages.request_params import ExploreMap, SendGoal, WhichGoal
+from trolley.messages.types import floats_from_bytes
 from trolley.runtime.service import Service, answers, every
+from trolley.sight import looks_all_round
 from trolley.under_way import EXPLORES, GOAL_UNDER_WAY
 from trolley_mapper.explore import sentences
 from trolley_mapper.explore.barriers import Barriers
@@ -30,8 +32,6 @@ PASSING_M = 0.02
 """Distance that the planner adds besides `PASSING_CELLS` [m]."""
 STANDING_M = 0.1
 """Room round the robot at a goal [m]: the planner's clearance, and what the map may still shift."""
-FULL_TURN_RAD = 6.1
-"""Field of view from which on a lidar counts as seeing all round [rad]."""
 
 
 class RobotWatches:
@@ -198,7 +198,9 @@ class ExploreService:
     def _sees_all_round(self) -> bool:
         inputs = self._mapping.inputs
         scan = None if inputs is None else inputs.scan.latest
-        return scan is None or len(scan.ranges) // 4 * scan.angle_increment > FULL_TURN_RAD
+        if scan is None:
+            return True
+        return looks_all_round(floats_from_bytes(scan.ranges) > 0.0, scan.angle_increment)
 
     def _surveyed(self, explorer: "Explorer", scene: "Scene", survey: "Survey") -> None:
         self._is_surveying = False

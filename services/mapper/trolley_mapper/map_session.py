@@ -18,7 +18,7 @@ from trolley.scanning import Reject, ScanInput
 from trolley.zones import is_known
 from trolley_mapper.anchored_places import AnchoredPlaces
 from trolley_mapper.anchored_zones import AnchoredZones
-from trolley_mapper.checkpoint import Checkpoint
+from trolley_mapper.checkpoint import Checkpoint, LastScan
 from trolley_mapper.edit.map_transform import moved_zones
 from trolley_mapper.explore.barriers import Barriers
 from trolley_mapper.slam.estimate import Anchor, MapEstimate
@@ -30,6 +30,9 @@ if TYPE_CHECKING:  # with numba and SciPy: a robot that has its map need not loa
 
 LONGEST_GAP_S = 10.0
 """Most robot time between two scans that counts as time of mapping [s]."""
+RESTART_NS = 120_000_000_000
+"""Robot time within which a mapper that was killed is back before anybody carries the robot
+[ns]."""
 
 
 class MapSession:
@@ -57,6 +60,8 @@ class MapSession:
         self._mirrors: list[list[tuple[float, float]]] = []
         self._prior: tuple[GridMap, Pose2D] | None = None
         self._starts_paused = False
+        # Before the run of the mapper before was killed.
+        self._last_scan: LastScan | None = None
 
     def extend(self, prior: GridMap, map_T_odom: Pose2D, zones: Sequence[Zone]) -> None:
         """Continue a map: its grid, where the odometry began on it, and its zones."""
@@ -79,9 +84,25 @@ class MapSession:
         session.barriers, session.home = Barriers(checkpoint.mirrors), checkpoint.home
         session.seconds, session.loops = checkpoint.seconds, checkpoint.loops
         session.core = Mapper.from_bytes(config, checkpoint.core)
+        session._last_scan = checkpoint.last_scan
         if checkpoint.is_paused:
             session.core.pause()
         return session
+
+    def go_on(self, scan: ScanInput, epoch_ns: int) -> None:
+        """Follow the odometry from the checkpoint to the first scan, if it leads there.
+
+        Args:
+            scan: that comes next.
+            epoch_ns: run of base in which it was taken [ns].
+        """
+        last, self._last_scan = self._last_scan, None
+        if last is None or self.core is None or last.epoch_ns != epoch_ns:
+            return
+        if scan.stamp_ns - last.stamp_ns < RESTART_NS:
+            odom = last.odom_T_base
+            before = replace(scan, stamp_ns=last.stamp_ns, odom_T_base=odom, odom_T_base_end=odom)
+            self.core.go_on_from(before)
 
     def step(self, scan: ScanInput) -> MapEstimate | Reject:
         """Take a scan into account."""
@@ -220,10 +241,13 @@ class MapSession:
         is_unheard = self.places.older is None
         return (self, *grown, self.is_paused, self.is_exploring, self.home, zones, is_unheard)
 
-    def checkpoint(self) -> Callable[[], Checkpoint] | None:
+    def checkpoint(self, last_scan: LastScan | None) -> Callable[[], Checkpoint] | None:
         """Return what makes a checkpoint of the map as it is now; None while there is nothing.
 
         That takes long for a large map: call it aside.
+
+        Args:
+            last_scan: if the robot was on the map then.
         """
         if self.core is None:
             return None
@@ -245,6 +269,7 @@ class MapSession:
             is_paused=self.core.is_paused,
             is_exploring=self.is_exploring,
             home=self.home,
+            last_scan=last_scan,
             core=b"",
         )
         return lambda: structs.replace(checkpoint, core=pack(snapshot))

@@ -23,7 +23,7 @@ from trolley.scanning import Reject, ScanInput
 from trolley.slices import do_aside
 from trolley_mapper import checkpoint as checkpoints
 from trolley_mapper.anchored_places import AnchoredPlaces
-from trolley_mapper.checkpoint import Checkpoint, Checkpointer
+from trolley_mapper.checkpoint import Checkpoint, Checkpointer, LastScan
 from trolley_mapper.explore import sentences
 from trolley_mapper.inputs import RobotInputs
 from trolley_mapper.map_session import MapSession
@@ -44,6 +44,7 @@ BESIDE_MAP_M = 20.0
 _ENVELOPE_BYTES = 4096
 """Part of the largest message that is left for everything beside the cells [bytes]."""
 _NOTHING_PUBLISHED = -1
+MAY_BE_MISSING = "What was mapped in the half minute before may be missing."
 
 
 class Mapping:
@@ -84,7 +85,7 @@ class Mapping:
             self.announce(checkpoint)
         elif checkpoint is not None:
             self._service.log.info("Continuing a map", map=checkpoint.name)
-            note = f"Continuing the map {checkpoint.name}."
+            note = f"Continuing the map {checkpoint.name}. {MAY_BE_MISSING}"
             if checkpoint.is_exploring:
                 note += f" {sentences.PAUSES[codes.RESTARTED]}"
             session = MapSession(self._config.mapper, checkpoint.name, checkpoint.extends)
@@ -97,7 +98,22 @@ class Mapping:
         session = self.session
         is_growing = self.phase in ("mapping", "paused")
         if session is not None and session.core is not None and is_growing:
-            self._checkpointer.save(session.revision, session.checkpoint)
+            last_scan = self._last_scan(session)
+            self._checkpointer.save(session.revision, partial(session.checkpoint, last_scan))
+
+    def _last_scan(self, session: MapSession) -> LastScan | None:
+        """Return the newest scan in the present run of base; None where it was not on the map."""
+        estimate, inputs, epoch_ns = session.estimate, self.inputs, self._service.epoch_ns
+        if estimate is None or inputs is None or estimate.stamp_ns < epoch_ns:
+            return None
+        if estimate.state != "mapping":
+            return None
+        map_T_odom = estimate.map_T_odom @ inputs.run_T_odom
+        return LastScan(
+            epoch_ns=epoch_ns,
+            stamp_ns=estimate.stamp_ns,
+            odom_T_base=map_T_odom.inverse() @ estimate.pose,
+        )
 
     def discard_checkpoint(self) -> None:
         """Remove the checkpoint: the map is saved or canceled."""
@@ -321,14 +337,15 @@ class Mapping:
         self._process_scans()
 
     def _process_scans(self) -> None:
-        """Take the scans that are complete by now."""
-        if self.inputs is None:
+        """Take the scans that are complete by now, once it is known which run of base it is."""
+        if self.inputs is None or self._service.now_ns is None:
             return
         for scan in self.inputs.take():
             if self.session is not None and self.phase in ("mapping", "paused", "saving"):
                 self._process(scan, self.session, self.inputs)
 
     def _process(self, scan: ScanInput, session: MapSession, inputs: RobotInputs) -> None:
+        session.go_on(scan, self._service.epoch_ns)
         estimate = session.step(scan)
         if isinstance(estimate, Reject):
             self._service.count(f"scan/{estimate.name.lower()}")

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from support.flatland import Flatland, HalfBlind, empty_room, with_block
+from support.flatland import Flatland, HalfBlind, Masked, empty_room, with_block
 
 from trolley import codes, requests, topics
 from trolley.codes import Refused
@@ -129,9 +129,16 @@ def test_two_rooms_are_found_and_the_robot_comes_back(stage: Stage) -> None:
     assert stage.status.area == pytest.approx(10.5, abs=1.5)
 
 
-def test_who_looks_ahead_only_looks_behind_itself_first_and_finds_them_too(tmp_path: Path) -> None:
-    stage = Stage(tmp_path / "state", HalfBlind, Pose2D(1.4, 1.3, -2.2))
+@pytest.mark.parametrize("kind", [HalfBlind, Masked])
+def test_who_looks_ahead_only_looks_behind_itself_first_and_finds_them_too(
+    tmp_path: Path, kind: type[Flatland]
+) -> None:
+    start = Pose2D(1.4, 1.3, -2.2)
+    stage = Stage(tmp_path / "state", kind, start)
     stage.explore()
+    first = stage.goals[-1].pose
+    assert first is not None
+    assert abs(first.yaw) > 3.1
     assert stage.bus.run_until(lambda: stage.status.exploring == "done", 150.0)
     assert stage.share_found() > 0.97
     assert stage.world.touches == 0

@@ -92,6 +92,47 @@ def test_a_mapper_that_is_killed_goes_on_with_its_map(stage: Stage) -> None:
     assert stage.error_m(stage.straightened(true_T_map)) < 0.08
 
 
+def killed_after_a_drive(stage: Stage, meanwhile: Callable[[], object]) -> Pose2D:
+    """Let a mapper be killed that was last kept when its map began; returns true_T_map."""
+    true_T_map = stage.map(seconds=8.0)
+    assert stage.world.map_T_base.distance_to(true_T_map) > 0.8
+    stage.bus.kill("mapper")
+    meanwhile()
+    stage.begin("mapper")
+    stage.bus.run(5.0)
+    return true_T_map
+
+
+def test_a_mapper_that_is_killed_follows_the_wheels_from_when_its_map_was_kept(
+    stage: Stage,
+) -> None:
+    true_T_map = killed_after_a_drive(stage, lambda: stage.drive(1.0, 0.2))
+    assert (stage.pose.state, stage.status.loose) == ("mapping", 0)
+    assert stage.status.message == (
+        "Continuing the map home. What was mapped in the half minute before may be missing."
+    )
+    assert stage.error_m(true_T_map) < 0.08
+    scans = stage.status.scans
+    stage.drive(2.0, 0.2)
+    assert stage.status.scans > scans
+    assert stage.error_m(true_T_map) < 0.08
+
+
+def test_a_mapper_that_is_killed_knows_that_the_robot_was_carried_meanwhile(stage: Stage) -> None:
+    def carry() -> None:
+        stage.world.pose = Pose2D(6.0, 2.0, 1.0)
+
+    killed_after_a_drive(stage, carry)
+    assert (stage.pose.state, stage.status.loose) == ("lost", 1)
+
+
+def test_the_wheels_of_another_run_of_base_say_nothing_to_a_mapper_that_was_killed(
+    stage: Stage,
+) -> None:
+    killed_after_a_drive(stage, stage.base.restart)
+    assert (stage.pose.state, stage.status.loose) == ("lost", 1)
+
+
 def map_with_bed(stage: Stage) -> None:
     """Begin a map and save where the robot stands."""
     stage.map(seconds=3.0)

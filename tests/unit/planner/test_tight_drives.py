@@ -10,7 +10,7 @@ from bench.planner.situations import STATIC
 from bench.planner.visit import Setting, drive
 from numpy.typing import NDArray
 from support.all_poses import box
-from support.flatland import Flatland, HalfBlind, empty_room, two_rooms, with_block
+from support.flatland import Flatland, HalfBlind, Masked, empty_room, two_rooms, with_block
 from support.maneuvers import DT_S, SHORT_M, led_by
 
 from trolley import codes
@@ -124,6 +124,22 @@ def test_half_blind_it_leaves_a_dead_end_as_it_came_however_long_it_stood_there(
 
 
 @pytest.mark.drives
+def test_half_blind_it_says_so_where_it_has_stood_too_long_to_back_out(ride) -> None:
+    """Nothing is in the way, but somebody may have put something behind it."""
+    world = HalfBlind(lane(0.4), Pose2D(5.5, 3.0, 0.0), footprint=HOBBY)
+    drive = ride(world)
+    drive.step(20 * 10)
+    drive.send(Pose2D(2.5, 3.4, 1.0))
+    status = drive.until_over(200.0)
+    assert (status.state, status.reason) == ("failed", codes.BLIND)
+    assert status.message == (
+        "The lidar has not seen for long what is behind the robot, and it has no room to turn: "
+        "drive it out by hand."
+    )
+    assert world.touches == 0
+
+
+@pytest.mark.drives
 def test_half_blind_it_turns_exactly_on_the_spot_to_what_lies_behind_it(ride) -> None:
     # `base` lets its sides come to floor that was not seen at 1 cm/s only while it drives as well.
     drive = ride(HalfBlind(empty_room(), Pose2D(4.0, 3.0, 0.2), footprint=HOBBY))
@@ -136,9 +152,12 @@ def test_half_blind_it_turns_exactly_on_the_spot_to_what_lies_behind_it(ride) ->
 
 
 @pytest.mark.drives
-def test_half_blind_it_knows_that_it_will_not_see_what_it_backs_over(ride) -> None:
+@pytest.mark.parametrize("kind", [HalfBlind, Masked])
+def test_half_blind_it_knows_that_it_will_not_see_what_it_backs_over(
+    ride, kind: type[Flatland]
+) -> None:
     # `base` lets it creep there only: 13 s backwards into a dead end that it may turn in instead.
-    drive = ride(HalfBlind(empty_room(), Pose2D(3.0, 3.0, 0.0), footprint=HOBBY))
+    drive = ride(kind(empty_room(), Pose2D(3.0, 3.0, 0.0), footprint=HOBBY))
     drive.step(4)
     context = drive.navigator.costmap_manager.context
     grid = FineGrid(context.costmap, FINE.finest_m, 1.0)

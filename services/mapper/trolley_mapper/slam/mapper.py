@@ -120,6 +120,16 @@ class Mapper:
         """Take note that base started over: its time may begin earlier than that of before."""
         self._is_new_run = True
 
+    def go_on_from(self, before: ScanInput) -> None:
+        """Take note of the last scan before the snapshot: from it the odometry leads on."""
+        if self._map.is_empty:
+            return
+        self._latest, self._tracking = before, TrackingState()
+        if not self._map.store.newest.is_prior:
+            step = between(self._map.store.poses[-1], self._matcher.pose)
+            covariance = motion_covariance(math.hypot(step[0], step[1]), abs(step[2]))
+            self._travel = Travel.begin(self._matcher.covariance.copy()).then(step, covariance)
+
     def step(self, scan: ScanInput) -> MapEstimate | Reject:
         """Take one scan and its odometry into account."""
         if self._is_new_run and self._latest is not None:

@@ -30,8 +30,6 @@ class ObstacleParams(NamedTuple):
     """Time for which obstacles seen where a person was are taken for that person once unseen."""
     widest_gap_rad: float = 0.06
     """Angle between neighbouring beams above which the floor between them stays unknown."""
-    all_round_rad: float = 1.95 * math.pi
-    """Field of view from which on a lidar counts as seeing all round."""
     sight_scans: int = 3
     """Number of newest scans that count as the present view of a lidar that does not see all round.
     """

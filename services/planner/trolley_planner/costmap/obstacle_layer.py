@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
+from trolley.sight import looks_all_round
 from trolley_planner.costmap.obstacle_grid import (
     OBSTACLES,
     ObstacleGrid,
@@ -53,8 +54,10 @@ class ObstacleLayer:
         self._now_ticks = 0
         self._scans_ns: deque[int] = deque()
         self._walls = np.zeros(shape, dtype=np.uint8)
+        # Which beams have ever measured: those that never do are masked.
+        self._looks = np.empty(0, dtype=np.bool_)
         self.looks_all_round = True
-        """Whether the lidar of the newest scan does."""
+        """Whether the lidar does."""
         self.grid = ObstacleGrid(
             evidence=np.zeros(shape, dtype=np.uint8),
             hits=np.zeros(shape, dtype=np.uint8),
@@ -94,7 +97,7 @@ class ObstacleLayer:
         self._scan_number += 1
         self._walls = walls
         self._note_time(now_ns)
-        self.looks_all_round = sweep.covered_rad >= OBSTACLES.all_round_rad
+        self._note_view(sweep)
         config, beams = self._config, np.empty((sweep.ranges_m.shape[0], 6))
         ranges_m = np.empty(sweep.ranges_m.shape[0], dtype=np.float32)
         smooth_ranges_into(ranges_m, sweep.ranges_m, sweep.shape.angle_increment)
@@ -141,8 +144,15 @@ class ObstacleLayer:
         self.grid.points[mine] += corner_m
         self._scan_number, self._now_ticks = other._scan_number, other._now_ticks  # noqa: SLF001
         self._scans_ns = other._scans_ns.copy()  # noqa: SLF001
-        self.looks_all_round = other.looks_all_round
+        self._looks, self.looks_all_round = other._looks, other.looks_all_round  # noqa: SLF001
         self.mark_all_dirty()
+
+    def _note_view(self, sweep: Sweep) -> None:
+        """Note where the lidar looks."""
+        measures = sweep.measures
+        is_same = len(measures) == len(self._looks)
+        self._looks = measures | self._looks if is_same else measures
+        self.looks_all_round = looks_all_round(self._looks, abs(sweep.shape.angle_increment))
 
     @property
     def in_sight_since(self) -> int:

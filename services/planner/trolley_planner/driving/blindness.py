@@ -1,16 +1,29 @@
-"""Whether the goal is held up by what the lidar does not see: base does not drive into that."""
+"""Whether the goal is held up by what the lidar does not see: nobody drives into that."""
+
+import math
 
 from trolley import codes
+from trolley.geometry import Pose2D
 from trolley.messages import BaseState
+from trolley_planner.context.motion_state import ControlInput
 from trolley_planner.driving.goal_execution import GoalExecution
 from trolley_planner.sensing.inputs import OWN_SOURCE, Inputs
 
+SHUT_IN = (
+    "The lidar has not seen for long what is behind the robot, and it has no room to turn: "
+    "drive it out by hand."
+)
 BLIND_S = 30.0
 """A goal that is blocked so soon after base was held because the lidar sees nothing is blind."""
+
+QUARTER_RAD = 0.5 * math.pi
+"""A robot that can turn so far comes to see what was behind it [rad]."""
 
 
 class Blindness:
     """Remembers that base did not drive as commanded because the lidar sees nothing there.
+
+    The planner itself does not back up there either.
 
     Args:
         inputs: the newest messages.
@@ -36,9 +49,22 @@ class Blindness:
         """Forget it, as when the robot sets off."""
         self._last = None
 
-    def trouble(self, execution: GoalExecution, now_ns: int) -> tuple[str, str | None]:
-        """Return the code of what keeps the robot from its goal, and base's sentence if blind."""
-        if self._last is None or now_ns - self._last[0] > BLIND_S * 1e9:
+    def trouble(self, execution: GoalExecution, now: ControlInput) -> tuple[str, str | None]:
+        """Return the code of what keeps the robot from its goal, and a sentence if blind."""
+        if execution.trouble not in ("", codes.BLOCKED):
             return execution.trouble, None
-        is_blocked = execution.trouble in ("", codes.BLOCKED)
-        return (codes.BLIND, self._last[1]) if is_blocked else (execution.trouble, None)
+        if self._last is not None and now.now_ns - self._last[0] <= BLIND_S * 1e9:
+            return codes.BLIND, self._last[1]
+        if execution.trouble == codes.BLOCKED and _is_shut_in(execution, now.motion.pose):
+            return codes.BLIND, SHUT_IN
+        return execution.trouble, None
+
+
+def _is_shut_in(execution: GoalExecution, pose: Pose2D) -> bool:
+    """Say whether the robot could only back up, where nothing is known to stand in the way."""
+    context = execution.context
+    return (
+        not execution.route.is_blocked
+        and not context.local_costmap.known_floor.sees_behind(pose)
+        and not any(context.can_turn_by(pose, turn, 0.0) for turn in (-QUARTER_RAD, QUARTER_RAD))
+    )

@@ -94,7 +94,7 @@ class GoalDriver:
         if waited_ns > 0:
             execution.resume_after_wait(waited_ns)
         following, twist = self._current.following, execution.command(now)
-        trouble, blind = self._blindness.trouble(execution, now.now_ns)
+        trouble, blind = self._blindness.trouble(execution, now)
         if execution.outcome == "arrived" and following is not None:
             execution.stand()  # until the person walks on
         elif execution.outcome == "arrived":

@@ -50,9 +50,9 @@ class Sweep:
     body_laser: NDArray[np.float64]
 
     @property
-    def covered_rad(self) -> float:
-        """How much of the directions around the lidar its beams cover."""
-        return len(self.ranges_m) * abs(self.shape.angle_increment)
+    def measures(self) -> NDArray[np.bool_]:
+        """Which of its beams (n,) measured, that is, are neither invalid nor masked."""
+        return self.ranges_m > 0.0
 
 
 @lean_kernel
