@@ -33,18 +33,40 @@ class SightParams:
 
 
 SIGHT = SightParams()
+SECTORS = 360
+SECTOR_RAD = 2.0 * math.pi / SECTORS
 
 
-def looks_all_round(looks: NDArray[np.bool_], step_rad: float) -> bool:
-    """Say whether a lidar looks everywhere around itself, but for gaps as narrow as a post.
+class LidarView:
+    """Where a lidar ever measured: elsewhere it does not look, or sees only the robot itself.
 
-    Args:
-        looks: (n,) whether its beams measure; not where the robot's own body is masked.
-        step_rad: angle from one beam to the next.
+    A beam of which nothing comes back just now, as from black furniture, is no end of its view.
     """
-    if not looks.any():
-        return False
-    beyond = max(0, round((2.0 * math.pi - len(looks) * step_rad) / step_rad))
-    around = np.flatnonzero(np.concatenate([looks, np.zeros(beyond, np.bool_)]))
-    gaps = np.diff(around, append=around[0] + len(looks) + beyond) - 1
-    return bool(gaps.max() * step_rad < SIGHT.hidden_rad)
+
+    def __init__(self) -> None:
+        self._looks = np.zeros(SECTORS, np.bool_)
+
+    def note(self, ranges_m: NDArray[np.float32], angle_min: float, angle_increment: float) -> None:
+        """Take in a scan.
+
+        Args:
+            ranges_m: (n,) 0 or NaN where a beam did not measure.
+            angle_min: of beam 0 in `laser` [rad].
+            angle_increment: from one beam to the next [rad].
+        """
+        angles = angle_min + np.flatnonzero(ranges_m > 0.0) * angle_increment
+        self._looks[np.floor(angles / SECTOR_RAD).astype(np.int64) % SECTORS] = True
+
+    @property
+    def widest_gap_rad(self) -> float:
+        """The widest angle without any beam [rad]."""
+        looks = np.flatnonzero(self._looks)
+        if not looks.size:
+            return 2.0 * math.pi
+        gaps = np.diff(looks, append=looks[0] + SECTORS) - 1
+        return float(gaps.max()) * SECTOR_RAD
+
+    @property
+    def is_all_round(self) -> bool:
+        """Whether it looks everywhere around itself, but for gaps as narrow as a post."""
+        return self.widest_gap_rad < SIGHT.hidden_rad

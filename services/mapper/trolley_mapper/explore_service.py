@@ -13,7 +13,7 @@ from trolley.messages import BaseState, GoalStatus, MappingStatus, Robot
 from trolley.messages.request_params import ExploreMap, SendGoal, WhichGoal
 from trolley.messages.types import floats_from_bytes
 from trolley.runtime.service import Service, answers, every
-from trolley.sight import looks_all_round
+from trolley.sight import LidarView
 from trolley.under_way import EXPLORES, GOAL_UNDER_WAY
 from trolley_mapper.explore import sentences
 from trolley_mapper.explore.barriers import Barriers
@@ -30,6 +30,9 @@ PASSING_CELLS = 0.5
 """Cells that the planner adds to the robot's inscribed radius."""
 PASSING_M = 0.02
 """Distance that the planner adds besides `PASSING_CELLS` [m]."""
+HIDDEN_RAD = 1.0
+"""Angle without any beam from which on the robot is turned to what it is to see: black furniture
+hides as much just now, and what a narrow gap hides is seen as the robot drives on [rad]."""
 STANDING_M = 0.1
 """Room round the robot at a goal [m]: the planner's clearance, and what the map may still shift."""
 
@@ -200,7 +203,9 @@ class ExploreService:
         scan = None if inputs is None else inputs.scan.latest
         if scan is None:
             return True
-        return looks_all_round(floats_from_bytes(scan.ranges) > 0.0, scan.angle_increment)
+        view, ranges_m = LidarView(), floats_from_bytes(scan.ranges)
+        view.note(ranges_m, scan.angle_min, scan.angle_increment)
+        return view.widest_gap_rad < HIDDEN_RAD
 
     def _surveyed(self, explorer: "Explorer", scene: "Scene", survey: "Survey") -> None:
         self._is_surveying = False

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from trolley.config import PlannerConfig
 from trolley.geometry import Pose2D
-from trolley.sight import looks_all_round
+from trolley.sight import LidarView
 from trolley_planner.costmap.obstacle_grid import (
     OBSTACLES,
     ObstacleGrid,
@@ -54,8 +54,7 @@ class ObstacleLayer:
         self._now_ticks = 0
         self._scans_ns: deque[int] = deque()
         self._walls = np.zeros(shape, dtype=np.uint8)
-        # Which beams have ever measured: those that never do are masked.
-        self._looks = np.empty(0, dtype=np.bool_)
+        self._view = LidarView()
         self.looks_all_round = True
         """Whether the lidar does."""
         self.grid = ObstacleGrid(
@@ -97,7 +96,9 @@ class ObstacleLayer:
         self._scan_number += 1
         self._walls = walls
         self._note_time(now_ns)
-        self._note_view(sweep)
+        shape = sweep.shape
+        self._view.note(sweep.ranges_m, shape.angle_min, shape.angle_increment)
+        self.looks_all_round = self._view.is_all_round
         config, beams = self._config, np.empty((sweep.ranges_m.shape[0], 6))
         ranges_m = np.empty(sweep.ranges_m.shape[0], dtype=np.float32)
         smooth_ranges_into(ranges_m, sweep.ranges_m, sweep.shape.angle_increment)
@@ -144,15 +145,8 @@ class ObstacleLayer:
         self.grid.points[mine] += corner_m
         self._scan_number, self._now_ticks = other._scan_number, other._now_ticks  # noqa: SLF001
         self._scans_ns = other._scans_ns.copy()  # noqa: SLF001
-        self._looks, self.looks_all_round = other._looks, other.looks_all_round  # noqa: SLF001
+        self._view, self.looks_all_round = other._view, other.looks_all_round  # noqa: SLF001
         self.mark_all_dirty()
-
-    def _note_view(self, sweep: Sweep) -> None:
-        """Note where the lidar looks."""
-        measures = sweep.measures
-        is_same = len(measures) == len(self._looks)
-        self._looks = measures | self._looks if is_same else measures
-        self.looks_all_round = looks_all_round(self._looks, abs(sweep.shape.angle_increment))
 
     @property
     def in_sight_since(self) -> int:

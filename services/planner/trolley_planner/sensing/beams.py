@@ -49,11 +49,6 @@ class Sweep:
     end: Pose2D
     body_laser: NDArray[np.float64]
 
-    @property
-    def measures(self) -> NDArray[np.bool_]:
-        """Which of its beams (n,) measured, that is, are neither invalid nor masked."""
-        return self.ranges_m > 0.0
-
 
 @lean_kernel
 def inside_polygon(polygon: NDArray[np.float64], x: float, y: float) -> bool:
