@@ -210,7 +210,7 @@ class GivingWay:
         return self.waited_s(now_ns) > GIVING_WAY.most_waits * self._config.give_up_s
 
     def blocking_robot(self, execution: GoalExecution) -> str | None:
-        """Return the name of a robot without a goal that stands on the path, None if none does."""
+        """Return the name of a robot that stands on the path, None if none does."""
         route = execution.route
         last = route.path.ahead(route.index, GIVING_WAY.blocking_m)
         ahead = route.path.points[route.index : last + 1]

@@ -75,6 +75,11 @@ class Neighbour(NamedTuple):
         return len(self.path) > 0
 
     @property
+    def is_standing(self) -> bool:
+        """Whether it stands, with a goal or without."""
+        return len(self.track) == 0
+
+    @property
     def is_waiting(self) -> bool:
         """Whether it reports that it gives way."""
         return self.waited_s is not None

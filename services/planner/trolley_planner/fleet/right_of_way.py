@@ -204,10 +204,10 @@ def must_step_aside(own: OwnRobot, other: Neighbour, patience_s: float) -> bool:
 
 
 def robot_standing_on(path: Floats, others: list[Neighbour], radius_m: float) -> str | None:
-    """Return the name of a robot without a goal that stands on a path (n, 2), None if none does."""
+    """Return the name of a robot that stands on a path (n, 2), None if none does."""
     for other in others:
         gap_m = _gap(path, other.pose.x, other.pose.y)
-        if not other.is_going and gap_m < radius_m + other.radius_m:
+        if other.is_standing and gap_m < radius_m + other.radius_m:
             return other.name
     return None
 
